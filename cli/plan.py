@@ -117,7 +117,7 @@ def vfplan_plan(
             from vfplan.review.rendered import Shown
             from vfplan.review.sheet import write_sheet
 
-            shown = Shown.of(planned, output.name)
+            shown = Shown(planned.fixture, output.name, planned.extracted.image)
             write_sheet(shown, sheet)
             data |= {"sheet": str(sheet_path), "digest": shown.digest}
         write_pictures(planned.extracted, mask, overlay)

@@ -266,12 +266,13 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         )
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
-        return Shown.of(extract(source, settings, curve=curve), source.name)
+        extracted = extract(source, settings, curve=curve)
+        return Shown(extracted.fixture, source.name, extracted.image)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return Shown.of(planned, source.name)
+    return Shown(planned.fixture, source.name, planned.extracted.image)
 
 
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
@@ -282,7 +283,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
     from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
-    from vfplan.review.rendered import Shown, check_slice
+    from vfplan.review.rendered import Shown
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]
@@ -294,18 +295,15 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
         file = slice_file(fixture, arguments["slice_path"])
         image = read_slice(file, extraction_of(fixture, extraction))
         image = flat_as_planned(image, fixture.provenance.settings)
-        check_slice(fixture, image)
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)
-        return Shown.of(fixture, source.name, image=image)
+        return Shown(fixture, source.name, image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
         )
     settings = planning_of(fixture, given)
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
-    return Shown.of(
-        with_verdict_by(fixture.provenance.settings, planned.fixture), source.name, image=image,
-        registration=planned.registration,
-    )  # fmt: skip
+    verdict = with_verdict_by(fixture.provenance.settings, planned.fixture)
+    return Shown(verdict, source.name, image)

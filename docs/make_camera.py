@@ -40,7 +40,8 @@ def main() -> None:
         half = Path(folder) / "half.csv"
         np.savetxt(half, places, "%s", ",")
         planned = vfplan.plan(slice_file, image, half)
-    page = camera_scene.page(draw_print(Shown.of(planned, "elbow.h5"), "a4"))
+    shown = Shown(planned.fixture, "elbow.h5", planned.extracted.image)
+    page = camera_scene.page(draw_print(shown, "a4"))
     plan = plan_of(planned.fixture)
     overlay = Overlay(plan, printed_tags(plan), camera_scene.CAMERA)
     if sys.argv[1:2] == ["--speed"]:

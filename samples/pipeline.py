@@ -44,7 +44,8 @@ def draw(folder: Path) -> dict[str, Any]:
     )
     fixture = result.fixture
     write_fixture(fixture, folder / "fixture.h5")
-    write_sheet(Shown.of(result, "fixture.h5"), folder / "fixture-sheet.png")
+    shown = Shown(fixture, "fixture.h5", result.extracted.image)
+    write_sheet(shown, folder / "fixture-sheet.png")
 
     replayed = replay(fixture, read_session(str(sample / "elbow_session.csv")))
     write_result(replayed, folder / "result.h5")

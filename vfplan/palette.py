@@ -29,3 +29,12 @@ EPISODE = "#d9f2d9"
 RULE = {"robust": CLOUD, "paper": BRIDGED, "exact": HIP}
 # Colours of lines that have no role.
 CYCLE = (CLOUD, BRIDGED, PROXY, HIP, CONTACT)
+
+
+def palette_css() -> str:
+    """The colours of every picture as variables of a page, for light and for dark screens."""
+    light, dark = (
+        "; ".join(f"--{name}: {colour}" for name, colour in colours.items())
+        for colours in (LIGHT, DARK)
+    )
+    return f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"

@@ -38,7 +38,7 @@ PLACES = PLAN.place(LINE)
 
 
 def printed(fixture):
-    return scene.page(draw_print(Shown.of(fixture, "plan.h5"), "a4"))
+    return scene.page(draw_print(Shown(fixture, "plan.h5"), "a4"))
 
 
 @pytest.fixture(scope="module")

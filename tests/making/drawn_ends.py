@@ -57,8 +57,8 @@ def shown_of(image, *strokes, **values):
     sha256 = "ab" * 32
     provenance = Provenance("2026-01-02T03:04:05Z", "vfplan", {"image": sha256})
     fixture = Fixture("image", points, provenance)
-    return with_values(Shown("slice.png", fixture, PlannedImage(image, None, sha256), strokes),
-                       **values)  # fmt: skip
+    shown = Shown(fixture, "slice.png", PlannedImage(image, None, sha256))
+    return with_values(shown, **{"strokes": strokes, "account": (), **values})
 
 
 def with_values(shown, **values):

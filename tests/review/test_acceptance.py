@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import bundles
 import numpy as np
-import pytest
 from refusals import refuses
 
 from vfplan.bundle import review_digest
@@ -69,10 +68,3 @@ def test_digest_of_another_plan_is_refused():
     for digest in (other, "", "0" * 64, digest_of(given)[:-1]):
         with refuses(CheckFailed, "digest-other"):
             accept(given, digest, "A", answer_all=True)
-
-
-@pytest.mark.parametrize("name", ["", "  ", "a\nb", "\x1b[31m"])
-def test_somebody_has_to_be_named(name):
-    given = fixture()
-    with refuses(SettingError, "name-missing"):
-        accept(given, digest_of(given), name, answer_all=True)

@@ -109,12 +109,12 @@ def test_each_rendered_value_shows_on_the_sheet(name, has_slice, made):
     if has_slice and name not in ("curve", "guide"):
         pytest.skip("it was not drawn on a slice")
     fixture, image = made[name], vfplan.read_image(SLICE) if has_slice else None
-    before = Shown.of(fixture, "f.h5", image=image)
+    before = Shown(fixture, "f.h5", image=image)
     changed = {change: make(fixture) for change, make in CHANGES.items()}
     changed = {change: after for change, after in changed.items() if after is not None}
     assert len(changed) >= 10
     for change, after in changed.items():
-        shown = Shown.of(after, "f.h5", image=image)
+        shown = Shown(after, "f.h5", image=image)
         # The picture where the words may stay what they are.
         show = drawn if change == "straight pieces" else words
         assert not np.array_equal(show(shown), show(before)), change

@@ -10,9 +10,8 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
-from review_slices import MARKERS, SLICE, fork, shifted, two_candidates
+from review_slices import MARKERS, SLICE, fork, two_candidates
 from tab import Tab
 
 import vfplan
@@ -96,14 +95,6 @@ def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
 
 
-def test_a_second_review_into_the_same_draft_is_refused(tmp_path, vfplan_cli):
-    review = Review(SLICE, "-o", tmp_path / "o.h5")
-    words = ("review", SLICE, "-o", tmp_path / "o.h5", "--no-browser", "--json")
-    vfplan_cli(*words).fails(3, error="draft-in-use")
-    review.send(leave=True)
-    assert review.end()[0] == 1
-
-
 @pytest.mark.parametrize("with_slice", [False, True])
 def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vfplan_cli):
     output, signed = tmp_path / "o.h5", tmp_path / "s.h5"
@@ -118,21 +109,6 @@ def test_a_fixture_is_approved_and_then_signed(fixture, with_slice, tmp_path, vf
     assert run.json["digest"] == review.approved
     approved = vfplan.read_fixture(output)
     assert approved.reviewed.digest == review_digest(approved)
-
-
-def test_a_fixture_with_other_markers_is_planned_by_its_recipe(tmp_path, vfplan_cli):
-    planned, output = tmp_path / "f.h5", tmp_path / "o.h5"
-    vfplan_cli("plan", SLICE, *MARKERS, "-o", planned, "--no-sheet", "--stiffness", 300,
-               "--contact-radius", 3, "--max-residual", 1.5, "--max-tre", 2)  # fmt: skip
-    review = Review(planned, *MARKERS, "--slice", SLICE, "--max-tre", 3, "-o", output)
-    review.approve()
-    assert review.end()[0] == 0
-    before, after = vfplan.read_fixture(planned), vfplan.read_fixture(output)
-    told = [finding.text for finding in after.findings if finding.code == "recipe-overridden"]
-    assert ["max_tre_m 0.003" in text for text in told] == [True]
-    assert (after.stiffness[0], after.contact_radius) == (300, 3e-3)
-    assert after.provenance.settings["max_residual_m"] == 1.5e-3
-    assert np.allclose(after.points[[0, -1]], before.points[[0, -1]], atol=1e-6)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="xdg-open is Linux's")
@@ -258,10 +234,3 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
     assert state["boxes"] == [[0, 0, 9, 9], [20, 0, 9, 9]]
     review.send(leave=True)
     assert review.end()[0] == 1
-
-
-def test_a_gate_names_the_command_that_mends_its_markers(vfplan_cli, tmp_path):
-    wrong, _ = shifted(tmp_path / "wrong.csv", 15)
-    run = vfplan_cli("plan", SLICE, wrong, MARKERS[1], "-o", tmp_path / "o.h5")
-    assert run.code == 1
-    assert f"vfplan review {SLICE} {wrong} {MARKERS[1]} -o {tmp_path / 'o.h5'}" in run.stderr

@@ -182,19 +182,6 @@ def test_a_step_that_cannot_be_kept_is_not_taken(served, draft):
     assert served.session.steps == ()
 
 
-def test_no_approval_of_what_is_not_approvable_and_leaving_keeps_the_draft(served, draft):
-    with Tab(served) as client:
-        client.heard("quick")
-        client.send(**REVERSE)
-        client.heard("quick")
-        client.approve()
-        client.send(leave=True)
-        assert served.run(lambda fixture: pytest.fail("written"), lambda: False) is None
-        assert client.heard("error")["error"]["code"] == "not-approvable"
-        client.heard("left")
-    assert draft.path.exists()
-
-
 def test_a_port_that_is_taken_is_an_error(begun, draft, served):
     with refuses(OutputError, "port-taken"):
         ReviewServer(begun, draft, port=served.port)

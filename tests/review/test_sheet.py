@@ -24,7 +24,7 @@ from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.review.paper import DPI, FOOT, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.rendered import Shown, check_slice, described
+from vfplan.review.rendered import Shown, check_slice
 from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
@@ -50,12 +50,17 @@ def insets(sheet, words):
     return [b for b in sheet.boxes if b.kind == "inset" and b.words.startswith(words)]
 
 
+def overlap(one, other):
+    across = one.x < other.right and other.x < one.right
+    return one.page == other.page and across and one.y < other.bottom and other.y < one.bottom
+
+
 def collisions(sheet):
     """Pairs of texts, insets and pictures that overlap; a caption may stand on the slice itself."""
     return [
         (one, other)
         for one, other in combinations(sheet.boxes, 2)
-        if {one.kind, other.kind} != {"text", "picture"} and one.overlaps(other)
+        if {one.kind, other.kind} != {"text", "picture"} and overlap(one, other)
     ]
 
 
@@ -118,43 +123,10 @@ def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
         for j in range(ZOOM):
             assert (squares[:, i, :, j][is_there] == wanted).all()
 
-    # The border of the box passes within a pen's width of the middle, where the line stops.
-    left, top, box_width, box_height = drawn.box
-    end = drawn.line[0] if covered == "start" else drawn.line[-1]
-    outside = np.maximum(np.array([left, top]) - end, end - [left + box_width, top + box_height])
-    assert outside.max() <= drawn.width + 1
-
-    # Its border is a step of grey along each row and column that crosses it in the inset.
-    inside = np.zeros(drawn.image.shape[:2], bool)
-    inside[top : top + box_height, left : left + box_width] = True
-    part = np.s_[max(v, 0) : v + height, max(u, 0) : u + width]
-    grey = drawn.image[..., 1].astype(float)
-    border = cv2.dilate(inside.astype(np.uint8), np.ones((3, 3))).astype(bool) & ~inside
-    assert border[part].sum() >= 20  # pixels of border are in the inset
-    assert grey[part][inside[part]].std() < 1
-    step = np.abs(grey[part][border[part]] - np.median(grey[part][inside[part]]))
-    assert np.median(step) >= 20  # of 256 greys
-
-
-def test_box_of_nearly_the_same_grey_shows_in_the_wider_view():
-    drawn = drawn_ends.draw(3, covered="")
-    ground = to_uint8(flat(drawn.image.shape[:2], 90.0)).copy()
-    end = np.rint(drawn.line[-1]).astype(int)
-    share = coverage(ground.shape[:2], drawn.line, 3.0)
-    image = to_uint8(blend(ground.astype(float), share, RED))
-    image[end[1] - 14 : end[1] + 15, end[0] - 14 : end[0] + 15] = 94  # 4 of 256 greys
-    sheet = draw_sheet(drawn_ends.shown_of(image, line_of(drawn.line)))
-    seen, u, v = seen_wider(sheet, "End")
-    inside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 12].mean()
-    beside = seen[end[1] - v - 10 : end[1] - v + 10, end[0] - u + 17].mean()
-    assert abs(inside - beside) >= 3 * 4
-
 
 def test_box_of_the_grey_around_it_shows_as_even_among_noise():
     drawn = drawn_ends.draw(3, covered="end", tone=110)
     u, v, width, height = drawn.box
-    grey = drawn.image[..., 1].astype(float)
-    assert abs(grey[v - 4 : v - 1, u : u + width].mean() - 110) < 10
     sheet = draw_sheet(drawn_ends.shown(drawn))
     seen, first_u, first_v = seen_wider(sheet, "End")
     left, top = u - first_u, v - first_v
@@ -228,7 +200,7 @@ def test_no_caption_lies_on_a_cover_at_an_end(seed):
         ahead = (first - last) / np.hypot(*(first - last))
         centre = (first + 0.5) * zoom - 0.5 + AHEAD_RADIUS * ahead
         for box in sheet.boxes:
-            if box.kind == "text" and box.overlaps(picture):
+            if box.kind == "text" and overlap(box, picture):
                 corner = np.array([box.x - picture.x, box.y - picture.y])
                 closest = np.clip(centre, corner, corner + np.array([box.width, box.height]))
                 assert np.hypot(*(closest - centre)) >= AHEAD_RADIUS - 1, box.words
@@ -262,7 +234,7 @@ def test_ink_stays_visible_and_no_captions_overlap_on_random_slices(seed):
     is_ink = (ink[:, 0] - ink[:, 1]) > 150
     is_seen = (seen[:, 0].astype(int) - seen[:, 1]) > 60
     assert is_seen[is_ink].mean() > 0.85
-    captions = [b for b in sheet.boxes if b.kind == "text" and b.overlaps(picture)]
+    captions = [b for b in sheet.boxes if b.kind == "text" and overlap(b, picture)]
     for box in captions:
         off = at - (box.x - picture.x, box.y - picture.y)
         assert not ((off >= 0) & (off < (box.width, box.height))).all(axis=1).any(), box.words
@@ -276,10 +248,12 @@ def planned_sheet():
     """What the sheet of the sample shows with a margin and other ink: the longest column."""
     planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95"))
     other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
-    return replace(Shown.of(planned, "elbow.h5"), account=(other_ink,))
+    return drawn_ends.with_values(
+        Shown(planned.fixture, "elbow.h5", planned.extracted.image), account=(other_ink,)
+    )
 
 
-@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 2), (6, 2)])
+@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 1), (6, 2)])
 def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     text = "Number {}. Look at the place, and accept it or cut the curve there."
     findings = [doubt("ink-touches", "plan", text.format(k), place_px=(300.0 + 90 * k, 300.0))
@@ -297,7 +271,7 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
 @pytest.mark.parametrize("top", range(0, 400, 13))
 def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
     findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
-    shown = Shown("f.h5", replace(bundles.minimal(), findings=findings))
+    shown = Shown(replace(bundles.minimal(), findings=findings), "f.h5")
     sheet = Paper()
     draw_lists(sheet, shown, FOOT - top)
     for number, box in enumerate(sheet.boxes[:-1]):
@@ -335,10 +309,10 @@ def test_line_without_ink_is_drawn_in_the_wider_view_alone():
 
 def test_stretch_that_something_hides_is_enlarged_too():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
-    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "hidden")
+    hidden = AccountEntry(1, 180.0, 160.0, 12, 0.02, 12.0, "gap")
     ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
     sheet = checked(drawn_ends.shown_of(BLANK, line_of(points), account=(hidden, ink)))
-    assert [box.words for box in insets(sheet, "")][4:] == ["1: line hidden"]
+    assert [box.words for box in insets(sheet, "")][4:] == ["1: gap in the line, or line hidden"]
 
 
 def test_closed_line_shows_its_start_and_a_bridge_across_it():
@@ -348,15 +322,6 @@ def test_closed_line_shows_its_start_and_a_bridge_across_it():
     sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
     names = [box.words for box in insets(sheet, "")]
     assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
-
-
-def test_twelve_bridges_take_another_page():
-    points = ring((600, 700), 220.0)
-    bridged = np.arange(400) % 33 < 5
-    image = np.full((600, 700, 3), 90, np.uint8)
-    sheet = checked(drawn_ends.shown_of(image, line_of(points, closed=True, bridged=bridged)))
-    assert len(insets(sheet, "Bridge")) == 12
-    assert {box.page for box in insets(sheet, "Bridge")} == {0, 1}
 
 
 @pytest.mark.parametrize("size", [(40, 40), (4096, 4096), (60, 3000), (2500, 50)])
@@ -390,7 +355,7 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     markers = drawn_ends.markers(rng, drawn.image.shape, 40)
     ink = tuple(AccountEntry(k, *places[k], 500 + k, 0.01, 9.0, "ink") for k in range(1, 31))
     shown = drawn_ends.shown(drawn, findings=findings, markers=markers)
-    on_sheet = words_of(checked(replace(shown, account=ink)))
+    on_sheet = words_of(checked(drawn_ends.with_values(shown, account=ink)))
     assert {word for word in on_sheet if word.isdecimal()} <= {str(k) for k in range(1, 13)}
     words = " ".join(on_sheet)
     for number in range(1, 101):
@@ -429,7 +394,7 @@ def test_bundle_without_a_slice_has_three_views(name):
     """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
     finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
-    sheet = checked(Shown.of(replace(fixture, findings=(finding,)), "f.h5"))
+    sheet = checked(Shown(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
@@ -437,16 +402,16 @@ def test_bundle_without_a_slice_has_three_views(name):
 
 
 def test_sheet_without_its_slice_says_so():
-    shown = Shown.of(bundles.whole(), "f.h5")
+    shown = Shown(bundles.whole(), "f.h5")
     assert shown.is_slice_missing
     assert "missing" in verdict_of(shown)
-    assert not Shown.of(bundles.sheet(), "f.h5").is_slice_missing
+    assert not Shown(bundles.sheet(), "f.h5").is_slice_missing
 
 
 def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     fixture = bundles.whole()
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
-    shown = Shown.of(fixture, "f.h5", image=image)
+    shown = Shown(fixture, "f.h5", image=image)
     arc, circle = shown.strokes
     turn = np.linspace(0, np.pi, 40)
     truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
@@ -467,29 +432,19 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
     with refuses(InputError, "slice-other"):
-        Shown.of(bundles.whole(), "f.h5", image=image)
+        Shown(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
 
 
-@pytest.mark.parametrize("stiffness", [(1e5, 1e5, 1e5), (1000.0, 1000.0, 800.0)])
-def test_the_stiffness_stands_beside_the_other_numbers(stiffness):
-    fixture = bundles.sheet()
-    rendering = replace(fixture.rendering, stiffness=np.array(stiffness))
-    shown = Shown.of(replace(fixture, rendering=rendering), "f.h5")
-    for value in stiffness:
-        assert f"{value:g}" in dict(described(shown.fixture))["Wall"]
-    assert any("N/m" in words for words in words_of(checked(shown)))
-
-
 def test_side_is_said_in_words():
     # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert Shown.of(bundles.whole(), "f.h5").side == "above (robot +z)"
+    assert Shown(bundles.whole(), "f.h5").side == "above (robot +z)"
     record = bundles.whole().registration
     turned = record.T_robot_image * [[1], [-1], [1]]
     below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert Shown.of(below, "f.h5").side == "below (robot -z)"
-    assert Shown.of(bundles.patient(), "f.h5").side is None
+    assert Shown(below, "f.h5").side == "below (robot -z)"
+    assert Shown(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 
-READY = "Boolean(window.review && review.state && review.state.warnings)"
+READY = "Boolean(window.review && review.state && review.state.outline_px)"
 
 
 class Hand:
@@ -87,6 +87,21 @@ class Hand:
                 return
             self.press("Accept")
             self.browser.until(f"{READY} && {open_doubts} === {left - 1}")
+
+    def fill(self, field, value):
+        """Write into a field, or choose in a list, and leave it."""
+        self.browser.run(
+            f"(() => {{ const field = document.querySelector({json.dumps(field)});"
+            " if (field.closest('details')) field.closest('details').open = true;"
+            f" field.value = {json.dumps(value)}; field.dispatchEvent(new Event('change')); }})()"
+        )
+
+    def finish(self):
+        """Look, accept and approve."""
+        self.name()
+        self.look_along()
+        self.accept_all()
+        self.approve()
 
     def approve(self):
         self.browser.until("review.state.approvable", seconds=30)

@@ -30,8 +30,9 @@ from vfplan.images.read import as_uint8, is_picture_file, read_image
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.report.page import document, part
 from vfplan.review import paper
+from vfplan.review.markers import bound95_m
 from vfplan.review.picture import RENDERED_COLOUR
-from vfplan.review.rendered import Shown, registration_again, strokes_on_slice
+from vfplan.review.rendered import registration_again, strokes_on_slice
 from vfplan.review.server import HEADERS
 
 # How exactly a ruler tells the printed scale [mm].
@@ -119,11 +120,13 @@ class Overlay:
         self.drawn += [(paper.LINE_COLOUR, 2, line) for line in lines]
         if fixture.registration is None or fixture.registration.source_frame != "image":
             return
-        strokes = strokes_on_slice(fixture, None)
-        shown = Shown("", fixture, strokes=strokes, registration=registration_again(fixture))
-        if shown.tre95_m is not None:
-            self.plan_bound = f", the plan within {MM * shown.tre95_m.max():.2f} mm"
-        for line, (stroke, half) in zip(lines, shown.bounds, strict=False):
+        strokes, registration = strokes_on_slice(fixture, None), registration_again(fixture)
+        if registration is None:
+            return
+        bound = bound95_m(registration, strokes, None)
+        self.plan_bound = f", the plan within {MM * bound.max():.2f} mm"
+        halves = np.split(bound, np.cumsum([len(stroke.points) for stroke in strokes])[:-1])
+        for line, stroke, half in zip(lines, strokes, halves, strict=False):
             beside = ring_of(half[:, None], stroke.closed) * normals(line[:, :2], False)
             beside = np.pad(beside, ((0, 0), (0, 1)))
             self.drawn += [(paper.BAND_COLOUR, 1, line + side * beside) for side in (-1, 1)]

@@ -26,6 +26,7 @@ from vfplan.figures.replay import (
     MARK_HZ,
     axis_names,
     depth_plot,
+    guide_plot,
     plane_basis,
     scene,
     slice_depth,
@@ -33,8 +34,9 @@ from vfplan.figures.replay import (
 )
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
+from vfplan.images.read import read_slice_of
 from vfplan.io.files import now_utc
-from vfplan.palette import DARK, LIGHT
+from vfplan.palette import palette_css
 from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.guiding import make_engine
 from vfplan.replaying.replay import Replay, thinned
@@ -187,10 +189,11 @@ def _flat(rows: Array, decimals: int) -> list[float]:
     return (np.round(rows, decimals) + 0.0).ravel().tolist()
 
 
-# The page may show what it carries and fetch nothing.
-POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-# Its own engine is WebAssembly.
-POLICY += " 'wasm-unsafe-eval'"
+# The page may show what it carries and fetch nothing; its own engine is WebAssembly.
+POLICY = (
+    "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline' "
+    "'wasm-unsafe-eval'"
+)
 # What a live page may do in addition: listen to the server that it came from.
 LIVE_POLICY = "; connect-src 'self'"
 
@@ -214,28 +217,24 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     """
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
-    body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>"]
-    body.append(identity(replayed.fixture))
+    body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>", identity(replayed.fixture)]
 
     # What a reader wants first: where it happened, and with what force.
-    if image is not None and _has_depth(replayed):
-        from vfplan.images.read import read_slice_of
-
-        planned_slice = read_slice_of(replayed.fixture, image)
-        on_slice = picture(slice_depth(replayed, planned_slice), "depth on the slice")
-        body.append(section("On the slice", on_slice))
+    in_space = section("In space", _in_space(replayed, image))
+    is_on_slice = image is not None and _has_depth(replayed)
+    if is_on_slice:
+        on_slice = slice_depth(replayed, read_slice_of(replayed.fixture, image))
+        body.append(section("On the slice", picture(on_slice, "depth on the slice")))
     else:
-        body.append(section("In space", _in_space(replayed, image)))
+        body.append(in_space)
     body.append(section("Over time", picture(timeline(replayed), "force and depth over time")))
     body.append(section("Summary", summary(metrics) + checks(metrics) + findings(metrics)))
 
     # Then all of it, to look into.
     body.append(section("Frame by frame", scrubber(replayed)))
-    if image is not None and _has_depth(replayed):
-        body.append(section("In space", _in_space(replayed, image)))
+    if is_on_slice:
+        body.append(in_space)
     if metrics.get("arc_m") is not None:
-        from vfplan.figures.replay import guide_plot
-
         words = "lateral error and force over arc length"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
     if _has_depth(replayed):
@@ -297,27 +296,14 @@ def document(title: str, body: str, *, live: bool = False) -> str:
     """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
     policy, icon = POLICY, ""
     if live:
-        policy += LIVE_POLICY
-        icon = "<link rel=icon href=data:,>"
-    style = palette_css(LIGHT, DARK) + part("style.css")
+        policy, icon = POLICY + LIVE_POLICY, "<link rel=icon href=data:,>"
+    style = palette_css() + part("style.css")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{title}</title>{icon}<style>{style}</style></head>"
         f"<body><main>\n{body}</main></body></html>\n"
-    )
-
-
-def palette_css(light: dict[str, str], dark: dict[str, str]) -> str:
-    """The colours of every picture as variables of a page, for light and for dark screens."""
-    variables = {"light": "", "dark": ""}
-    for theme, colours in (("light", light), ("dark", dark)):
-        for name, colour in colours.items():
-            variables[theme] += f"--{name}: {colour}; "
-    return (
-        f":root {{ {variables['light']}}}\n@media (prefers-color-scheme: dark) "
-        f"{{ :root {{ {variables['dark']}}} }}\n"
     )
 
 
@@ -333,21 +319,17 @@ def verdict_line(metrics: dict[str, Any]) -> str:
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:
     """The review sheet of the fixture, or how to get it if its slice was not given."""
-    from vfplan.images.read import read_slice_of
     from vfplan.review.rendered import Shown
     from vfplan.review.sheet import draw_sheet
 
-    fixture = replayed.fixture
-    planned_slice = None
+    fixture, planned_slice = replayed.fixture, None
     if fixture.provenance.inputs.get("image") is not None:
         if image is None:
             return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
-        planned_slice = read_slice_of(replayed.fixture, image)
+        planned_slice = read_slice_of(fixture, image)
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
-    text = ""
-    for sheet in draw_sheet(Shown.of(fixture, name, image=planned_slice)).page_pngs():
-        text += _embedded(sheet, "review sheet of the fixture", "sheet")
-    return text
+    pages = draw_sheet(Shown(fixture, name, planned_slice)).page_pngs()
+    return "".join(_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
 
 
 def _in_space(replayed: Replay, image: Path | None) -> str:
@@ -355,7 +337,6 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     if replayed.fixture.ignore_axis is None:
         from vfplan import view3d
-        from vfplan.images.read import read_slice_of
         from vfplan.view3d import offscreen_window
 
         if offscreen_window() is not None:
@@ -363,12 +344,9 @@ def _in_space(replayed: Replay, image: Path | None) -> str:
                 path = Path(folder) / "view.png"
                 planned_slice = read_slice_of(replayed.fixture, image) if image else None
                 view3d.draw_view(
-                    replayed.fixture,
-                    path,
-                    ticks=replayed.ticks,
-                    mark_hz=MARK_HZ,
+                    replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ,
                     image=planned_slice,
-                )
+                )  # fmt: skip
                 return _embedded(path.read_bytes(), words, "tall")
     return picture(scene(replayed), words, "tall")
 

@@ -111,11 +111,10 @@ def summary(metrics: dict[str, Any]) -> str:
         rows.append([escape(number.label), *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
-        difference = metrics["apart"]
+        apart = metrics["apart"]
         text += (
-            "<p>The proxies of the two rules are at most "
-            f"{1e3 * difference['proxy_max_m']:.3f} mm apart, their forces "
-            f"{difference['force_max_n']:.3f} N.</p>"
+            f"<p>The proxies of the two rules are at most {millimetres(apart['proxy_max_m'])} "
+            f"apart, their forces {apart['force_max_n']:.3f} N.</p>"
         )
     return text
 
@@ -153,13 +152,8 @@ def episodes(metrics: dict[str, Any]) -> str:
         return "<p>No contact.</p>"
     has_curve = "deepest_along" in listed[0]
     numbers = [number for number in NUMBERS if number.column]
-    along = ["along [mm]"] if has_curve else []
-    head = [
-        "episode",
-        *(f"{number.column} [{number.unit}]" for number in numbers),
-        *along,
-        "passive",
-    ]
+    head = ["episode", *(f"{number.column} [{number.unit}]" for number in numbers)]
+    head += ["along [mm]", "passive"] if has_curve else ["passive"]
     rows = []
     for row, episode in enumerate(listed):
         time = episode["deepest"]["t_s"]
@@ -174,9 +168,7 @@ def episodes(metrics: dict[str, Any]) -> str:
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
     more = episode_count(metrics) - len(listed)
-    if more:
-        return f"{text}<p>and {more} more</p>"
-    return text
+    return f"{text}<p>and {more} more</p>" if more else text
 
 
 def settings(metrics: dict[str, Any], fixture: Fixture) -> str:

@@ -188,7 +188,7 @@ class Geometry:
         lines = []
         for stroke in self.strokes:
             width = stroke.width if stroke.is_ordered else 0.0
-            if width is None:
+            if width is None and self.ink is not None:
                 width = self.ink.width_along(stroke.points, stroke.closed)
             lines.append(replace(stroke, width=width))
         return tuple(lines)
@@ -277,11 +277,8 @@ class Geometry:
     def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
         if not 0 <= number < len(self.strokes):
-            raise SettingError(
-                f"There is no stroke {number}. The curve has {len(self.strokes)}, from 0.",
-                code="no-such-stroke",
-                numbers={"stroke": number, "strokes": len(self.strokes)},
-            )
+            text = f"There is no stroke {number}. The curve has {len(self.strokes)}, from 0."
+            raise SettingError(text, code="no-such-stroke")
         return self.strokes[number]
 
     def entry(self, number: int) -> AccountEntry:
@@ -289,29 +286,12 @@ class Geometry:
         for entry in self.account:
             if entry.number == number and entry.what == "ink":
                 return entry
-        raise SettingError(
-            f"There is no ink {number} in the account. It lists {len(self.account)} entries.",
-            code="no-such-ink",
-            numbers={"ink": number, "pieces": len(self.account)},
-        )
-
-    def candidate(self, number: int) -> Stroke:
-        """A candidate by its number from 1; raises `SettingError` if there is none."""
-        if not 1 <= number <= len(self.candidates):
-            raise SettingError(
-                f"There is no candidate {number}. There are {len(self.candidates)}, from 1.",
-                code="no-such-candidate",
-                numbers={"candidate": number, "candidates": len(self.candidates)},
-            )
-        return self.candidates[number - 1]
+        text = f"There is no ink {number} in the account. It lists {len(self.account)} entries."
+        raise SettingError(text, code="no-such-ink")
 
     def with_excluded(self, place: tuple[float, float]) -> Geometry:
-        """The geometry with the ink at a place left out of the curve."""
-        return self._with_same_ink(excluded_ink=self.excluded_ink | {place})
-
-    def _with_same_ink(self, **changes: Any) -> Geometry:
-        """A change by which the account stays what it is."""
-        new = replace(self, **changes)
+        """The geometry with the ink at a place left out; its account stays what it is."""
+        new = replace(self, excluded_ink=self.excluded_ink | {place})
         for name in ("lines", "leftover", "account"):
             if name in self.__dict__:
                 new.__dict__[name] = self.__dict__[name]
@@ -353,26 +333,32 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
     return Geometry(strokes, ink, extracted.findings, max_gap_px=settings.max_gap_px)
 
 
+def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
+    """The pieces of ink at a place, which a click misses by a little."""
+    return [
+        entry
+        for entry in Geometry(ink=ink).account
+        if nearest_point(entry.piece.places, place)[1] <= CLOSE_PX
+    ]
+
+
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     """The number of the longest candidate at a place on the slice, and the candidates with it.
 
     Where no candidate lies there, the longest route over the ink there becomes one.
     """
     candidates = list(geometry.candidates)
+    if not any(nearest_point(route.points, place)[1] <= JOIN_PX for route in candidates):
+        for entry in ink_at(geometry.ink, place):
+            candidates += routes_over(entry)[0]
     distances = [nearest_point(route.points, place)[1] for route in candidates]
-    if min(distances, default=np.inf) > JOIN_PX:
-        for entry in Geometry(ink=geometry.ink).account:
-            if nearest_point(entry.piece.places, place)[1] <= CLOSE_PX:
-                candidates += routes_over(entry)[0]
-        distances = [nearest_point(route.points, place)[1] for route in candidates]
     nearest = min(distances, default=np.inf)
     if nearest > JOIN_PX:
-        raise SettingError(
+        text = (
             f"No line of the pen lies at ({place[0]:.0f}, {place[1]:.0f}). Click on a line, or "
-            "draw the curve.",
-            code="no-line-there",
-            numbers={"u": float(place[0]), "v": float(place[1])},
+            "draw the curve."
         )
+        raise SettingError(text, code="no-line-there")
     # A click misses by a little, and lines that meet lie at one place.
     there = [k for k in range(len(candidates)) if distances[k] <= nearest + CLOSE_PX]
     longest = max(there, key=lambda k: candidates[k].length)
@@ -387,7 +373,11 @@ def with_chosen(
     `vfplan extract` measures the candidate if it can. If it refuses the line, because it forks or
     something lies beside it, the line is measured along the candidate itself.
     """
-    route = geometry.candidate(number)
+    candidates = geometry.candidates
+    if not 1 <= number <= len(candidates):
+        text = f"There is no candidate {number}. There are {len(candidates)}, from 1."
+        raise SettingError(text, code="no-such-candidate")
+    route = candidates[number - 1]
     settled = replace(geometry, refusal=None)
     if route.sigma is not None:
         # A dotted line is measured already.
@@ -411,16 +401,11 @@ def with_chosen(
 
 def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     """The routes through the forked ink of a candidate; none if the candidate is one of them."""
-    middle = np.rint(route.points[len(route.points) // 2]).astype(int)
-    for entry in Geometry(ink=geometry.ink).account:
-        if not (entry.piece.places == middle).all(1).any():
-            continue
+    for entry in ink_at(geometry.ink, route.points[len(route.points) // 2]):
         routes, forks = routes_over(entry)
-        if any(np.array_equal(other.points, route.points) for other in routes):
-            return ()
-        if forks and len(routes) > 1:
+        is_one = any(np.array_equal(other.points, route.points) for other in routes)
+        if forks and len(routes) > 1 and not is_one:
             return tuple(routes)
-        return ()
     return ()
 
 
@@ -433,17 +418,11 @@ def route_over(entry: AccountEntry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
     routes, _ = routes_over(entry)
     if not routes or routes[0].length < tuned.MIN_PROFILES:
-        raise SettingError(
-            f"Ink {entry.number} is no line. Draw the curve by clicks instead.",
-            code="ink-no-line",
-            numbers={"ink": entry.number, "pixels": entry.pixels},
-        )
+        text = f"Ink {entry.number} is no line. Draw the curve by clicks instead."
+        raise SettingError(text, code="ink-no-line")
     if len(routes) > 1:
-        raise SettingError(
-            f"Ink {entry.number} forks. Draw the curve along the branch that is meant.",
-            code="ink-forks",
-            numbers={"ink": entry.number, "ways": len(routes)},
-        )
+        text = f"Ink {entry.number} forks. Draw the curve along the branch that is meant."
+        raise SettingError(text, code="ink-forks")
     return routes[0]
 
 
@@ -467,10 +446,10 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
     Behind them, lines joined over longer pen lifts, and a dotted line.
     """
     named = [np.asarray(path, float) for path in error.candidates]
-    routes = [
-        route_along(path, bool(len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0))
-        for path in named
-    ]
+    routes = []
+    for path in named:
+        is_ring = len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0
+        routes.append(route_along(path, bool(is_ring)))
     if not named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
@@ -488,26 +467,27 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
             routes.append(dotted)
     except CurveError:  # Too many pieces.
         pass
-    low, high = np.zeros(2), np.full(2, np.inf)
-    if settings.roi is not None:
-        low = np.array(settings.roi[:2], float)
-        high = low + settings.roi[2:]
-    long = [
-        route
-        for route in routes
-        if route.length >= MIN_LINE_PX and ((route.points >= low) & (route.points < high)).all()
-    ]
-    return tuple(routes if named else long[:MAX_ROUTES])
+    if named:
+        return tuple(routes)
+    u, v, width, height = settings.roi or (0, 0, np.inf, np.inf)
+
+    def is_offered(route: Stroke) -> bool:
+        inside = (route.points >= (u, v)) & (route.points < (u + width, v + height))
+        return route.length >= MIN_LINE_PX and bool(inside.all())
+
+    return tuple(filter(is_offered, routes))[:MAX_ROUTES]
 
 
 def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
     """The findings without those whose place lies on what was changed."""
-    kept = []
-    for finding in findings:
-        is_near = finding.place_px is not None and len(changed) > 0
-        if not is_near or nearest_point(changed, finding.place_px)[1] > JOIN_PX:
-            kept.append(finding)
-    return tuple(kept)
+    if not len(changed):
+        return findings
+
+    def is_away(finding: Finding) -> bool:
+        place = finding.place_px
+        return place is None or nearest_point(changed, place)[1] > JOIN_PX
+
+    return tuple(filter(is_away, findings))
 
 
 def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:

@@ -165,11 +165,6 @@ class SliceInk:
         """The pen's coverage, as extraction has it."""
         return find_ink(self.rgb, Pen.of_colour(self.colour), self._region)
 
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """(H, W) bool, the pixels that are ink."""
-        return self.found.mask
-
     def nearest(
         self, path: NDArray, closed: bool, reach_px: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import MM
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import plane_normal
@@ -135,7 +136,7 @@ class Fit:
             return None, text
         spacing_m = None
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:
-            spacing_m = (1e-3 * self.pixel_spacing_mm[0], 1e-3 * self.pixel_spacing_mm[1])
+            spacing_m = tuple(size / MM for size in self.pixel_spacing_mm)
         pairs = self.pairs()
         try:
             registration = fit_registration(
@@ -169,25 +170,17 @@ class Fit:
     @cached_property
     def mm_per_px(self) -> float | None:
         """How long a pixel is in front of the robot, or by the file's pixel spacing."""
-        steps = self.metres_per_step
-        if steps is not None:
-            return 1e3 * float(np.sqrt(np.prod(np.linalg.norm(steps, axis=0))))
-        if self.pixel_spacing_mm is None:
-            return None
-        return float(np.sqrt(self.pixel_spacing_mm[0] * self.pixel_spacing_mm[1]))
+        if self.metres_per_step is not None:
+            return MM * size_of(self.metres_per_step)
+        return self.pixel_spacing_mm and float(np.sqrt(np.prod(self.pixel_spacing_mm)))
 
     def tre95_m(self, strokes: Sequence[Stroke]) -> float | None:
         """The 95 % bound of the error over a whole curve, by the markers and of its own [px]."""
         if self.registration is None or len(strokes) == 0:
             return None
-        points, own = np.vstack([stroke.points for stroke in strokes]), own_bound(strokes)
-        # The registration's bound bends slowly; the curve's own is the largest near each place.
-        step = max(1, len(points) // BOUND_PLACES)
-        largest = np.maximum.reduceat(own, np.arange(0, len(own), step))
-        if self.T_patient_image is not None:
-            largest = largest * np.sqrt((self.T_patient_image[:, :2] ** 2).sum() / 2)
-        bound = float(np.max(self.registration.curve95_m(self.to_source(points[::step]), largest)))
-        return bound if np.isfinite(bound) else None
+        step = max(1, sum(len(stroke.points) for stroke in strokes) // BOUND_PLACES)
+        bound = bound95_m(self.registration, strokes, self.T_patient_image, step)
+        return float(bound.max()) if np.isfinite(bound).all() else None
 
     @property
     def is_at_angle(self) -> bool:
@@ -200,6 +193,7 @@ class Fit:
         registration, steps = self.registration, self.metres_per_step
         loo_m = {}
         if registration is not None:
+            onto_slice = np.linalg.pinv(steps)
             loo_m = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
         rows = []
         for marker in self.markers:
@@ -214,7 +208,7 @@ class Fit:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
                 residual = np.array(marker.target_m) - reached
                 row["residual_m"] = float(np.linalg.norm(residual))
-                row["residual_px"] = (np.linalg.pinv(steps) @ residual).tolist()
+                row["residual_px"] = (onto_slice @ residual).tolist()
             rows.append(row)
         return rows
 
@@ -227,7 +221,7 @@ class Fit:
                 return number
         labels = ", ".join(marker.label for marker in self.markers)
         text = f"There is no marker {name!r}. The markers are: {labels or 'none'}."
-        raise SettingError(text, code="no-such-marker", numbers={"markers": len(self.markers)})
+        raise SettingError(text, code="no-such-marker")
 
     def with_marker(self, number: int, **changes: Any) -> Fit:
         """The fit with one marker changed."""
@@ -242,8 +236,28 @@ class Fit:
                 raise SettingError(
                     f"There is a marker {label!r} already. Give each its own label.",
                     code="label-exists",
-                    numbers={"markers": len(self.markers)},
                 )
+
+
+def size_of(plane: NDArray) -> float:
+    """The geometric mean of a pixel's sides [m], of the first two columns of a plane."""
+    return float(np.sqrt(np.prod(np.linalg.svd(plane[:, :2])[1])))
+
+
+def bound95_m(
+    registration: Registration, strokes: Sequence[Stroke], place: NDArray | None, step: int = 1
+) -> NDArray[np.float64]:
+    """The 95 % bound at every so many points of strokes, by the markers and of their own [m].
+
+    `place` (3, 3) takes (u, v, 1) to the patient's frame of a registration that begins there. The
+    markers' bound bends slowly; the strokes' own is the largest near each place.
+    """
+    points, own = np.vstack([stroke.points for stroke in strokes]), own_bound(strokes)
+    own = np.maximum.reduceat(own, np.arange(0, len(own), step))
+    points = points[::step]
+    if place is not None:
+        points, own = points @ place[:, :2].T + place[:, 2], own * size_of(place)
+    return registration.curve95_m(points, own)
 
 
 def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSettings) -> Fit:

@@ -88,12 +88,6 @@ class Box:
         """The first row beyond it."""
         return self.y + self.height
 
-    def overlaps(self, other: Box, gap: float = 0) -> bool:
-        """Whether the two have a pixel in common, or are closer than the gap."""
-        across = self.x < other.right + gap and other.x < self.right + gap
-        down = self.y < other.bottom + gap and other.y < self.bottom + gap
-        return self.page == other.page and across and down
-
 
 @dataclass(frozen=True)
 class Style:
@@ -146,13 +140,9 @@ class Paper:
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
         self._texts.append([])
 
-    def has_space(self, y: float, height: float) -> bool:
-        """Whether something of this height fits between the row `y` and the foot of the page."""
-        return y + height <= FOOT - 12
-
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
-        if self.has_space(y, height):
+        if y + height <= FOOT - 12:
             return y
         self.add_page()
         return float(MARGIN)
@@ -166,6 +156,11 @@ class Paper:
     def canvas(self) -> Pixels:
         """(PAGE_HEIGHT, PAGE_WIDTH, 3) the last page, red first."""
         return self._pages[-1]
+
+    def part(self, box: Box) -> Pixels:
+        """The pixels of a box on the last page."""
+        y, x = round(box.y), round(box.x)
+        return self.canvas[y : y + round(box.height), x : x + round(box.width)]
 
     def text(
         self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
@@ -190,22 +185,13 @@ class Paper:
         return y
 
     def picture(self, x: int, y: int, rgb: Pixels, **box: Any) -> Box:
-        """Lay a picture on the page, pixel by pixel."""
+        """Lay a picture on the page, pixel by pixel, with a frame wholly outside of it."""
         height, width = rgb.shape[:2]
+        self.canvas[y - 2 : y + height + 2, x - 2 : x + width + 2] = BLACK
         self.canvas[y : y + height, x : x + width] = rgb
         placed = Box(self.page, x, y, width, height, **{"kind": "picture", **box})
         self.boxes.append(placed)
         return placed
-
-    def frame(self, box: Box, colour: Colour = BLACK, thickness: int = 2) -> None:
-        """Draw a frame around a box, wholly outside of it."""
-        x, y = round(box.x) - thickness, round(box.y) - thickness
-        right, bottom = round(box.right) + thickness, round(box.bottom) + thickness
-        canvas = self._pages[box.page]
-        canvas[y : y + thickness, x:right] = colour
-        canvas[bottom - thickness : bottom, x:right] = colour
-        canvas[y:bottom, x : x + thickness] = colour
-        canvas[y:bottom, right - thickness : right] = colour
 
     def image(self) -> Pixels:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
@@ -251,12 +237,11 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
 
 def shortened(words: str, width: float, style: Style) -> str:
     """The text, cut with an ellipsis if it is longer than this width."""
-    words = printable(words)
-    if style.width_of(words) <= width:
-        return words
-    while words and style.width_of(words + "…") > width:
+    words = shown = printable(words)
+    while words and style.width_of(shown) > width:
         words = words[:-1]
-    return words + "…"
+        shown = words + "…"
+    return shown
 
 
 def printable(words: str) -> str:
@@ -299,16 +284,10 @@ def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> None
     length = float(np.hypot(*(tip - start)))
     if length < 1:
         return
-    along = (tip - start) / length
-    across = np.array([-along[1], along[0]])
-    head = min(14.0, length)
-    shaft = np.array([start, tip - 0.7 * head * along])
-    base = tip - head * along
-    corners = np.array([tip, base + 0.4 * head * across, base - 0.4 * head * across])
-    draw_line(canvas, shaft, WHITE, 7)
-    draw_line(canvas, corners, WHITE, 4, True)
-    draw_line(canvas, shaft, colour, 3)
-    cv2.fillConvexPoly(canvas, fixed_point(corners), colour, cv2.LINE_AA, SHIFT)
+    head = min(14.0, length) / length
+    for shade, thickness in ((WHITE, 7), (colour, 3)):
+        ends = fixed_point(np.array([start, tip])).reshape(2, 2).tolist()
+        cv2.arrowedLine(canvas, *ends, shade, thickness, cv2.LINE_AA, SHIFT, head)
 
 
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:
@@ -328,15 +307,12 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
     within = np.zeros(canvas.shape[:2], np.uint8)
     if closed:
         points, distance = np.vstack([points, points[:1]]), np.append(distance, distance[:1])
-    # Points whose neighbourhood does not reach the canvas draw nothing.
-    reach = float(distance.max()) + 1
-    size = np.array(within.shape[::-1])
-    reaches = ((points > -reach) & (points < size + reach)).all(axis=1)
-    for k in np.flatnonzero(reaches):
+    for k in range(len(points)):
         draw_disc(within, points[k], distance[k], 255)
         if k:
             thickness = max(1, round(distance[k] + distance[k - 1]))
             draw_line(within, points[k - 1 : k + 1], 255, thickness)
+    size = np.array(within.shape[::-1])
     for contour in contours_of(within):
         outline = contour[:, 0]
         inner = ((outline > 0) & (outline < size - 1)).all(axis=1)
@@ -346,17 +322,13 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
                 draw_line(canvas, dash.astype(float), BAND_COLOUR, 2)
 
 
-def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int, y: int) -> None:
+def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int = 0, y: int = 0) -> None:
     """Lay a colour over part of a canvas as far as (H, W) `cover` says, 0 none to 255 wholly."""
     # Most covers are empty but for a small part.
-    first_x, first_y, width, height = cv2.boundingRect(cover)
-    cover = cover[first_y : first_y + height, first_x : first_x + width]
-    x, y = x + first_x, y + first_y
-    part = canvas[y : y + height, x : x + width]
     rows, columns = np.nonzero(cover)
     share = cover[rows, columns, None].astype(np.float32) / 255
-    under = part[rows, columns]
-    part[rows, columns] = np.rint(under + share * (np.array(colour) - under)).astype(np.uint8)
+    under = canvas[y + rows, x + columns]
+    canvas[y + rows, x + columns] = np.rint(under + share * (np.array(colour) - under))
 
 
 # Distance [px of the page] from one try to the next: half a line of text.
@@ -385,51 +357,35 @@ class Labeller:
     Parameters
     ----------
     keep_visible
-        (H, W) bool, the pixels that no caption may cover.
+        (H, W), not 0 where no caption may cover the picture.
     """
 
-    def __init__(self, keep_visible: NDArray[np.bool_]) -> None:
-        self.height, self.width = keep_visible.shape
+    def __init__(self, keep_visible: Pixels) -> None:
         self.omitted = 0
-        self._placed: list[Box] = []
-        self._sum = cv2.integral(keep_visible.astype(np.uint8))
+        # What else is taken: captions, and the picture's edge.
+        self._taken = np.pad(keep_visible[CLEARANCE:-CLEARANCE, CLEARANCE:-CLEARANCE], CLEARANCE,
+                             constant_values=1)  # fmt: skip
 
     def place(self, point: Array, width: int, height: int) -> tuple[int, int, Array] | None:
         """A place for a caption of this size close to a point (x, y); `None` if there is none.
 
         Returns its corner (x, y), and the leader (2, 2) from its point to its edge.
         """
-        for attempt in range(1, TRIES + 1):
-            for k in range(DIRECTIONS):
-                angle = -np.pi / 4 + k * 2 * np.pi / DIRECTIONS
-                direction = np.array([np.cos(angle), np.sin(angle)])
-                # The caption extends away from its point.
-                corner = np.asarray(point) + direction * float(attempt * STEP)
-                corner += (direction - 1) / 2 * (width, height)
-                x, y = round(float(corner[0])), round(float(corner[1]))
-                box = Box(0, x, y, width, height, "text")
-                if not self._is_free(box):
-                    continue
-                self._placed.append(box)
-                start = np.asarray(point, dtype=float)
-                target = np.clip(start, (x, y), (x + width, y + height))
-                length = float(np.hypot(*(target - start)))
-                if length > LEADER_GAP:
-                    start = start + (target - start) * LEADER_GAP / length
-                else:
-                    start = target
-                return x, y, np.array([start, target])
+        limit = np.array(self._taken.shape[::-1]) - (width, height)
+        for attempt in range(TRIES * DIRECTIONS):
+            angle = -np.pi / 4 + attempt % DIRECTIONS * 2 * np.pi / DIRECTIONS
+            direction = np.array([np.cos(angle), np.sin(angle)])
+            # The caption extends away from its point.
+            corner = point + direction * float((attempt // DIRECTIONS + 1) * STEP)
+            x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
+            is_inside = 0 <= x <= limit[0] and 0 <= y <= limit[1]
+            if not is_inside or self._taken[y : y + height, x : x + width].any():
+                continue
+            around = slice(max(y - CLEARANCE, 0), y + height + CLEARANCE)
+            self._taken[around, max(x - CLEARANCE, 0) : x + width + CLEARANCE] = 1
+            target = np.clip(point, (x, y), (x + width, y + height))
+            length = float(np.hypot(*(target - point)))
+            start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
+            return x, y, np.array([start, target])
         self.omitted += 1
         return None
-
-    def _is_free(self, box: Box) -> bool:
-        x, y, right, bottom = box.x, box.y, box.right, box.bottom
-        if min(x, y) < CLEARANCE:
-            return False
-        if right > self.width - CLEARANCE or bottom > self.height - CLEARANCE:
-            return False
-        if any(box.overlaps(other, CLEARANCE) for other in self._placed):
-            return False
-        total = self._sum
-        covered = total[bottom, right] - total[y, right] - total[bottom, x] + total[y, x]
-        return covered == 0

@@ -44,12 +44,10 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridde
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of, fit_of_files
-from vfplan.review.rendered import Shown, strokes_on_slice
+from vfplan.review.rendered import Shown, sigma_of, strokes_on_slice
 from vfplan.review.strokes import MendedStroke
-from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
+from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded
 from vfplan.stability.study import judge_of, with_verdict_by
-
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
@@ -208,12 +206,12 @@ class Plan:
     exclude: tuple[Box, ...] = ()
     is_shaped: bool = False
     answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
-    # Holds the outcome once there is one; steps that do not change it hand it on.
-    _made: dict[str, Outcome] = field(default_factory=dict)
 
-    def changed(self, **changes: Any) -> Plan:
-        """The plan with another curve, or other markers; it has no outcome yet."""
-        return replace(self, _made={}, **changes)
+    def answered(self, answers: dict[str, tuple[str | None, str]]) -> Plan:
+        """The plan with other answers, by which its outcome stays what it is."""
+        new = replace(self, answers=answers)
+        new.__dict__["outcome"] = self.outcome
+        return new
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -241,38 +239,33 @@ class Plan:
             reasons.append(f"{unanswered} findings want an answer.")
         return reasons
 
-    @property
+    @cached_property
     def outcome(self) -> Outcome:
         """The plan as it would be written, made once."""
-        if "outcome" not in self._made:
-            outcome = self._outcome()
-            # Whether this review shows the slice; an earlier one may have.
-            findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
-            if self.source.is_slice_missing:
-                text = (
-                    "The slice is not shown, so neither the line's ends nor other ink can be seen. "
-                    "Open the bundle with its slice: --slice IMAGE."
-                )
-                findings.append(doubt("slice-not-shown", "extract", text))
-            opened, fixture = self.source.bundle, outcome.fixture
-            if fixture is not None and fixture is not opened:
-                findings += self.source.notes
-                if opened is not None and opened.rendering is not None:
-                    findings += differences(opened, fixture)
-            self._made["outcome"] = replace(outcome, findings=tuple(findings))
-        return self._made["outcome"]
+        outcome = self._outcome()
+        # Whether this review shows the slice; an earlier one may have.
+        findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
+        if self.source.is_slice_missing:
+            text = (
+                "The slice is not shown, so neither the line's ends nor other ink can be seen. "
+                "Open the bundle with its slice: --slice IMAGE."
+            )
+            findings.append(doubt("slice-not-shown", "extract", text))
+        opened, fixture = self.source.bundle, outcome.fixture
+        if fixture is not None and fixture is not opened:
+            findings += self.source.notes
+            if opened is not None and opened.rendering is not None:
+                findings += differences(opened, fixture)
+        return replace(outcome, findings=tuple(findings))
 
     @cached_property
     def shown(self) -> Shown | None:
         """What the page and the sheet show of it; `None` where there is no fixture."""
-        fixture, source, geometry = self.outcome.fixture, self.source, self.geometry
+        fixture, source = self.outcome.fixture, self.source
         if fixture is None:
             return None
-        return Shown(
-            source.path.name, replace(fixture, findings=self.findings),
-            source.image if source.slice_path is not None else None, geometry.strokes,
-            geometry.account, self.fit.registration,
-        )  # fmt: skip
+        image = source.image if source.slice_path is not None else None
+        return Shown(replace(fixture, findings=self.findings), source.path.name, image)
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings
@@ -508,7 +501,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     )  # fmt: skip
     geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
     fit = of_files if plan.fit is plan.source.fit else moved(plan.fit)
-    return plan.changed(source=source, geometry=geometry, fit=fit)
+    return replace(plan, source=source, geometry=geometry, fit=fit)
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -531,12 +524,8 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def is_bundle(path: Path) -> bool:
-    """Whether a file is a bundle, by its first bytes or, if it cannot be read, its suffix."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
-    except OSError:
-        return path.suffix == ".h5"
+    """Whether a file is a bundle, by its suffix."""
+    return path.suffix.lower() in (".h5", ".hdf5")
 
 
 def _of_slice(
@@ -621,14 +610,8 @@ def _of_bundle(
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
     if record is not None:
-        # Rows of deviations of the targets [m], if the markers had any.
-        sigma = None
-        if "markers_sigma_m" in known:
-            sigma = value_as(tuple[tuple[float, ...], ...], known["markers_sigma_m"])
-            if sigma is MISFIT or len(sigma) != len(record.labels):
-                raise incomplete_recipe(f"markers_sigma_m is {known['markers_sigma_m']!r}")
         pairs = Correspondences(
-            record.labels, record.source, record.source_frame, record.target, sigma
+            record.labels, record.source, record.source_frame, record.target, sigma_of(fixture)
         )
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}

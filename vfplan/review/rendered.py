@@ -34,16 +34,15 @@ from vfplan.registration.registration import (
     Registration,
     describe_side,
     fit_registration,
-    own_bound,
 )
 from vfplan.review.acceptance import digest_of
-from vfplan.review.markers import Marker
+from vfplan.review.markers import Marker, bound95_m, size_of
+from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 if TYPE_CHECKING:
     from vfplan.curve.account import AccountEntry
     from vfplan.images.read import PlannedImage
-    from vfplan.planning.extraction import ExtractResult
-    from vfplan.planning.plan import PlanResult
+    from vfplan.review.geometry import Geometry
 
 Array = NDArray[np.float64]
 Kind = Literal["wall", "guide"]
@@ -86,59 +85,55 @@ class Shown:
 
     Parameters
     ----------
-    name
-        What it is called, such as a file's name.
     fixture
         What would be written, with its findings and their answers.
+    name
+        What it is called, such as a file's name.
     image
         The slice that the curve was drawn on; `None` where it is not at hand.
-    strokes
-        The lines on the slice [px].
-    account
-        Other ink, and where the line shows none, the largest first.
-    registration
-        The one that the fixture was made with, if the bundle's own markers give it again.
+
+    Raises
+    ------
+    InputError
+        The image is not the one that the curve was drawn on.
     """
 
-    name: str
     fixture: Fixture
+    name: str
     image: PlannedImage | None = None
-    strokes: tuple[Stroke, ...] = ()
-    account: tuple[AccountEntry, ...] = ()
-    registration: Registration | None = None
 
-    @classmethod
-    def of(
-        cls, made: PlanResult | ExtractResult | Fixture, name: str, *,
-        image: PlannedImage | None = None, registration: Registration | None = None,
-    ) -> Shown:  # fmt: skip
-        """What was just planned, or a bundle that was read.
+    def __post_init__(self) -> None:
+        if self.image is not None:
+            check_slice(self.fixture, self.image)
 
-        A bundle's curve is carried back onto its slice, where that is given, and the account of
-        other ink is made again there.
+    @cached_property
+    def geometry(self) -> Geometry:
+        """The lines on the slice and the pen's ink there; neither where it is not at hand."""
+        from vfplan.review.geometry import Geometry, extraction_of
+        from vfplan.review.ink import SliceInk
 
-        Raises
-        ------
-        InputError
-            The image is not the one that the curve was drawn on, or nobody knows how it lies.
-        """
-        from vfplan.planning.extraction import ExtractResult
-
-        extracted = made if isinstance(made, ExtractResult) else None
-        if not isinstance(made, ExtractResult | Fixture):
-            extracted, registration = made.extracted, made.registered.registration
-        if extracted is not None:
-            made, image = made.fixture, extracted.image
+        fixture, image, ink = self.fixture, self.image, None
         if image is None:
-            return cls(name, made)
-        check_slice(made, image)
-        if registration is None:
-            registration = registration_again(made)
-        if extracted is not None:
-            measured = extracted.extraction
-            return cls(name, made, image, measured.strokes, measured.account, registration)
-        strokes = strokes_on_slice(made, image)
-        return cls(name, made, image, strokes, _account_again(made, image, strokes), registration)
+            return Geometry()
+        if "curve" not in fixture.provenance.inputs:
+            settings = extraction_of(fixture, ExtractSettings())
+            ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
+        return Geometry(strokes_on_slice(fixture, image), ink)
+
+    @cached_property
+    def strokes(self) -> tuple[Stroke, ...]:
+        """The lines on the slice [px], with the pen's width where a pen drew them."""
+        return self.geometry.lines
+
+    @cached_property
+    def account(self) -> tuple[AccountEntry, ...]:
+        """Other ink, and where the line shows none, the largest first."""
+        return self.geometry.account
+
+    @cached_property
+    def registration(self) -> Registration | None:
+        """The one that the fixture was made with, if the bundle's own markers give it again."""
+        return registration_again(self.fixture)
 
     @cached_property
     def digest(self) -> str:
@@ -202,7 +197,7 @@ class Shown:
     def metres_per_px(self) -> float | None:
         """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
         if self.plane is not None:
-            return _size_of(self.plane)
+            return size_of(self.plane)
         spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
         spacing_mm = next(filter(None, spacings), None)
         return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
@@ -212,24 +207,22 @@ class Shown:
         """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
         if self.registration is None or not self.strokes:
             return None
-        points = np.concatenate([stroke.points for stroke in self.strokes])
-        own = own_bound(self.strokes)
+        place = None
         if self.registration.source.shape[1] == 3:
             place = _place_in_patient(self.image)
-            points, own = points @ place[:, :2].T + place[:, 2], own * _size_of(place)
-        return self.registration.curve95_m(points, own)
+        return bound95_m(self.registration, self.strokes, place)
 
     @cached_property
     def other_ink(self) -> tuple[AccountEntry, ...]:
         """The account without the gaps that a bridge of the line crosses."""
-        bridged = [s.points[s.bridged] for s in self.strokes if s.bridged is not None]
+        bridged = [stroke.points[stroke.bridged] for stroke in self.strokes]
         places = np.vstack([np.full((1, 2), np.inf), *bridged])
 
-        def is_bridged(entry: AccountEntry) -> bool:
+        def is_listed(entry: AccountEntry) -> bool:
             away = np.hypot(*(places - (entry.u, entry.v)).T).min()
-            return entry.what != "ink" and away <= max(1.0, entry.pixels / 2)
+            return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
 
-        return tuple(entry for entry in self.account if not is_bridged(entry))
+        return tuple(filter(is_listed, self.account))
 
     @cached_property
     def margin_m(self) -> float | None:
@@ -268,20 +261,6 @@ class Shown:
             yield from zip(self.strokes, np.split(self.tre95_m, stops), strict=True)
 
 
-def _account_again(
-    fixture: Fixture, image: PlannedImage, strokes: tuple[Stroke, ...]
-) -> tuple[AccountEntry, ...]:
-    """The account of a bundle, made again on its slice; none for a curve of vectors."""
-    from vfplan.review.geometry import Geometry, extraction_of
-    from vfplan.review.ink import SliceInk
-
-    if "curve" in fixture.provenance.inputs:
-        return ()
-    settings = extraction_of(fixture, ExtractSettings())
-    ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
-    return Geometry(strokes, ink).account
-
-
 def check_slice(fixture: Fixture, image: PlannedImage) -> None:
     """Raise `InputError` unless the image is the one that the curve was drawn on."""
     known = fixture.provenance.inputs.get("image")
@@ -304,7 +283,7 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     """
     convert = to_pixels(fixture, image)
     is_image = fixture.frame == "image"
-    units_per_px = 1.0 if is_image else _size_of(plane_of(fixture, image))
+    units_per_px = 1.0 if is_image else size_of(plane_of(fixture, image))
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
@@ -359,20 +338,26 @@ def plane_of(fixture: Fixture, image: PlannedImage | None) -> Array | None:
     return plane
 
 
-def _size_of(plane: Array) -> float:
-    """The geometric mean of a pixel's sides [m]."""
-    return float(np.sqrt(np.prod(np.linalg.svd(plane[:, :2])[1])))
-
-
 def labels_left_out(fixture: Fixture) -> list[str]:
     """The labels of the markers that a robust registration did not use."""
     return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
 
 
+def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:
+    """The deviations of each marker of a registered bundle [m]; `None` where it has none."""
+    known = fixture.provenance.settings
+    if "markers_sigma_m" not in known:
+        return None
+    sigma = value_as(tuple[tuple[float, ...], ...], known["markers_sigma_m"])
+    if sigma is MISFIT or len(sigma) != len(fixture.registration.labels):
+        raise incomplete_recipe(f"markers_sigma_m is {known['markers_sigma_m']!r}")
+    return sigma
+
+
 def registration_again(fixture: Fixture) -> Registration | None:
     """The registration that the bundle's markers give; `None` where that is not the bundle's own.
 
-    A bundle holds neither weights of markers nor the bound along its curve.
+    A bundle does not hold the bound along its curve.
     """
     record = fixture.registration
     if record is None:
@@ -381,10 +366,12 @@ def registration_again(fixture: Fixture) -> Registration | None:
     spacing_m = None
     if record.source_frame == "image" and fixture.image and fixture.image.pixel_spacing_mm:
         spacing_m = tuple(spacing / MM for spacing in fixture.image.pixel_spacing_mm)
+    sigma = sigma_of(fixture)
     try:
         again = fit_registration(
-            record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m
-        )
+            record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m,
+            sigma=None if sigma is None else np.array(sigma)[used].squeeze(),
+        )  # fmt: skip
     except VfplanError:
         return None
     is_own = np.allclose(again.T_target_source, record.T_robot_image, rtol=1e-6, atol=1e-9)

@@ -40,7 +40,7 @@ from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_TEXT_BYTES, flags, now_utc, opened_file, to_json_types
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import lock_file, not_written, remove_quietly, write_whole
-from vfplan.palette import DARK, LIGHT
+from vfplan.palette import palette_css
 from vfplan.review.acceptance import visible_name
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
@@ -220,7 +220,7 @@ class ReviewServer:
         self, session: Session, draft: Draft, *, port: int = 0, by: str = "", signs: bool = False
     ) -> None:
         self.token = secrets.token_urlsafe(32)
-        self._session = session
+        self.session = session
         self._draft = draft
         self._about = {"by": by, "signs": signs, "draft": draft.found}
         self._version = 0
@@ -245,11 +245,6 @@ class ReviewServer:
     def address(self) -> str:
         """What to open in a browser; whoever knows it can review."""
         return f"http://127.0.0.1:{self.port}/#{self.token}"
-
-    @property
-    def session(self) -> Session:
-        """Where the review stands."""
-        return self._session
 
     def run(self, write: Callable[[Fixture], str], stopped: Callable[[], bool]) -> str | None:
         """Serve until the person approves or leaves, or `stopped` says so.
@@ -289,13 +284,13 @@ class ReviewServer:
 
     def _approved(self, wish: dict[str, Any]) -> Fixture:
         """The fixture that a person approves, if it is the one that the page shows."""
-        if (wish.get("version"), wish.get("digest")) != (self._version, self._session.digest):
+        if (wish.get("version"), wish.get("digest")) != (self._version, self.session.digest):
             text = "The plan has changed since. Look at it as it is now, and approve it again."
-            raise SettingError(text, code="stale-approval", numbers={"version": self._version})
+            raise SettingError(text, code="stale-approval")
         if self._about["draft"] is not None:
             text = "The plan begins with a draft. Resume it or start anew, then approve it."
             raise CheckFailed(text, code="draft-not-chosen")
-        return self._session.approve(wish["by"])
+        return self.session.approve(wish["by"])
 
     def close(self) -> None:
         """Let every page go."""
@@ -317,9 +312,9 @@ class ReviewServer:
             if name == "/steps":
                 return None
             if name == "/bodies.json":
-                body = json.dumps(self._session.bodies()).encode()
+                body = json.dumps(self.session.bodies()).encode()
                 return reply(connection, body, "application/json", HEADERS)
-            rgb = self._session.current.source.image.rgb
+            rgb = self.session.current.source.image.rgb
             grey_max = int(np.iinfo(rgb.dtype).max)
             low, high = query.get("low", ["0"])[0], query.get("high", [str(grey_max)])[0]
             is_grey = GREY_LEVEL.fullmatch(low) and GREY_LEVEL.fullmatch(high)
@@ -352,7 +347,7 @@ class ReviewServer:
             return
         self._names[connection] = next(self._numbers)
         with suppress(ConnectionClosed):
-            self._send(connection, {"about": self._about})
+            _send(connection, {"about": self._about})
             self._show([connection])
             self._stale.set()
             allowance, before = BURST, time.monotonic()
@@ -376,7 +371,7 @@ class ReviewServer:
         """Do what a message says, and answer it."""
         try:
             if "preview" in message:
-                self._send(connection, self._preview(message["preview"]))
+                _send(connection, self._preview(message["preview"]))
             elif "name" in message:
                 self._name(connection, message["name"])
             elif "draft" in message:
@@ -394,16 +389,16 @@ class ReviewServer:
                 self._change(message, self._names[connection])
         except VfplanError as error:
             if "preview" in message:
-                self._send(connection, _described(error))
+                _send(connection, _described(error))
             else:
                 self._refuse(connection, error)
         if "number" in message:
             # The page sends its next change once it has this answer.
-            self._send(connection, {"answered": message["number"]})
+            _send(connection, {"answered": message["number"]})
 
     def _refuse(self, connection: Any, error: VfplanError) -> None:
         """Say what is wrong, and show the state: what the page moved goes back to its place."""
-        self._send(connection, _described(error))
+        _send(connection, _described(error))
         self._show([connection])
         self._stale.set()
 
@@ -411,9 +406,9 @@ class ReviewServer:
         """Give a tab to a person, with what was looked at on it while it had no name."""
         name = visible_name(name if isinstance(name, str) else "")
         with self._lock:
-            places = self._session.seen.get(self._names[connection])
+            places = self.session.seen.get(self._names[connection])
             if isinstance(self._names[connection], int) and places is not None:
-                self._session = self._session.with_seen(name, places)
+                self.session = self.session.with_seen(name, places)
             self._names[connection] = name
         self._show([connection])
         self._stale.set()
@@ -424,7 +419,7 @@ class ReviewServer:
         with self._lock:
             if is_anew and self._about["draft"] is not None:
                 self._draft.discard()
-                self._session = self._session.anew()
+                self.session = self.session.anew()
                 self._version += 1
             self._about["draft"] = None
         self._send_all({"about": self._about})
@@ -443,18 +438,18 @@ class ReviewServer:
                 if is_look:
                     return  # What was in view belongs to a line that has changed since.
                 text = "The page showed an earlier state. Look again, and repeat the step."
-                raise SettingError(text, code="stale-step", numbers={"version": self._version})
+                raise SettingError(text, code="stale-step")
             if is_look:
-                self._session = self._session.looked_at(step, who)
+                self.session = self.session.looked_at(step, who)
             else:
                 if "undo" in message:
-                    session = self._session.undo()
+                    session = self.session.undo()
                 elif "redo" in message:
-                    session = self._session.redo()
+                    session = self.session.redo()
                 else:
-                    session = self._session.apply(step)
+                    session = self.session.apply(step)
                 self._draft.keep(session, who if isinstance(who, str) else self._about["by"])
-                self._session = session
+                self.session = session
                 self._version += 1
         self._show(self._server.connections)
         self._stale.set()
@@ -464,13 +459,13 @@ class ReviewServer:
         if not isinstance(wish, dict):
             text = 'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.'
             raise SettingError(text, code="step-malformed")
-        plan = move_marker(self._session.current, {**wish, "do": "move_marker"})
+        plan = move_marker(self.session.current, {**wish, "do": "move_marker"})
         return {"preview": to_json_types(marker_state(plan))}
 
     def _show(self, connections: Iterable[Any], *, is_whole: bool = False) -> None:
         """Send the state to tabs, to each as it is for the person there."""
         with self._lock:
-            session, version = self._session, self._version
+            session, version = self.session, self._version
         kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
         texts: dict[Any, str] = {}
         for connection in connections:
@@ -479,7 +474,7 @@ class ReviewServer:
                 shown = to_json_types(state_of(who))
                 texts[who] = json.dumps({kind: shown, "version": version})
             if version == self._version or not is_whole:
-                _send_text(connection, texts[who])
+                _send(connection, texts[who])
 
     def _plan(self) -> None:
         """Make the whole plan of the latest state, again and again, and show it."""
@@ -491,19 +486,16 @@ class ReviewServer:
             self._show(self._server.connections, is_whole=True)
 
     def _send_all(self, message: dict[str, Any]) -> None:
-        text = json.dumps(message)
         for connection in list(self._server.connections):
-            _send_text(connection, text)
-
-    def _send(self, connection: Any, message: dict[str, Any]) -> None:
-        _send_text(connection, json.dumps(message))
+            _send(connection, message)
 
 
-def _send_text(connection: Any, text: str) -> None:
+def _send(connection: Any, message: dict[str, Any] | str) -> None:
+    """Send a message, or its text; a page that has gone hears nothing."""
     from websockets.exceptions import ConnectionClosed
 
     with suppress(ConnectionClosed, OSError):
-        connection.send(text)
+        connection.send(message if isinstance(message, str) else json.dumps(message))
 
 
 def _described(error: VfplanError) -> dict[str, Any]:
@@ -518,13 +510,7 @@ def _pages() -> dict[str, tuple[bytes, str]]:
         if suffix in MEDIA_TYPES:
             pages[f"/{file.name}"] = (file.read_bytes(), f"{MEDIA_TYPES[suffix]}; charset=utf-8")
     pages["/"] = pages.pop("/index.html")
-    # The colours of every picture, as the page's variables.
-    light, dark = (
-        "; ".join(f"--{name}: {colour}" for name, colour in colours.items())
-        for colours in (LIGHT, DARK)
-    )
-    palette = f":root {{ {light} }}\n@media (prefers-color-scheme: dark) {{ :root {{ {dark} }} }}\n"
-    pages["/palette.css"] = (palette.encode(), "text/css; charset=utf-8")
+    pages["/palette.css"] = (palette_css().encode(), "text/css; charset=utf-8")
     style = files("vfplan.report").joinpath("style.css").read_bytes()
     pages["/report.css"] = (style, "text/css; charset=utf-8")
     pages["/engine.wasm"] = (module(), "application/wasm")

@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,6 @@ from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
-from vfplan.planning.settings import margin_length
 from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
@@ -103,7 +103,7 @@ class Session:
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
         if len(self.steps) >= MAX_STEPS:
             text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
-            raise SettingError(text, code="too-many-steps", numbers={"steps": MAX_STEPS})
+            raise SettingError(text, code="too-many-steps")
         plan = steps_of_a_plan.apply(self.current, step)
         kept = dict(step)
         if kept["do"] == "answer":
@@ -155,19 +155,17 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        findings, why_not, shown = plan.findings, self.why_not(by), plan.shown
+        why_not, shown = self.why_not(by), plan.shown
+        state |= {"rendered": None, "described": [], "outline_px": []}
+        if shown is not None:
+            lines = [line for outline in shown.outlines for line in outline.lines]
+            state["rendered"] = rendered_in_json(shown.fixture)
+            state["described"] = described(shown.fixture)
+            state["outline_px"] = [line.round(2).tolist() for line in lines]
         return state | {
-            "rendered": None if shown is None else rendered_in_json(shown.fixture),
-            "described": [] if shown is None else described(shown.fixture),
-            "outline_px": []
-            if shown is None
-            else [line.round(2).tolist() for outline in shown.outlines for line in outline.lines],
-            "findings": [finding.as_dict() for finding in findings],
-            "warnings": [finding.text for finding in findings],
-            "why_not": why_not,
-            "approvable": not why_not,
-            "digest": self.digest,
-        }
+            "findings": [finding.as_dict() for finding in plan.findings],
+            "why_not": why_not, "approvable": not why_not, "digest": self.digest,
+        }  # fmt: skip
 
     def bodies(self) -> dict[str, Any]:
         """What renders the plan as it stands, for the page's own engine; else why nothing does."""
@@ -197,7 +195,6 @@ class Session:
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
-            "sigma_px": [float(np.max(stroke.sigma)) for stroke in strokes],
             "edited": [_first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [_first_and_last(flags) for flags in self.unseen(by)],
@@ -230,7 +227,7 @@ class Session:
         reasons = self.why_not(by)
         if reasons:
             text = f"The plan cannot be approved. {' '.join(reasons)}"
-            raise CheckFailed(text, code="not-approvable", numbers={"reasons": len(reasons)})
+            raise CheckFailed(text, code="not-approvable")
         return self.with_review(by)
 
     def with_review(self, by: str = "") -> Fixture:
@@ -278,19 +275,15 @@ class Session:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@lru_cache(maxsize=8)
 def marker_state(plan: Plan) -> dict[str, Any]:
     """The markers, their residuals and the bound; also of markers that are being dragged."""
-    fit, strokes = plan.fit, plan.geometry.strokes
-    bound_m = fit.tre95_m(strokes)
-    margin = fit.settings.margin
+    fit, registration = plan.fit, plan.fit.registration
     return {
         "markers": fit.describe(),
         "mm_per_px": fit.mm_per_px,
-        "fre_rms_m": _finite(fit.registration and fit.registration.fre_rms_m),
-        "loo_rms_m": _finite(fit.registration and fit.registration.loo_rms_m),
-        "tre95_m": bound_m,
-        "margin_m": margin_length(margin, bound_m),
-        "contact_m": fit.settings.contact_radius + fit.settings.point_radius,
+        "fre_rms_m": registration and registration.fre_rms_m,
+        "tre95_m": fit.tre95_m(plan.geometry.strokes),
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {
             "model": fit.settings.model,
@@ -310,12 +303,6 @@ def _complex(points: np.ndarray) -> np.ndarray:
 def _first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
-
-
-def _finite(value: float | None) -> float | None:
-    if value is None or not np.isfinite(value):
-        return None
-    return float(value)
 
 
 def _title(step: dict[str, Any]) -> str:

@@ -12,8 +12,6 @@ file holds. The middle of an inset is marked by four small triangles outside of 
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -22,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED, millimetres
+from vfplan.display import MAX_NUMBERED, MM, millimetres
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
@@ -31,6 +29,7 @@ from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.picture import (
     COLUMN_WIDTH,
+    COLUMN_X,
     LineEnd,
     draw_picture,
     draw_rendered,
@@ -58,50 +57,16 @@ ONE_GREY = 2
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
-ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + BODY.line_height
+ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 20
 
 
 # What the sheet calls an entry of the account.
-WORDS_OF_ENTRY = {
-    "ink": "",
-    "bridge": "gap in the line",
-    "hidden": "line hidden",
-    "gap": "gap in the line, or line hidden",
-}
+WORDS_OF_ENTRY = {"ink": "", "gap": "gap in the line, or line hidden"}
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
     "draw the rest with vfplan review."
 )
-
-
-@dataclass(frozen=True)
-class TextLine:
-    """A line of a list, its indent, and the space above it [px of the page].
-
-    `is_head` is true where the next line belongs to this one: both stand on one page.
-    """
-
-    words: str
-    style: paper.Style = BODY
-    indent: float = 0
-    above: float = 0
-    is_head: bool = False
-
-    @property
-    def height(self) -> float:
-        """The space that it takes [px of the page]."""
-        return self.style.line_height + self.above
-
-    def draw(self, sheet: Paper, x: float, y: float) -> float:
-        """Write it; returns where the next line begins."""
-        sheet.text(x + self.indent, y + self.above, self.words, self.style)
-        return y + self.height
-
-
-def total_height(lines: Iterable[TextLine]) -> float:
-    """The space that lines take one below the other [px of the page]."""
-    return sum(line.height for line in lines)
 
 
 def verdict_of(shown: Shown) -> str:
@@ -124,13 +89,24 @@ def verdict_of(shown: Shown) -> str:
 
 def facts_of(shown: Shown) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
+    recipe, image = shown.fixture.provenance.settings, shown.image
+    slice_in_words, pixel = recipe.get(SLICE_IN_WORDS, ""), ""
+    if not slice_in_words and image is not None and image.T_patient_image is not None:
+        slice_in_words = height_in_words(image)
+    if image is not None and shown.metres_per_px is not None:
+        pixel = f"{MM * shown.metres_per_px:.4g} mm"
+    margin = "none" if shown.kind else ""
+    if shown.margin_m is not None:
+        margin = f"{millimetres(shown.margin_m, 2)} on every side"
+    elif "margin" in recipe:
+        margin = "the 95 % bound"
     facts = [
         ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
-        ("Slice", _slice_in_words(shown)),
-        ("Pixel", _pixel_in_words(shown)),
+        ("Slice", slice_in_words),
+        ("Pixel", pixel),
         ("Markers", _markers_in_words(shown.fixture)),
         ("Place of the line", _error_in_words(shown)),
-        ("Margin", _margin_in_words(shown)),
+        ("Margin", margin),
     ]
     return [(heading, words) for heading, words in facts if words]
 
@@ -153,28 +129,6 @@ def _geometry_in_words(shown: Shown) -> str:
         of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
         parts = [f"{len(shown.fixture.points)} points{of_mesh}"]
     return ". ".join(parts)
-
-
-def _slice_in_words(shown: Shown) -> str:
-    recipe, image = shown.fixture.provenance.settings, shown.image
-    if SLICE_IN_WORDS in recipe or image is None or image.T_patient_image is None:
-        return recipe.get(SLICE_IN_WORDS, "")
-    words = height_in_words(image)
-    return f"slice {recipe['frame']}, {words}" if "frame" in recipe else words
-
-
-def _pixel_in_words(shown: Shown) -> str:
-    if shown.image is None or shown.metres_per_px is None:
-        return ""
-    # Where markers and image say different sizes, both stand there.
-    size = stated = f"{shown.metres_per_px * 1e3:.4g}"
-    record, image = shown.fixture.registration, shown.fixture.image
-    by_markers = record is not None and record.source_frame == "image"
-    if by_markers and image is not None and image.pixel_spacing_mm is not None:
-        stated = f"{math.sqrt(math.prod(image.pixel_spacing_mm)):.4g}"
-    if stated == size:
-        return f"{size} mm"
-    return f"{size} mm by the markers, as the lengths here; {stated} mm by the image"
 
 
 def _markers_in_words(fixture: Fixture) -> str:
@@ -207,14 +161,6 @@ def _error_in_words(shown: Shown) -> str:
     return f"{millimetres(largest, 2)} rms at most; the 95 % bound is not kept in the bundle"
 
 
-def _margin_in_words(shown: Shown) -> str:
-    if shown.margin_m is not None:
-        return f"{millimetres(shown.margin_m, 2)} on every side"
-    if "margin" in shown.fixture.provenance.settings:
-        return "the 95 % bound"
-    return "none" if shown.kind else ""
-
-
 def draw_facts(sheet: Paper, shown: Shown, x: float, y: float, width: float) -> float:
     """What to look for at the ends, and the numbers of the plan.
 
@@ -238,103 +184,104 @@ def _facts_of_ends(shown: Shown) -> list[tuple[str, str]]:
     facts = []
     for number, stroke in enumerate(shown.strokes, 1):
         for end in ends_of(stroke):
-            if end.direction is None:
-                continue
-            if not facts:
+            if end.direction is not None and not facts:
                 facts.append(("Look at each end", WHAT_TO_LOOK_FOR))
             grey = grey_ahead(shown, stroke, end)
-            if grey is None:
-                continue
-            name = end.name if len(shown.strokes) == 1 else f"{end.name} of line {number}"
-            words = (
-                f"All pixels ahead of the {name} have one grey, {grey} of 255. A cover of that "
-                "grey has no border that could be seen. Compare with the slice before it was "
-                "drawn on."
-            )
-            facts.append((f"One grey ahead of the {end.name}", words))
+            if grey is not None:
+                of_line = "" if len(shown.strokes) == 1 else f" of line {number}"
+                words = (
+                    f"All pixels ahead of the {end.name}{of_line} have one grey, {grey} of 255. A "
+                    "cover of that grey has no border that could be seen. Compare with the slice "
+                    "before it was drawn on."
+                )
+                facts.append((f"One grey ahead of the {end.name}", words))
     return facts
 
 
-def draw_lists(sheet: Paper, shown: Shown, y: float) -> float:
-    """The findings and the other ink, over the whole width."""
-    lines = list_lines(shown, paper.CONTENT_WIDTH)
-    for number, line in enumerate(lines):
-        # A heading does not stand alone at the foot of a page.
-        together = number
-        while lines[together].is_head:
-            together += 1
-        y = sheet.space_for(y, total_height(lines[number : together + 1]))
-        y = line.draw(sheet, MARGIN, y)
-    return y
+# Lines that stand together: the words, the style and the indent [px of the page] of each.
+Block = list[tuple[str, paper.Style, float]]
 
 
-def list_lines(shown: Shown, width: float) -> list[TextLine]:
-    """The findings and the other ink, line by line."""
-    lines = []
-    if shown.kind:
-        heading = f"The robot renders a {shown.kind}"
-        lines = text_lines(heading, width, HEADING, is_head=True)
-        for heading, words in described(shown.fixture):
-            lines += text_lines(f"{heading}: {words}", width, BODY)
-    heading = "Findings" if shown.findings else "Findings: none"
-    above = 20 if lines else 0
-    lines += text_lines(heading, width, HEADING, above=above, is_head=bool(shown.findings))
+def lists_of(shown: Shown) -> list[tuple[str, list[Block]]]:
+    """The findings, the other ink and what the robot renders: (heading, entries) each."""
+    findings = []
     for number, finding in enumerate(shown.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
-        head = f"F{number}  {kind}: {finding.code}"
+        head, words = f"F{number}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
             head += f", at ({finding.place_px[0]:.0f}, {finding.place_px[1]:.0f})"
-        lines += text_lines(head, width, style, above=6, is_head=True)
-        words = finding.text
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
-        lines += text_lines(words, width, BODY, indent=30)
-    if shown.image is None:
-        return lines
-    account = shown.other_ink
-    heading = f"Other ink in the pen's colour{'' if account else ': none'}"
-    lines += text_lines(heading, width, HEADING, above=20, is_head=bool(account))
-    for entry in account[:MAX_NUMBERED]:
-        what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
-        words = (
-            f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({entry.u:.0f}, "
-            f"{entry.v:.0f})"
-        )
-        lines += text_lines(words, width, BODY)
-    smaller = account[MAX_NUMBERED:]
-    if smaller:
-        pixels = sum(entry.pixels for entry in smaller)
-        lines += text_lines(f"and {len(smaller)} smaller, {pixels} px together", width, BODY)
-    return lines
+        findings.append([(head, style, 0), (words, BODY, 30)])
+    lists = [("Findings" if findings else "Findings: none", findings)]
+    if shown.image is not None:
+        words = []
+        for entry in shown.other_ink[:MAX_NUMBERED]:
+            what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
+            place = f"({entry.u:.0f}, {entry.v:.0f})"
+            words.append(f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at {place}")
+        smaller = shown.other_ink[MAX_NUMBERED:]
+        if smaller:
+            pixels = sum(entry.pixels for entry in smaller)
+            words.append(f"and {len(smaller)} smaller, {pixels} px together")
+        heading = f"Other ink in the pen's colour{'' if words else ': none'}"
+        lists.append((heading, [[(line, BODY, 0)] for line in words]))
+    if shown.kind:
+        rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(shown.fixture)]
+        lists.append((f"The robot renders a {shown.kind}", rows))
+    return lists
 
 
-def text_lines(
-    words: str, width: float, style: paper.Style, *, indent: float = 0, above: float = 0,
-    is_head: bool = False,
-) -> list[TextLine]:  # fmt: skip
-    """A text in lines of at most this width; the first has the space above it."""
-    lines = paper.wrapped(words, width - indent, style)
-    return [
-        TextLine(line, style, indent, 0 if number else above, is_head)
-        for number, line in enumerate(lines)
-    ]
+def draw_lists(
+    sheet: Paper, shown: Shown, y: float, beside: tuple[float, float] | None = None
+) -> None:
+    """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
+    x, top = beside or (MARGIN, y)
+
+    def lines_of(blocks: list[Block]) -> Block:
+        width = paper.PAGE_WIDTH - MARGIN - x
+        return [
+            (line, style, indent)
+            for block in blocks for words, style, indent in block
+            for line in paper.wrapped(words, width - indent, style)
+        ]  # fmt: skip
+
+    def height_of(blocks: list[Block]) -> float:
+        return sum(style.line_height for _, style, _ in lines_of(blocks))
+
+    for number, (heading, entries) in enumerate(lists_of(shown)):
+        # A heading does not stand alone at the foot of a page.
+        first = [(heading, HEADING, 0), *(entries[0] if entries else [])]
+        blocks = [first, *entries[1:]]
+        top += 14 if number else 0
+        for block in blocks:
+            # Findings stand in one column.
+            is_first = number == 0 and block is first
+            if x > MARGIN and top + height_of(blocks if is_first else [block]) > y:
+                x, top = MARGIN, y
+            needed = height_of([block])
+            for line, style, indent in lines_of([block]):
+                top = sheet.space_for(top, needed)
+                sheet.text(x + indent, top, line, style)
+                top += style.line_height
+                needed = style.line_height
 
 
 @dataclass(frozen=True, eq=False)
 class Inset:
     """A place that is enlarged: its caption, its middle (u, v), and how it is drawn.
 
-    `is_raised` spreads the greys, `has_line` draws the line, `has_band` the line and its bands.
-    `note` stands in the caption in place of the size, and `bridge` (M, 2) is drawn as a hairline.
+    `note` stands in the caption. `is_raised` spreads the greys, `has_line` draws the line,
+    `has_band` the line and its bands, and `bridge` (M, 2) is drawn as a hairline.
     """
 
     caption: str
     place: paper.Array
+    note: str
     zoom: int = ZOOM
     is_raised: bool = False
     has_line: bool = False
     has_band: bool = False
-    note: str = ""
     bridge: paper.Array | None = None
 
     @property
@@ -343,6 +290,10 @@ class Inset:
         size = INSET_PX // self.zoom
         u, v = np.floor(self.place + 0.5).astype(int).tolist()
         return u - size // 2, v - size // 2, size, size
+
+    def within(self, points: paper.Array) -> paper.Array:
+        """(M, 2) places of the slice in the inset [px of the page]."""
+        return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
 def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
@@ -357,12 +308,11 @@ def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
     half_width = (stroke.width or 0.0) / 2
     # The blur of the pen's own end reaches two pixels.
     centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
-    low = np.maximum(np.floor(centre - AHEAD_PX).astype(int), 0)
-    high = np.ceil(centre + AHEAD_PX).astype(int) + 1
-    part = rgb[low[1] : high[1], low[0] : high[0]]
-    rows, columns = np.mgrid[low[1] : low[1] + part.shape[0], low[0] : low[0] + part.shape[1]]
-    inside = np.hypot(columns - centre[0], rows - centre[1]) <= AHEAD_PX
-    colours = part[inside].astype(int)
+    first_u, first_v = np.maximum(np.ceil(centre - AHEAD_PX).astype(int), 0)
+    last_u, last_v = np.minimum(np.floor(centre + AHEAD_PX).astype(int) + 1, rgb.shape[1::-1])
+    rows, columns = np.ogrid[first_v:last_v, first_u:last_u]
+    is_inside = np.hypot(columns - centre[0], rows - centre[1]) <= AHEAD_PX
+    colours = rgb[first_v:last_v, first_u:last_u][is_inside].astype(int)
     if len(colours) == 0 or np.ptp(colours) > ONE_GREY:
         return None
     return int(np.median(colours))
@@ -372,18 +322,21 @@ def insets_of(shown: Shown) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets = []
     is_single = len(shown.strokes) == 1
+    width = f"{SHOWN_PX} px across"
+    if shown.metres_per_px is not None:
+        width = f"{SHOWN_PX * shown.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(shown.strokes, 1):
         name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             is_even = grey_ahead(shown, stroke, end) is not None
-            insets.append(
-                Inset(caption, end.place, note="one grey ahead: look twice" if is_even else "")
-            )
+            note = "one grey ahead: look twice" if is_even else width
+            insets.append(Inset(caption, end.place, note))
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
+            note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
-            insets.append(Inset(wider, end.place, WIDER_ZOOM, is_raised=True, has_line=has_line))
+            insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
     for number, stroke in enumerate(shown.strokes, 1):
         of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
@@ -396,18 +349,26 @@ def insets_of(shown: Shown) -> list[Inset]:
                 caption = f"Bridge {count}{of_line}, {along[-1]:.0f} px"
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
-                insets.append(Inset(caption, place, bridge=points, note="orange: the bridge"))
-    for entry in shown.other_ink:
-        place = np.array([entry.u, entry.v])
-        if entry.what != "ink" and not _is_enlarged(place, insets):
-            insets.append(Inset(f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", place))
-    for number, finding in enumerate(shown.findings, 1):
-        if finding.place_px is not None and not _is_enlarged(finding.place_px, insets):
-            insets.append(Inset(f"F{number}: {finding.code}", np.array(finding.place_px)))
+                insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
+    others = [
+        (f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", (entry.u, entry.v))
+        for entry in shown.other_ink if entry.what != "ink"
+    ]  # fmt: skip
+    others += [
+        (f"F{number}: {finding.code}", finding.place_px)
+        for number, finding in enumerate(shown.findings, 1) if finding.place_px is not None
+    ]  # fmt: skip
+    for caption, place in others:
+        # One that lies in an inset already is not enlarged again.
+        reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]
+        if min(reach, default=np.inf) > SHOWN_PX // 3:
+            insets.append(Inset(caption, np.array(place), width))
     if shown.metres_per_px is not None and (shown.tre95_m is not None or shown.outlines):
         # Where the registration's error may be largest, enlarged so that all of it fits in.
         points = np.concatenate([stroke.points for stroke in shown.strokes])
-        bound_m = np.zeros(1) if shown.tre95_m is None else shown.tre95_m
+        bound_m, note = np.zeros(1), "what the robot renders"
+        if shown.tre95_m is not None:
+            bound_m, note = shown.tre95_m, f"95 %: ±{MM * float(shown.tre95_m.max()):.2f} mm"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / shown.metres_per_px, ZOOM
         lines = [line for outline in shown.outlines for line in outline.lines]
@@ -415,15 +376,9 @@ def insets_of(shown: Shown) -> list[Inset]:
             half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
-        insets.append(Inset("Error and outline, true scale", points[worst], zoom, has_band=True))
+        caption = "Error and outline, true scale"
+        insets.append(Inset(caption, points[worst], note, zoom, has_band=True))
     return insets
-
-
-def _is_enlarged(place: paper.Array | tuple[float, float], insets: list[Inset]) -> bool:
-    return any(
-        inset.zoom == ZOOM and np.abs(inset.place - place).max() <= SHOWN_PX // 3
-        for inset in insets
-    )
 
 
 def draw_insets(
@@ -434,53 +389,32 @@ def draw_insets(
     Returns the top of the last row, and where the next thing below begins.
     """
     last_row = y
-    for first in range(0, len(insets), INSETS_IN_A_ROW):
-        y = sheet.space_for(y, ROW_HEIGHT)
-        last_row = y
-        for k, inset in enumerate(insets[first : first + INSETS_IN_A_ROW]):
-            x = round(MARGIN + k * INSET_STEP)
-            for line, words in enumerate((inset.caption, *_described(inset, shown))):
-                style = BODY if line else STRONG
-                words = paper.shortened(words, INSET_PX, style)
-                sheet.text(x, y + line * BODY.line_height, words, style)
-            draw_inset(sheet, inset, rgb, shown, x, round(y + CAPTION_HEIGHT))
-        y += ROW_HEIGHT
+    for number, inset in enumerate(insets):
+        column = number % INSETS_IN_A_ROW
+        if column == 0:
+            last_row = sheet.space_for(y, ROW_HEIGHT)
+            y = last_row + ROW_HEIGHT
+        x = round(MARGIN + column * INSET_STEP)
+        u, v = inset.place
+        where = f"enlarged {inset.zoom} times, at ({u:.0f}, {v:.0f})"
+        for line, words in enumerate((inset.caption, where, inset.note)):
+            style = BODY if line else STRONG
+            words = paper.shortened(words, INSET_PX, style)
+            sheet.text(x, last_row + line * BODY.line_height, words, style)
+        draw_inset(sheet, inset, rgb, shown, x, round(last_row + CAPTION_HEIGHT))
     return last_row, y
-
-
-def _described(inset: Inset, shown: Shown) -> tuple[str, str]:
-    """How much an inset enlarges and where it lies, and what is to be known of it."""
-    u, v = inset.place
-    where = f"enlarged {inset.zoom} times, at ({u:.0f}, {v:.0f})"
-    if inset.note:
-        return where, inset.note
-    if inset.has_line:
-        return where, "with the line drawn"
-    if inset.is_raised:
-        return where, "contrast raised"
-    if inset.has_band and shown.tre95_m is None:
-        return where, "what the robot renders"
-    if inset.has_band:
-        return where, f"95 %: ±{float(shown.tre95_m.max()) * 1e3:.2f} mm"
-    if shown.metres_per_px is None:
-        return where, f"{INSET_PX // inset.zoom} px across"
-    return where, f"{INSET_PX // inset.zoom * shown.metres_per_px * 1e3:.1f} mm across"
 
 
 def draw_inset(
     sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], shown: Shown, x: int, y: int
-) -> Box:
+) -> None:
     """Draw an inset with its frame at a place of the page."""
-    window = inset.window
-    u, v, width, height = window
-    pixels = np.full((height, width, 3), 255, np.uint8)
-    is_outside = np.ones((height, width), bool)
-    first_u, first_v = max(u, 0), max(v, 0)
-    last_u, last_v = min(u + width, rgb.shape[1]), min(v + height, rgb.shape[0])
-    if first_u < last_u and first_v < last_v:
-        place = slice(first_v - v, last_v - v), slice(first_u - u, last_u - u)
-        pixels[place] = rgb[first_v:last_v, first_u:last_u]
-        is_outside[place] = False
+    u, v, size, _ = inset.window
+    rows, columns = np.arange(v, v + size), np.arange(u, u + size)
+    is_outside = ((rows < 0) | (rows >= rgb.shape[0]))[:, None]
+    is_outside = is_outside | (columns < 0) | (columns >= rgb.shape[1])
+    pixels = rgb[rows.clip(0, rgb.shape[0] - 1)][:, columns.clip(0, rgb.shape[1] - 1)]
+    pixels[is_outside] = 255
     if inset.is_raised:
         pixels = _spread(pixels, is_outside)
     enlarged, outside = (
@@ -488,37 +422,25 @@ def draw_inset(
         for picture in (pixels, is_outside)
     )
     # What lies outside of the slice is striped, so that nobody takes it for black or white there.
-    rows, columns = np.nonzero(outside)
-    is_stripe = (rows + columns) % 16 < 2
-    enlarged[rows[is_stripe], columns[is_stripe]] = GREY
+    stripes = np.add(*np.indices(outside.shape)) % 16 < 2
+    enlarged[outside & stripes] = GREY
     if inset.has_line:
         for stroke in shown.strokes:
-            paper.draw_cased(
-                enlarged, _within(inset, stroke.points), paper.LINE_COLOUR, 2, stroke.closed
-            )
+            line = inset.within(stroke.points)
+            paper.draw_cased(enlarged, line, paper.LINE_COLOUR, 2, stroke.closed)
     if inset.bridge is not None:
-        paper.draw_line(enlarged, _within(inset, inset.bridge), paper.BRIDGE_COLOUR, 2)
+        paper.draw_line(enlarged, inset.within(inset.bridge), paper.BRIDGE_COLOUR, 2)
     if inset.has_band:
         _draw_band(enlarged, inset, shown)
-    size = enlarged.shape[0]
-    box = sheet.picture(
-        x, y, enlarged, kind="inset", words=inset.caption, window=window, zoom=inset.zoom
+    sheet.picture(
+        x, y, enlarged, kind="inset", words=inset.caption, window=inset.window, zoom=inset.zoom
     )
-    sheet.frame(box)
-    middle = np.array([x + size / 2, y + size / 2])
-    for direction in ((0, -1), (0, 1), (-1, 0), (1, 0)):
-        tip = middle + (size / 2 + 3) * np.array(direction)
-        base = tip + 9 * np.array(direction)
-        across = 6 * np.array(direction[::-1])
+    half = len(enlarged) / 2
+    for direction in np.array([[0, -1], [0, 1], [-1, 0], [1, 0]]):
+        tip = np.array([x, y]) + half + (half + 3) * direction
+        base, across = tip + 9 * direction, 6 * direction[::-1]
         corners = paper.fixed_point(np.array([tip, base + across, base - across]))
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
-    return box
-
-
-def _within(inset: Inset, points: paper.Array) -> paper.Array:
-    """(M, 2) places of the slice in an inset [px of the page]."""
-    u, v, _, _ = inset.window
-    return (points - (u, v) + 0.5) * inset.zoom - 0.5
 
 
 def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
@@ -543,18 +465,14 @@ def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, shown: Shown) -> None:
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / shown.metres_per_px
     for outline in shown.outlines:
-        draw_rendered(enlarged, outline, lambda points: _within(inset, points), ())
+        draw_rendered(enlarged, outline, inset.within, ())
     for stroke, half_m in shown.bounds:
-        points = _within(inset, stroke.points)
+        points = inset.within(stroke.points)
         paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
     for stroke in shown.strokes:
         if stroke.is_ordered:
-            points = _within(inset, stroke.points)
+            points = inset.within(stroke.points)
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
-
-
-# Where the column of facts begins, beside the picture [px of the page].
-COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
 
 
 @dataclass(frozen=True, eq=False)
@@ -605,22 +523,13 @@ def draw_sheet(shown: Shown) -> Sheet:
         draw_lists(sheet, shown, y)
     else:
         rgb = as_uint8(shown.image.rgb)
-        bottom, column_y = draw_picture(sheet, shown, rgb, y, COLUMN_X, COLUMN_WIDTH)
+        bottom, column_y = draw_picture(sheet, shown, rgb, y)
         column_y = draw_facts(sheet, shown, COLUMN_X, column_y + 10, COLUMN_WIDTH)
         insets = insets_of(shown)
         last_row, y = draw_insets(sheet, insets, rgb, shown, max(bottom, column_y) + 20)
-        # Where the page ends below the insets, short lists stand in what the last row leaves free,
-        # so that most sheets are one page.
         in_last_row = len(insets) % INSETS_IN_A_ROW
-        x = MARGIN + in_last_row * INSET_STEP
-        lines = list_lines(shown, paper.PAGE_WIDTH - MARGIN - x)
-        height_below = total_height(list_lines(shown, paper.CONTENT_WIDTH))
-        is_beside = in_last_row > 0 and sheet.has_space(last_row, total_height(lines))
-        if is_beside and not sheet.has_space(y, height_below):
-            for line in lines:
-                last_row = line.draw(sheet, x, last_row)
-        else:
-            draw_lists(sheet, shown, y)
+        beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
+        draw_lists(sheet, shown, y, beside)
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"

@@ -23,7 +23,7 @@ from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.ink import SliceInk, measured
-from vfplan.review.markers import Fit, Marker, fit_of, pairs_of_table, snapped
+from vfplan.review.markers import Marker, fit_of, pairs_of_table, snapped
 from vfplan.review.plan import Plan, key_of, made_flat_plan
 from vfplan.review.strokes import MendedStroke, path_through
 
@@ -107,7 +107,6 @@ def _on_slice(plan: Plan, place: np.ndarray) -> np.ndarray:
             f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
             f"{image.width_px} x {image.height_px} px.",
             code="outside-slice",
-            numbers={"u": float(place[0]), "v": float(place[1])},
         )
     return place
 
@@ -132,34 +131,36 @@ def _knot_of(stroke: MendedStroke, step: Step) -> int:
         raise SettingError(
             f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0.",
             code="no-such-knot",
-            numbers={"knot": knot, "knots": len(stroke.knots)},
         )
     return knot
 
 
+def _needs_slice(plan: Plan) -> None:
+    if plan.source.slice_path is None:
+        text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
+        raise SettingError(text, code="no-slice")
+
+
 def _needs_ink(plan: Plan) -> SliceInk:
-    ink = plan.geometry.ink
-    if ink is None:
-        if plan.source.slice_path is None:
-            text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
-            raise SettingError(text, code="no-slice")
-        raise SettingError(
+    _needs_slice(plan)
+    if plan.geometry.ink is None:
+        text = (
             "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
-            "clicks, or open the slice without --curve.",
-            code="no-ink",
+            "clicks, or open the slice without --curve."
         )
-    return ink
+        raise SettingError(text, code="no-ink")
+    return plan.geometry.ink
 
 
 # The curve.
 
 
 def _with_stroke(plan: Plan, number: int, stroke: MendedStroke) -> Plan:
-    return plan.changed(geometry=plan.geometry.with_stroke(number, stroke))
+    return replace(plan, geometry=plan.geometry.with_stroke(number, stroke))
 
 
 def _with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
-    return plan.changed(geometry=plan.geometry.with_strokes(strokes))
+    return replace(plan, geometry=plan.geometry.with_strokes(strokes))
 
 
 def move_knot(plan: Plan, step: Step) -> Plan:
@@ -226,7 +227,6 @@ def _clicks(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         raise SettingError(
             f"{len(clicks)} places a pixel or more apart draw no line. Click {needed} places.",
             code="too-few-clicks",
-            numbers={"places": len(clicks), "needed": needed},
         )
     return clicks
 
@@ -263,7 +263,7 @@ def join(plan: Plan, step: Step) -> Plan:
     second = plan.geometry.stroke(other)
     if other == number or stroke.closed or second.closed:
         text = "Two different open strokes can be joined. Choose another one."
-        raise SettingError(text, code="cannot-join", numbers={"stroke": number, "other": other})
+        raise SettingError(text, code="cannot-join")
     strokes = list(plan.geometry.strokes)
     strokes[min(number, other)] = stroke.join(second, plan.geometry.ink)
     del strokes[max(number, other)]
@@ -291,13 +291,13 @@ def choose(plan: Plan, step: Step) -> Plan:
     else:
         geometry, number = plan.geometry, _whole(step, "candidate")
     geometry = with_chosen(plan.source.image, settings, geometry, number)
-    return plan.changed(geometry=geometry)
+    return replace(plan, geometry=geometry)
 
 
 def choose_pen(plan: Plan, step: Step) -> Plan:
     """Take another pen than the settings name; the slice is extracted anew."""
     ink = _needs_ink(plan).of_pen(_label(step, "colour"))
-    return plan.changed(geometry=plan.source.geometry_with(ink, plan.exclude))
+    return replace(plan, geometry=plan.source.geometry_with(ink, plan.exclude))
 
 
 def exclude(plan: Plan, step: Step) -> Plan:
@@ -310,16 +310,16 @@ def exclude(plan: Plan, step: Step) -> Plan:
     # The whole pixels of the box that lie on the slice.
     u, v, width, height = _numbers(step, "box", 4)
     image = plan.source.image
-    first_u, first_v = max(0, math.floor(u)), max(0, math.floor(v))
-    last_u = min(image.width_px, math.ceil(u + width))
-    last_v = min(image.height_px, math.ceil(v + height))
-    if last_u <= first_u or last_v <= first_v:
+    low = np.maximum(np.floor((u, v)), 0).astype(int)
+    high = np.minimum(np.ceil((u + width, v + height)), (image.width_px, image.height_px))
+    size = high.astype(int) - low
+    if (size <= 0).any():
         text = (
             f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
             "slice. Draw it over the slice."
         )
-        raise SettingError(text, code="box-empty", numbers={"width_px": width, "height_px": height})
-    exclude = (*plan.exclude, (first_u, first_v, last_u - first_u, last_v - first_v))
+        raise SettingError(text, code="box-empty")
+    exclude = (*plan.exclude, (*low.tolist(), *size.tolist()))
     if len(exclude) > MAX_EXCLUDED:
         text = f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them."
         raise SettingError(text, code="too-many-boxes")
@@ -329,11 +329,11 @@ def exclude(plan: Plan, step: Step) -> Plan:
         # A line that was chosen among several stays, if extraction alone still finds no curve.
         if extracted.strokes or not geometry.strokes:
             geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
-            return plan.changed(geometry=geometry, exclude=exclude)
+            return replace(plan, geometry=geometry, exclude=exclude)
     ink = ink.without(exclude)
     strokes = tuple(stroke.measured_in(exclude[-1], ink) for stroke in geometry.strokes)
     geometry = replace(geometry, strokes=strokes, ink=ink)
-    return plan.changed(geometry=geometry, exclude=exclude)
+    return replace(plan, geometry=geometry, exclude=exclude)
 
 
 def take(plan: Plan, step: Step) -> Plan:
@@ -350,14 +350,10 @@ def take(plan: Plan, step: Step) -> Plan:
 def leave(plan: Plan, step: Step) -> Plan:
     """Leave ink of the account out of the curve; it is shown as settled."""
     entry = plan.geometry.entry(_whole(step, "ink"))
-    return plan.changed(geometry=plan.geometry.with_excluded(entry.middle))
+    return replace(plan, geometry=plan.geometry.with_excluded(entry.middle))
 
 
 # The markers.
-
-
-def _marker_of(plan: Plan, step: Step) -> tuple[Fit, int]:
-    return plan.fit, plan.fit.index(step.get("marker"))
 
 
 def _mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
@@ -374,7 +370,7 @@ def _mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
 
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    fit, number = _marker_of(plan, step)
+    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     changes: dict[str, Any] = {}
     if "to" in step:
         changes["place"] = _mark_place(plan, step, "to")
@@ -382,7 +378,7 @@ def move_marker(plan: Plan, step: Step) -> Plan:
         changes["target_m"] = _numbers(step, "target_m", 3)
     if not changes:
         raise _malformed(step, "to", "a place, or target_m")
-    return plan.changed(fit=fit.with_marker(number, **changes))
+    return replace(plan, fit=fit.with_marker(number, **changes))
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
@@ -396,31 +392,31 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     place = None if step.get("at") is None else _mark_place(plan, step, "at")
     target = None if step.get("target_m") is None else _numbers(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
-    return plan.changed(fit=replace(fit, markers=markers))
+    return replace(plan, fit=replace(fit, markers=markers))
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
-    fit, number = _marker_of(plan, step)
+    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return plan.changed(fit=replace(fit, markers=markers))
+    return replace(plan, fit=replace(fit, markers=markers))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    fit, number = _marker_of(plan, step)
+    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     label = _label(step, "label")
     fit.refuse_label(label, besides=number)
-    return plan.changed(fit=fit.with_marker(number, label=label))
+    return replace(plan, fit=fit.with_marker(number, label=label))
 
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:
     """Leave a marker out of the registration, or use it again."""
-    fit, number = _marker_of(plan, step)
+    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
         raise _malformed(step, "out", "true or false")
-    return plan.changed(fit=fit.with_marker(number, is_used=not out))
+    return replace(plan, fit=fit.with_marker(number, is_used=not out))
 
 
 def set_markers(plan: Plan, step: Step) -> Plan:
@@ -438,15 +434,13 @@ def set_markers(plan: Plan, step: Step) -> Plan:
     if len(fit.markers) > MAX_MARKERS:
         text = f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed."
         raise SettingError(text, code="too-many-markers")
-    return plan.changed(fit=fit)
+    return replace(plan, fit=fit)
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
     fit = plan.fit
-    if plan.source.slice_path is None:
-        text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
-        raise SettingError(text, code="no-slice")
+    _needs_slice(plan)
     if not plan.geometry.strokes or fit.registration is None:
         text = "There is no curve or no registration yet. Marks are looked for once there are both."
         raise SettingError(text, code="no-registration")
@@ -459,7 +453,7 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     labels = [marker.label for marker in fit.used]
     for label, place in zip(labels, found.registration.source.tolist(), strict=True):
         fit = fit.with_marker(fit.index(label), place=tuple(place))
-    return plan.changed(fit=fit)
+    return replace(plan, fit=fit)
 
 
 def choose_slice(plan: Plan, step: Step) -> Plan:
@@ -467,7 +461,7 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
     source, number = plan.source, _whole(step, "slice")
     if not 0 <= number < len(source.stack):
         text = f"There is no slice {number}. The stack has {len(source.stack)}, from 0."
-        raise SettingError(text, code="no-such-slice", numbers={"slices": len(source.stack)})
+        raise SettingError(text, code="no-such-slice")
     if plan.is_shaped or plan.exclude:
         text = "The curve belongs to this slice. Undo what was drawn before you choose another."
         raise SettingError(text, code="slice-drawn-on")
@@ -476,7 +470,7 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
         chosen = source.turned_to(number, source.pairs if is_of_files else None, plan.fit)
     except VfplanError as error:
         raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
-    return plan.changed(source=chosen, geometry=chosen.geometry, fit=chosen.fit)
+    return replace(plan, source=chosen, geometry=chosen.geometry, fit=chosen.fit)
 
 
 def rectify(plan: Plan, step: Step) -> Plan:
@@ -519,7 +513,7 @@ def set_plan(plan: Plan, step: Step) -> Plan:
         new = replace(new, pixel_spacing_mm=spacing)
     if fit is source.fit:
         changed = replace(changed, fit=new)
-    return plan.changed(source=changed, fit=new)
+    return replace(plan, source=changed, fit=new)
 
 
 # Answers, and what was looked at.
@@ -537,7 +531,7 @@ def answer(plan: Plan, step: Step) -> Plan:
         accepted = []
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
-        raise SettingError(text, code="no-such-finding", numbers={"findings": len(findings)})
+        raise SettingError(text, code="no-such-finding")
     by = None if step.get("by") is None else visible_name(_label(step, "by"))
     utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
@@ -547,7 +541,7 @@ def answer(plan: Plan, step: Step) -> Plan:
         # The latest answer stands last.
         answers.pop(key_of(finding), None)
         answers[key_of(finding)] = (by, utc)
-    return replace(plan, answers=answers)
+    return plan.answered(answers)
 
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:

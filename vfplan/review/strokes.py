@@ -121,12 +121,11 @@ class MendedStroke(Stroke):
         """A further knot at the point nearest to a place."""
         nearest, _ = nearest_point(self.points, at)
         if nearest in self.knots:
-            raise SettingError(
+            text = (
                 f"There is a knot at ({at[0]:.1f}, {at[1]:.1f}) already. Choose a place between "
-                "two knots.",
-                code="knot-exists",
-                numbers={"u": float(at[0]), "v": float(at[1])},
+                "two knots."
             )
+            raise SettingError(text, code="knot-exists")
         return replace(self, knots=np.sort(np.append(self.knots, nearest)))
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
@@ -134,7 +133,7 @@ class MendedStroke(Stroke):
         count = len(self.knots)
         if count <= (3 if self.closed else 2):
             text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
-            raise SettingError(text, code="too-few-knots", numbers={"knots": count})
+            raise SettingError(text, code="too-few-knots")
         if not self.closed and knot == 0:
             return self.part(int(self.knots[1]), len(self.points))
         if not self.closed and knot == count - 1:
@@ -174,7 +173,6 @@ class MendedStroke(Stroke):
                 "Nothing of the stroke is left between the cuts. The start has to lie before the "
                 "end.",
                 code="nothing-left",
-                numbers={"points": max(last - first + 1, 0)},
             )
         return stroke.part(first, last + 1)
 
@@ -219,14 +217,13 @@ class MendedStroke(Stroke):
                     "The drawn stretch begins and ends at one point of the curve. Let it span a "
                     "part."
                 )
-                raise SettingError(text, code="stretch-too-short", numbers={"points": len(drawn)})
+                raise SettingError(text, code="stretch-too-short")
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
             raise SettingError(
                 "The drawn stretch leaves a closed curve at one end. Let both ends lie on it.",
                 code="stretch-off-curve",
-                numbers={"points": len(drawn)},
             )
         if not near[0] and not near[-1]:
             # It comes from elsewhere, runs along the stroke and goes on: it is the stroke now.
@@ -322,7 +319,6 @@ class MendedStroke(Stroke):
             raise SettingError(
                 "The stretch would be shorter than a pixel. Move the knot elsewhere, or delete it.",
                 code="stretch-too-short",
-                numbers={"points": len(drawn)},
             )
         # Measured: moved onto the ink, and joined to the points on either side.
         line = measured(drawn, False, ink, (free_start, free_end))

@@ -46,6 +46,12 @@ export const app = {
   step(step) {
     this.change({ step });
   },
+  // A steep photograph takes some seconds; the words stand there until it is flat or refused.
+  makeFlat() {
+    this.toast("The picture is being made flat, which may take some seconds.");
+    clearTimeout(this.toastTimer);
+    this.step({ do: "rectify" });
+  },
   // For readers of the screen.
   say(text) {
     byId("say").textContent = text;
@@ -150,6 +156,7 @@ function withPlanOf(before, quick) {
 
 function show(state, isWhole) {
   const isFirst = app.state === null;
+  if (!isFirst && state.image.is_flat && !app.state.image.is_flat) app.hideToast();
   app.state = state;
   for (const part of parts) part.render?.(state, isFirst);
   showRefusal(state);
@@ -189,7 +196,7 @@ function penRow(colour) {
 
 // A photograph taken at an angle is refused for its residuals, and mended by a button.
 function flatRow() {
-  const onclick = () => app.step({ do: "rectify" });
+  const onclick = () => app.makeFlat();
   return make("li", {}, make("button", { type: "button", class: "row", onclick }, "Make the picture flat"));
 }
 

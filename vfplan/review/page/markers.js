@@ -23,7 +23,7 @@ export class Markers {
     view.settled.push(() => this.placeLabels());
     this.fields();
     byId("find-marks").addEventListener("click", () => app.step({ do: "find_markers" }));
-    byId("make-flat").addEventListener("click", () => app.step({ do: "rectify" }));
+    byId("make-flat").addEventListener("click", () => app.makeFlat());
     byId("paste-open").addEventListener("click", () => {
       byId("paste").hidden = !byId("paste").hidden;
       if (!byId("paste").hidden) byId("paste-text").focus();

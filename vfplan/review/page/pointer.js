@@ -56,10 +56,18 @@ export class Pointer {
 
   // Select a knot or marker and begin to drag it; it keeps its distance from the pointer.
   grasp(thing) {
+    const wasChosen = this.app.isSelected(thing.kind, thing.key);
     this.app.select(thing);
     const own = this.selection.place();
     const shift = [own[0] - this.start.place[0], own[1] - this.start.place[1]];
-    return { kind: thing.kind, thing, shift, to: null };
+    return { kind: thing.kind, thing, shift, to: null, wasChosen };
+  }
+
+  // A click on the marker that is selected takes the lowest one beneath it; each has its turn.
+  selectBeneath(event) {
+    const nodes = document.elementsFromPoint(event.clientX, event.clientY).map((node) => node.closest(".marker"));
+    const lowest = nodes.filter((node) => node).at(-1);
+    if (lowest) this.app.select({ kind: "marker", key: Number(lowest.dataset.marker) });
   }
 
   // Whether a knot or a marker is held.
@@ -121,6 +129,7 @@ export class Pointer {
     if (!drag) return;
     const place = this.view.clamp(this.view.place(event));
     if (drag.thing && drag.to) this.selection.moveTo(drag.thing, drag.to);
+    else if (drag.kind === "marker" && drag.wasChosen) this.selectBeneath(event);
     else if (drag.kind === "box") this.tools.endBox(this.start.place, place);
     else if (drag.kind === "trail") this.tools.endTrail(place);
     else if (drag.kind === "click") this.tools.click(place);

@@ -87,7 +87,7 @@ export class Tools {
     for (const [k, { label, place_px: [u, v] }] of placed.entries()) {
       const reach = SAME_MARK_PX / this.view.zoom;
       const other = placed.slice(k + 1).find(({ place_px: at }) => Math.hypot(at[0] - u, at[1] - v) < reach);
-      if (other) return `${label} and ${other.label} lie on one mark. Choose one in the table, then drag it to its own.`;
+      if (other) return `${label} and ${other.label} lie on one mark. Click there until the one that is meant is selected, then drag it to its own.`;
     }
     return "";
   }
