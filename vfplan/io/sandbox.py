@@ -292,10 +292,8 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 
 @contextmanager
-def worker_processes(
-    count: int, initializer: Callable[..., None] | None = None, *args: Any
-) -> Iterator[ProcessPoolExecutor]:
-    """A pool of `count` processes, each of which first calls `initializer(*args)`.
+def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """A pool of `count` processes.
 
     They import nothing from the current folder. An exception in the block, and thus a signal, ends
     them at once, whatever they do.
@@ -309,7 +307,7 @@ def worker_processes(
     # Python is started by -c, which would look for modules in the current folder.
     os.environ[SAFE_PATH] = "1"
     # "spawn", because a forked copy of a process with threads may hang.
-    pool = ProcessPoolExecutor(count, get_context("spawn"), begin_worker, (initializer, *args))
+    pool = ProcessPoolExecutor(count, get_context("spawn"), begin_worker)
     try:
         yield pool
     except BaseException:
@@ -324,8 +322,8 @@ def worker_processes(
             os.environ[SAFE_PATH] = safe_path_before
 
 
-def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
-    """Prepare a worker: its signals, its end with the program, and what the caller wants."""
+def begin_worker() -> None:
+    """Prepare a worker: its signals, and its end with the program."""
     # Ctrl-C reaches the workers too, but the program alone decides what ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # On Linux the system ends this process when the program ends, also by SIGKILL (prctl's
@@ -334,8 +332,6 @@ def begin_worker(initializer: Callable[..., None] | None, *args: Any) -> None:
         import ctypes
 
         ctypes.CDLL(None).prctl(1, signal.SIGKILL)
-    if initializer is not None:
-        initializer(*args)
 
 
 # Seconds after which a connection that asks for nothing is closed; browsers open such ones.
