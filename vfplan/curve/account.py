@@ -127,10 +127,7 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
     import cv2
 
-    pixels = cv2.findNonZero(ink.mask.view(np.uint8))
-    if pixels is None:
-        return []
-    pixels = pixels.reshape(-1, 2).astype(np.int64)
+    pixels = ink.pixels
     edge_distance = np.full(len(pixels), np.inf)
     for curve in curves:
         to_curve, _ = _core.nearest(curve.points, pixels)
@@ -177,7 +174,7 @@ def list_account(
         for what, run in _stretches(curve):
             rows.append((len(run), curve.points[_middle(run)], float(len(run)), what, None))
     rows.sort(key=lambda row: (-row[0], *row[1]))
-    total = max(int(np.count_nonzero(ink.mask)), 1)
+    total = max(len(ink.pixels), 1)
     return tuple(
         AccountEntry(number, float(u), float(v), pixels, pixels / total, *more)
         for number, (pixels, (u, v), *more) in enumerate(rows, 1)
@@ -272,7 +269,7 @@ def doubts_of_line(
                 f"--stroke {number}."
             )
             doubts.append(finding_at(other.middle, "ink-outweighs", text))
-    share = line.ink_px / np.count_nonzero(ink.mask)
+    share = line.ink_px / len(ink.pixels)
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,6 +202,16 @@ class Ink:
     def size(self) -> NDArray[np.int64]:
         """Columns and rows."""
         return np.array(self.mask.shape[::-1])
+
+    @cached_property
+    def pixels(self) -> NDArray[np.int64]:
+        """(n, 2) columns and rows of the mask's pixels."""
+        import cv2
+
+        found = cv2.findNonZero(self.mask.view(np.uint8))
+        return (
+            np.zeros((0, 2), np.int64) if found is None else found.reshape(-1, 2).astype(np.int64)
+        )
 
 
 # A part of the picture: its rows and columns with what lies around them, and the columns that it
