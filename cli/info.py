@@ -58,6 +58,10 @@ def summary_text(data: dict[str, Any]) -> str:
                 f"({work['at_most_us']:.0f} us are allowed)"
             )
         lines.append(f"  rendering   K {stiffness} N/m, R {1e3 * radius_m:.6g} mm, {cost}")
+    if "/guidance@radius_m" in data:
+        tube_mm, ends = 1e3 * data["/guidance@radius_m"], data["/guidance@ends"]
+        stiffness = data["/guidance@stiffness_n_per_m"]
+        lines.append(f"  guide       tube {tube_mm:.6g} mm, K {stiffness:g} N/m, ends {ends}")
     # Where it lies, and what may slip through.
     if "/registration/source" in data:
         line = (

@@ -62,7 +62,12 @@ def settings_of_file(path: Path) -> dict[str, Any]:
                 where=where, code="unknown-setting",
             )  # fmt: skip
         setting, declared = known[name]
-        value = value_as(declared, flat(raw))
+        if name == "pixel_spacing_mm" and isinstance(raw, int | float):
+            raw = [raw, raw]
+        try:
+            value = value_as(declared, flat(raw))
+        except RecursionError:
+            value = MISFIT
         if value is MISFIT and "choices" in setting.metadata:
             message = f"{name} is {raw!r}. Choose one of {', '.join(setting.metadata['choices'])}"
             raise SettingError(message, where=where, code="unknown-choice")

@@ -101,6 +101,7 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
         products = R.transpose(0, 2, 1) @ R - np.eye(3)
         is_pose = np.abs(products).max(axis=(1, 2)) < 2 * UNIT_ROUNDED
         is_pose &= (np.linalg.det(R) > 0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
+    is_pose &= np.isfinite(rows).all(axis=1)
     if not is_pose.all():
         i = int(np.argmin(is_pose))
         message = (

@@ -176,6 +176,6 @@ def value_as(declared: Any, value: Any) -> Any:
 def number_in(text: str) -> Any:
     """The number that a text is; any other text as it is."""
     try:
-        return json.loads(text)
+        return json.loads(text, parse_constant=str)
     except ValueError:
         return text

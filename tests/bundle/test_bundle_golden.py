@@ -31,7 +31,10 @@ def test_the_archive_is_there():
 @pytest.mark.parametrize("path", CURRENT, ids=lambda p: p.stem)
 def test_every_value_is_what_it_was_when_it_was_written(path):
     wanted = json.loads(path.with_suffix(".json").read_text())
-    assert to_json_types(describe(path, values=True)) == wanted
+    for value in wanted.values():
+        if isinstance(value, dict):
+            value.pop("values", None)  # The table's SHA-256 stands beside them.
+    assert to_json_types(describe(path)) == wanted
     assert not [issue for issue in validate(path) if issue.severity == "error"]
 
 

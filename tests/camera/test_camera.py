@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 
 import camera_scene as scene
@@ -20,10 +21,11 @@ from refusals import refuses
 from replays import fixture_of
 
 from vfplan.bundle.write import write_fixture
+from vfplan.camera.command import ticks_to_show
 from vfplan.camera.overlay import Overlay
 from vfplan.camera.pose import Camera, locate
 from vfplan.camera.sheet import draw_board, draw_print, plan_of, printed_tags, touched_tags
-from vfplan.errors import InputError, MarkerError
+from vfplan.errors import InputError, MarkerError, VfplanError
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.rendered import Shown
@@ -215,6 +217,12 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
     at = cv2.projectPoints(PLAN.place(tick["hip"]), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], *lens)[0]
     u, v = np.round(at.ravel()).astype(int)
     assert wall[v, u, ::-1].tolist() == list(paper.GUIDE_COLOUR)
+
+
+def test_a_source_of_ticks_that_is_none_is_refused_before_the_first_frame(tmp_path):
+    wanted = {"session": None, "live_source": str(tmp_path / "missing.h5")}
+    with pytest.raises(VfplanError), ExitStack() as stack:
+        ticks_to_show(stack, FIXTURE, wanted)
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

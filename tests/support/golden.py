@@ -82,7 +82,7 @@ def write_archive() -> None:
         sign(whole, signed, key, **approval, overwrite=True)
         (ARCHIVE / "signed.pub").write_bytes(public.read_bytes())
     for path in ARCHIVE.glob(f"{VERSION}-*.h5"):
-        text = json.dumps(to_json_types(describe(path, values=True)), indent=1)
+        text = json.dumps(to_json_types(describe(path)), indent=1)
         path.with_suffix(".json").write_text(text + "\n")
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import shlex
+import tempfile
 import threading
 import time
 from collections import Counter
@@ -95,6 +97,10 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
         )
     if calibrate:
         return calibrate_camera(files, output)
+    from vfplan.images.read import is_picture_file
+
+    if arguments["window"] and is_picture_file(files[1]):
+        raise click.UsageError("--window shows a camera or a video. Use -o for a picture")
     return show_wall(*files, output, arguments)
 
 
@@ -144,13 +150,13 @@ def show_wall(
     measured_mm, warnings = arguments["measured_mm"], []
     if touched is None and measured_mm is None:
         warnings = ["The scale of the print was not checked. Give --measured-mm"]
-    overlay = Overlay(
-        plan, tags, camera, touched is None, arguments["limit_mm"], measured_mm or SCALE_MM,
-        ticks_to_show(plan.fixture, arguments),
-    )  # fmt: skip
     refusals, seconds = Counter(), []
     report = shown = video = picture = window = None
     with outputs(output) as (path,), noted_signals() as is_stopped, ExitStack() as stack:
+        overlay = Overlay(
+            plan, tags, camera, touched is None, arguments["limit_mm"], measured_mm or SCALE_MM,
+            ticks_to_show(stack, plan.fixture, arguments),
+        )  # fmt: skip
         if arguments["window"]:
             window = open_window(stack, fixture, arguments)
         size = (camera.image_width, camera.image_height)
@@ -208,7 +214,9 @@ def show_wall(
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
 
 
-def ticks_to_show(fixture: Fixture, arguments: dict[str, Any]) -> Callable[[float], Any]:
+def ticks_to_show(
+    stack: ExitStack, fixture: Fixture, arguments: dict[str, Any]
+) -> Callable[[float], Any]:
     """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
     session, source = arguments["session"], arguments["live_source"]
     if session is not None and source is not None:
@@ -223,10 +231,14 @@ def ticks_to_show(fixture: Fixture, arguments: dict[str, Any]) -> Callable[[floa
         return lambda time_s: None
     from vfplan.live.sources import PositionStream, stream_of
 
-    feed, stream = PositionStream(), stream_of(source)
+    feed, stream, is_over = PositionStream(), stream_of(source), threading.Event()
+    stack.callback(is_over.set)
+    first = next(stream)  # Here, because it may refuse.
 
     def take_all() -> None:
-        for ticks, _ in stream:
+        for ticks, _ in itertools.chain([first], stream):
+            if is_over.is_set():
+                return
             if len(ticks):
                 feed.put(ticks)
 
@@ -245,5 +257,6 @@ def open_window(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> A
     # With --json, standard output holds one document and nothing else.
     click.echo(window.address, err=click.get_current_context().params["as_json"])
     if not arguments["no_browser"]:
-        open_door(stack, fixture, window.address)
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        open_door(stack, Path(folder) / fixture.name, window.address)
     return window

@@ -81,7 +81,7 @@ def vfplan_campaign(
     if workers is not None and scheduler is not None:
         raise click.UsageError("--workers and --scheduler exclude each other. Give one")
     for probability in margin_for:
-        if not 0 < probability < 1:
+        if not 0 < 1 - probability < 1:
             raise SettingError(
                 f"{probability:g} is no probability. Give --margin-for numbers between 0 and 1",
                 code="no-probability",

@@ -113,6 +113,9 @@ def fle_of(record: RegistrationRecord) -> float:
 # A campaign renders the points of a fixture, and its lines and arcs may lie this far from them [m].
 MAX_DEPARTURE_M = 1e-5
 
+# Number of ticks in which the true engine follows the tool before it begins anew.
+STRETCH_TICKS = 16
+
 # The depth of a trial in which nothing was touched [m].
 NEVER_TOUCHED_M = -1.0
 
@@ -245,17 +248,24 @@ class Trials:
         tool = (hand * (hip + self._ahead[number]) + stiffness * trace.proxy) / (hand + stiffness)
         forces = stiffness * (trace.proxy - tool)
 
-        # The true engine follows the tool, from a place outside the true surface on.
+        # The true engine follows the tool. It begins each stretch anew, some ticks earlier and
+        # outside the true surface, because the tool may pass an end of the true curve on a side
+        # on which the rendered one kept it.
         shift = float(row_norms(points - self.fixture.points).max())
-        self._true_engine.reset(trace.proxy[0] + 2 * shift * trace.normal[0])
-        true = self._true_engine.run(tool)
-        pull = true.proxy - tool
-        depth = dots(pull, true.normal) - self.fixture.contact_radius
+        proxy, normal = np.empty_like(tool), np.empty_like(tool)
+        for start in range(0, len(tool), STRETCH_TICKS):
+            first, end = max(0, start - STRETCH_TICKS), start + STRETCH_TICKS
+            self._true_engine.reset(trace.proxy[first] + 2 * shift * trace.normal[first])
+            true = self._true_engine.run(tool[first:end])
+            proxy[start:end] = true.proxy[start - first :]
+            normal[start:end] = true.normal[start - first :]
+        pull = proxy - tool
+        depth = dots(pull, normal) - self.fixture.contact_radius
         depth[np.abs(pull).max(axis=1) <= CONTACT_M] = NEVER_TOUCHED_M
         tick, point = int(depth.argmax()), -1
         if depth[tick] != NEVER_TOUCHED_M:
             # The true curve's point nearest to the deepest place.
-            place = flattened(true.proxy[tick] - self.fixture.points, self.fixture.ignore_axis)
+            place = flattened(proxy[tick] - self.fixture.points, self.fixture.ignore_axis)
             point = int(row_norms(place).argmin())
         return {
             "depth_m": float(depth[tick]), "point": point,

@@ -237,8 +237,8 @@ def place_in_patient(
     square to each other but for their decimals. Those decimals are then taken off.
     """
     corner, axes = (
-        dataset.get(f"Image{name}Patient")
-        or group_value(dataset, f"Plane{name}Sequence", f"Image{name}Patient", index)
+        group_value(dataset, f"Plane{name}Sequence", f"Image{name}Patient", index)
+        or dataset.get(f"Image{name}Patient")
         for name in ("Position", "Orientation")
     )
     if corner is None or axes is None or spacing_mm is None:

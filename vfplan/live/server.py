@@ -201,6 +201,14 @@ class Server(socketserver.ThreadingTCPServer):
         self.shutdown()
         self.server_close()
 
+    def get_request(self) -> tuple[socket.socket, Any]:
+        """Take a client; where no descriptor is free, wait a little before the next try."""
+        try:
+            return super().get_request()
+        except OSError:
+            self._closing.wait(WAIT_S)
+            raise
+
     def verify_request(self, client: socket.socket, _: Any) -> bool:
         """Whether there is room for a client; one that is refused is told so."""
         if len(self.clients) < MAX_CLIENTS:
@@ -214,10 +222,10 @@ class Server(socketserver.ThreadingTCPServer):
 
     def finish_request(self, client: socket.socket, _: Any) -> None:
         """Send a client ticks, in a thread of its own, until it goes or stalls, or we close."""
-        client.settimeout(STALLED_S)
-        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         count, unread, told = -1, b"", time.monotonic()
         try:
+            client.settimeout(STALLED_S)
+            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._send_static(client)
             while not self._closing.is_set():
                 count, ticks = self._feed.after(count, WAIT_S)

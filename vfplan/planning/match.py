@@ -371,4 +371,9 @@ def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
     """
     data, sha256 = read_bytes(Path(path), MAX_BYTES, MarkerError)
     table = open_number_table(lambda: io.BytesIO(data), str(path), MarkerError, COLUMNS)
-    return np.concatenate([np.empty((0, 3)), *table.blocks(COLUMNS)]), sha256
+    points = np.concatenate([np.empty((0, 3)), *table.blocks(COLUMNS)])
+    if not np.isfinite(points).all():
+        row = 1 + int(np.argmin(np.isfinite(points).all(axis=1)))
+        message = f"point {row} is not finite. Correct its row"
+        raise MarkerError(message, where=str(path), code="no-number")
+    return points, sha256

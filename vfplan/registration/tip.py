@@ -125,10 +125,11 @@ def read_tip(path: str | Path) -> tuple[str, Array, str]:
     text, sha256 = read_text(path, MAX_SETTINGS_BYTES, MarkerError)
     try:
         values = json.loads(text)
-        tool, tip = str(values["tool"]), np.array(values["tip_m"], float)
-    except (ValueError, KeyError, TypeError):
-        tip = np.empty(0)
-    if tip.shape != (3,) or not np.isfinite(tip).all() or not tool.isprintable():
+        tool, tip = values["tool"], np.array(values["tip_m"], float)
+        is_told = isinstance(tool, str) and tool.isprintable() and tool != ""
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
+        is_told = False
+    if not is_told or tip.shape != (3,) or not np.isfinite(tip).all():
         message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
         raise MarkerError(message, where=str(path), code="tip-file")
     return tool, tip, sha256

@@ -528,7 +528,7 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
     A file of others is a ROS bag, and the reader of ROS bags says what is wrong with it.
     """
     try:
-        part = mcap_part(stream)
+        part = mcap_part(stream, in_file_order=True)
     except MissingExtra:
         raise
     except Exception:  # The package passes on the errors of struct, lz4 and zstd.
@@ -570,7 +570,7 @@ def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
     messages, received = [], []
     count = 0
     try:
-        part = mcap_part(stream)
+        part = mcap_part(stream, in_file_order=True)
         for channel, stamp, data in part.messages(TOPIC):
             if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
                 message = f"{TOPIC} is of another layout. Record it with this version of vfplan"

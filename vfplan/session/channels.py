@@ -29,6 +29,8 @@ CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 MCAP_END = b"\x89MCAP0\r\n"
 # MCAP's names of how a type may be defined
 MCAP_FORMS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
+# Number of messages of a recording of ours in which each of its channels speaks.
+FIRST_MESSAGES = 1000
 # What stands between the files of a definition in IDL.
 IDL_RULE = "=" * 80 + "\n"
 
@@ -166,8 +168,12 @@ def open_part(path: Path, stack: ExitStack) -> Part:
     return Part([*channels.values()], messages)
 
 
-def mcap_part(stream: BinaryIO) -> Part:
-    """An MCAP file of ROS 1 or ROS 2; of one that was cut off its whole part."""
+def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
+    """An MCAP file of ROS 1 or ROS 2; of one that was cut off its whole part.
+
+    In the order of the file, one that was cut off or has no index has the channels of its first
+    messages alone, which are known without a look at the rest.
+    """
     module = library("mcap.reader")
     stream.seek(-len(MCAP_END), 2)
     is_cut = stream.read() != MCAP_END
@@ -180,7 +186,7 @@ def mcap_part(stream: BinaryIO) -> Part:
         make = module.make_reader if has_index else module.NonSeekingReader
         try:
             reader = make(stream, validate_crcs=not is_cut)
-            yield from reader.iter_messages(topics, log_time_order=not is_cut)
+            yield from reader.iter_messages(topics, log_time_order=not (is_cut or in_file_order))
         except Exception:  # The package passes on the errors of struct, lz4 and zstd.
             if not is_cut:
                 raise
@@ -188,7 +194,8 @@ def mcap_part(stream: BinaryIO) -> Part:
     if has_index:
         found = {c.id: (c, summary.schemas.get(c.schema_id)) for c in summary.channels.values()}
     else:
-        found = {channel.id: (channel, schema) for schema, channel, _ in read(None)}
+        messages_read = itertools.islice(read(None), FIRST_MESSAGES if in_file_order else None)
+        found = {channel.id: (channel, schema) for schema, channel, _ in messages_read}
     counts = Counter()
     channels = {}
     for key, (channel, schema) in found.items():

@@ -17,6 +17,7 @@ A tracker's poses as CSV: t,x,y,z,qw,qx,qy,qz, and `arrived` where they came lat
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -142,7 +143,7 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
     for event in events:
         line = f"{event.tick},{event.kind}"
         if event.fixture is not None:
-            line += f",{event.fixture}"
+            line += f",{os.path.relpath(event.fixture, Path(path).parent)}"
         lines.append(line)
         numbers = np.asarray(event.remove, np.uint32).tolist()
         lines += [f"{event.tick},remove,{number}" for number in numbers]

@@ -216,7 +216,9 @@ class Study:
         plant, delay = Plant.of(self.robot), self.verdict.delay_ticks
         return {
             **report,
-            "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
+            "k_max_by_rule_n_per_m": {
+                rule: k for rule, k in largest_stiffness_by_rule(self.rows).items() if rule
+            },
             "k_linear_bound_n_per_m": linear_bound(plant, delay),
             "k_exact_bound_n_per_m": exact_bound(plant, delay),
             "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},

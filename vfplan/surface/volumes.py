@@ -425,6 +425,8 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
         shape = tuple(int(n) for n in header.get_data_shape())
         size = int(np.prod(shape, dtype=object)) * header.get_data_dtype().itemsize
+    if min(shape, default=0) < 1:
+        raise InputError(f"its voxels are {shape}. Give one volume.", code="not-a-label-map")
     require_size(size, len(data))
     if is_packed:
         # Extensions come between the header and the voxels.
