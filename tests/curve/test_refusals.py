@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+import slices
 from canvas import Canvas
 from drawing import blend, coverage, flat, to_uint8, wavy
 
@@ -46,6 +47,14 @@ def test_no_ink_but_another_pens_line_is_named_by_its_own_colour(name):
     assert error.numbers["other_length_px"] == pytest.approx(length, rel=0.05)
     assert f"--colour '{name}'" in error.message
     assert extract_curve(image, colour=name).findings == ()
+
+
+@pytest.mark.parametrize("seed", [6, 15, 18, 19])
+def test_an_orange_bar_in_jpeg_is_no_red_line(seed):
+    """JPEG spreads some of the bar's pixels into the hues of red."""
+    image = slices.draw("orange bar", seed).image
+    assert refusal(image).code == "no-line"
+    assert len(extract_curve(image, colour="#ff7f0e").strokes) == 1
 
 
 def test_no_line_among_dots():

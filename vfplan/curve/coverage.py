@@ -281,7 +281,7 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
     windows = list(_coloured_windows(rgb))
     drawn = _measured_pen(rgb, pen, region, windows)
     is_broad = False
-    if drawn is None:
+    if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
         return ink, is_broad
     pen, strength = drawn
     third = np.ones((tuned.LOCAL_PX // 3, tuned.LOCAL_PX // 3), np.uint8)
@@ -423,6 +423,20 @@ def _measured_pen(
     counts[weak] = sums[weak] = 0
     angle = float(np.arctan2(sums.sum(), counts @ levels))
     return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
+
+
+def _is_edge_of_another(
+    rgb: NDArray, named: Pen, drawn: Pen, region: Region, windows: list[Window]
+) -> bool:
+    """Whether the ink belongs to a pen beyond the named pen's hues, of which JPEG spread some in.
+
+    Such ink is measured near the edge of the named pen's hues. Around that hue there is more of it,
+    and its mean then lies beyond the edge.
+    """
+    if abs(drawn.degrees_from(named)) < tuned.HUE_GATE_DEG / 2:
+        return False
+    again = _measured_pen(rgb, drawn, region, windows)
+    return again is not None and abs(again[0].degrees_from(named)) > tuned.HUE_GATE_DEG
 
 
 def _quantile(levels: NDArray, counts: NDArray, share: float) -> float:
