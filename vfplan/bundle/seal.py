@@ -277,7 +277,9 @@ def check_trust(seal: Sealed, trust: Trust) -> None:
 # --- Keys ---------------------------------------------------------------------------------------
 
 BEGIN = b"-----BEGIN PUBLIC KEY-----"
-PUBLIC_KEY = re.compile(rb"^-----BEGIN PUBLIC KEY-----\n(?:(?!-----).*\n)*-----END PUBLIC KEY-----$", re.M)
+PUBLIC_KEY = re.compile(
+    rb"^-----BEGIN PUBLIC KEY-----\n(?:(?!-----).*\n)*-----END PUBLIC KEY-----$", re.M
+)
 COPY_KEY = "Copy the file that vfplan keygen wrote with .pub"
 MAKE_KEY = "Make a pair of keys: vfplan keygen"
 

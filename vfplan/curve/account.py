@@ -18,7 +18,7 @@ from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags, runs
+from vfplan.geometry.lines import Array, Flags, evenly, runs
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -130,7 +130,10 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pixels = ink.pixels
     edge_distance = np.full(len(pixels), np.inf)
     for curve in curves:
-        to_curve, _ = _core.nearest(curve.points, pixels)
+        points = curve.points
+        if np.hypot(*np.diff(points, axis=0).T).max(initial=0) > 2 * tuned.EDGE_BLUR_PX:
+            points = evenly(points, curve.closed)
+        to_curve, _ = _core.nearest(points, pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
     outside = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance = pixels[outside], edge_distance[outside]
@@ -319,12 +322,17 @@ def join_findings(
 ) -> list[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece on which, or in whose middle, a finding lies that was `told`.
+    There is none for a piece on which a finding lies that was `told`, or in whose middle one of
+    other ink does.
     """
     reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
     for piece in leftover:
-        places = np.vstack([piece.middle, piece.places])
-        if any(np.abs(places - found.place_px).max(1).min() < 0.6 for found in told):
+        is_told = False
+        for found in told:
+            of_ink = found.code in ("ink-touches", "ink-at-end")
+            places = piece.middle[None] if of_ink else piece.places
+            is_told |= np.abs(places - found.place_px).max(1).min() < 0.6
+        if is_told:
             continue
         if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
             text = f"ink of {piece.size:.0f} px joins the curve and was left out."
@@ -378,9 +386,12 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     reach = 2 * max(width, tuned.FLANK_PX)
     folded = np.zeros(len(points), bool)
     for first in range(0, len(points), FOLD_ROWS):
-        u, v = points[first:].T
-        near = (u[:FOLD_ROWS, None] - u) ** 2 + (v[:FOLD_ROWS, None] - v) ** 2 <= reach**2
-        one, other = np.nonzero(near) + np.array([[first], [first]])
+        part = points[first : first + FOLD_ROWS]
+        low, high = part.min(axis=0) - reach, part.max(axis=0) + reach
+        rest = first + np.flatnonzero(((points >= low) & (points <= high)).all(axis=1)[first:])
+        near = ((part[:, None] - points[rest]) ** 2).sum(axis=2) <= reach**2
+        one, other = np.nonzero(near)
+        one, other = first + one, rest[other]
         # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
         apart = np.minimum(other - one, ring_px[number[one]] - (other - one))
         is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2))

@@ -251,7 +251,7 @@ class Arcs:
     def distance(self, x: Array) -> Array:
         """(T,) distance of the positions x (T, 2) from the pieces."""
         arrays = (np.ascontiguousarray(a, float) for a in (self.vertices, self.bulges))
-        return _core.distance_to_arcs(*arrays, self.closed, np.ascontiguousarray(x, float))
+        return _core.distance_to_arcs(*arrays, bool(self.closed), np.ascontiguousarray(x, float))
 
 
 def smooth_arcs(points: Array, periodic: bool, tolerance: float) -> tuple[Array, Array, float]:

@@ -142,12 +142,18 @@ def draw_scale_bar(
 
 
 def _geometry(view: View, shown: Shown) -> paper.Pixels:
-    """The points, or the edges of the triangles."""
+    """The points, or the triangles, those in front over those behind."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     flat, mesh = view.project(shown.fixture.points), shown.fixture.mesh
-    if mesh is not None:
-        triangles = [paper.fixed_point(corners) for corners in flat[mesh]]
-        cv2.polylines(canvas, triangles, True, LINE_COLOUR, 1, cv2.LINE_AA, paper.SHIFT)
+    if mesh is not None and len(mesh) <= MAX_DRAWN:
+        # Darker the more a triangle is turned away from the viewer.
+        corners = shown.fixture.points[mesh] @ view.turn.T
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = np.abs(normals[:, 2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
+        light = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
+        for k in np.argsort(corners[..., 2].mean(axis=1)):
+            outline, colour = paper.fixed_point(flat[mesh[k]]), np.rint(light[k]).tolist()
+            cv2.fillConvexPoly(canvas, outline, colour, cv2.LINE_AA, paper.SHIFT)
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))

@@ -51,6 +51,8 @@ from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
+# How an HDF5 file begins.
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -524,8 +526,12 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def is_bundle(path: Path) -> bool:
-    """Whether a file is a bundle, by its suffix."""
-    return path.suffix.lower() in (".h5", ".hdf5")
+    """Whether a file is a bundle, by its first bytes."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
+    except OSError:
+        return False
 
 
 def _of_slice(

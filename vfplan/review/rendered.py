@@ -349,7 +349,8 @@ def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:
     if "markers_sigma_m" not in known:
         return None
     sigma = value_as(tuple[tuple[float, ...], ...], known["markers_sigma_m"])
-    if sigma is MISFIT or len(sigma) != len(fixture.registration.labels):
+    is_told = sigma is not MISFIT and {len(row) for row in sigma} in ({1}, {3})
+    if not is_told or len(sigma) != len(fixture.registration.labels):
         raise incomplete_recipe(f"markers_sigma_m is {known['markers_sigma_m']!r}")
     return sigma
 

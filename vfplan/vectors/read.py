@@ -88,7 +88,7 @@ def read_vector_curve(
     SettingError
         An origin or a number is given for a file that needs none.
     MissingExtra
-        A `.roi` without the package roifile, a DICOM file without pydicom.
+        A `.roi` without the package roifile.
     """
     where = str(path)
     data = read_whole(Path(path), MAX_TEXT_BYTES, CurveError)

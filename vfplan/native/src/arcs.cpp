@@ -115,6 +115,8 @@ struct SmoothRun {
 // error. `step`: how many places the first pair is tried with.
 nb::tuple arcs_along(const Places& places, const Places& tangents, double tolerance,
                      std::size_t step) {
+    if (places.shape(0) == 0 || tangents.shape(0) != places.shape(0))
+        throw std::invalid_argument("vfplan: a tangent for each place is wanted");
     const SmoothRun run{places, tangents, tolerance};
     std::vector<Vec2> vertices{place(places, 0)};
     std::vector<double> bulges;
@@ -142,8 +144,11 @@ nb::tuple arcs_along(const Places& places, const Places& tangents, double tolera
 nb::ndarray<nb::numpy, double> distance_to_arcs(const Places& vertices, const Numbers& bulges,
                                                 bool closed, const Places& positions) {
     const std::size_t n = vertices.shape(0);
+    const std::size_t pieces = closed ? n : std::max<std::size_t>(2, n) - 1;
+    if (n == 0 || bulges.shape(0) < pieces)
+        throw std::invalid_argument("vfplan: a bulge for each piece is wanted");
     std::vector<FittedArc> arcs;
-    for (std::size_t i = 0; i < (closed ? n : std::max<std::size_t>(1, n - 1)); ++i)
+    for (std::size_t i = 0; i < pieces; ++i)
         arcs.emplace_back(place(vertices, i), place(vertices, (i + 1) % n), bulges(i));
     auto distances = array<double>(positions.shape(0), 1);
     for (std::size_t i = 0; i < positions.shape(0); ++i) {

@@ -214,7 +214,7 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < count; ++i) {
             vfplan::detail::cut(across(stroke.vertices, i),
                                 across(stroke.vertices, (i + 1) % count), stroke.bulges[i], axis,
-                                infinity, pieces);
+                                infinity, pieces, 0.0);
         }
         const Vec3 dot = across(stroke.vertices, 0);
         if (pieces.empty()) pieces.push_back(vfplan::detail::straight(dot, dot));

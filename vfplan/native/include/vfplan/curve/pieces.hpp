@@ -153,17 +153,17 @@ inline Piece bend(const Vec3& p, const Vec3& q, const Vec3& t, bool enters) noex
 }
 
 /// Adds a line or an arc of a half circle at most, across an axis, in parts that are a quarter
-/// circle and `longest` [m] at most. One of no length is left out.
+/// circle and `longest` [m] at most. One that is not longer than `shortest` [m] is left out.
 inline void cut(const Vec3& a, const Vec3& b, double bulge, const Vec3& axis, double longest,
-                std::vector<Piece>& pieces) {
+                std::vector<Piece>& pieces, double shortest = shortest_piece) {
     const double chord = norm(b - a);
-    if (!(chord > shortest_piece)) return;
+    if (!(chord > shortest)) return;
     const Vec3 e = (1 / chord) * (b - a), left = cross(axis, e);
     if (std::abs(bulge) > quarter_bulge || chord > longest) {
         const Vec3 middle = 0.5 * (a + b) - (bulge * chord / 2) * left;
         const double half = bulge / (1 + std::sqrt(1 + bulge * bulge));
-        cut(a, middle, half, axis, longest, pieces);
-        cut(middle, b, half, axis, longest, pieces);
+        cut(a, middle, half, axis, longest, pieces, shortest);
+        cut(middle, b, half, axis, longest, pieces, shortest);
         return;
     }
     const double share = 1 / (1 + bulge * bulge);
