@@ -195,7 +195,7 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
         browser.until(SHOWN, lambda words: words.startswith("the program has ended"))
         browser.open("about:blank")
         browser.open(address)
-        browser.loaded(3)
+        browser.until("location.hash.length > 1 && document.getElementById('latency') !== null")
         number = 0
 
         def send_until_seen(words):

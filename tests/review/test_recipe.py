@@ -46,7 +46,7 @@ def files(tmp_path):
 @pytest.fixture
 def planned(files, tmp_path, monkeypatch):
     """Plan, write the bundle and open it; every robot is stable up to 5000 N/m."""
-    stable = [SimpleNamespace(measured=5000.0)]
+    stable = [SimpleNamespace(measured=5000.0, unit="N/m", values={})]
     monkeypatch.setattr(study, "closed_loop_case", lambda *_: stable)
     curve = extract(files[0], SPACED).fixture
 

@@ -355,6 +355,7 @@ def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
     hand.press("paste-take")
     browser.until("review.state.markers.length === 9 && review.state.tre95_m !== null")
     # The marks on the slice are found, a pixel and a half beside.
+    browser.until("!document.getElementById('find-marks').disabled")
     hand.press("find-marks")
     browser.until("review.state.steps.length === 2", seconds=60)
     places = np.array(hand.state("review.state.markers.map((m) => m.place_px)"))
