@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (34_710, 375_980, 183),
-    ("tests",): (29_160, 371_960, 226),
+    ("vfplan", "cli"): (32_850, 356_320, 182),
+    ("tests",): (27_165, 345_620, 223),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
