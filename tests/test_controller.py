@@ -121,6 +121,13 @@ def test_a_sample_in_millimetres_never_exceeds_what_is_governed(tmp_path):
     assert max(np.linalg.norm(answer.force) for answer in out) <= 20
 
 
+def test_a_loop_in_millimetres_stops_from_its_first_tick_on(tmp_path):
+    controller, tip = Controller(stored(tmp_path / "f.h5"), **ANY), [466.0, -48.0, 20.0]
+    controller.reset(tip)
+    last = [controller.step(tip) for _ in range(40)][-1]
+    assert (last.stop, last.stopping) == (True, Status.BAD_HIP)
+
+
 def test_who_asks_and_an_old_pose_stop_the_loop_too(tmp_path):
     path = stored(tmp_path / "f.h5")
     controller = Controller(path, **ANY)

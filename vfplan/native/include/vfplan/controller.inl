@@ -39,12 +39,16 @@ inline bundle::Fixture load_signed(bundle::View data, const Demand& demand) {
 #endif
 }
 
-inline void check(const bundle::Fixture& fixture, const Demand& demand) {
+inline void check_frame(const bundle::Fixture& fixture) {
     if (fixture.frame != "robot_base")
         bundle::detail::refuse("unsafe.frame", "",
                                {"is in the frame ", bundle::Quoted{fixture.frame},
                                 ", and the arm moves in robot_base"},
                                "Register it first: vfplan register");
+}
+
+inline void check(const bundle::Fixture& fixture, const Demand& demand) {
+    check_frame(fixture);
     if (demand.tool && fixture.tool != *demand.tool)
         bundle::detail::refuse(
             "unsafe.tool", "",
@@ -178,6 +182,7 @@ struct ControllerImpl {
         return p;
     }
     Rendered make(const bundle::Fixture& fixture) const {
+        check_frame(fixture);
         return {fixture, parameters(fixture),
                 settings.any_tick_time ? Use::replay : Use::real_time};
     }
@@ -201,7 +206,13 @@ struct ControllerImpl {
         return sum;
     }
 
-    void reset(const Vec3& tip) noexcept {
+    /// No tip is further from the base than the format lets a fixture be; one in millimetres is.
+    static Vec3 checked(const Vec3& tip) noexcept {
+        constexpr double farthest = 100;  // [m]
+        return norm(tip) <= farthest ? tip : HipGate::nowhere;
+    }
+    void reset(const Vec3& given) noexcept {
+        const Vec3 tip = checked(given);
         // A moving fixture begins at its first pose.
         if (frame && !frame->placed())
             all.reset(HipGate::nowhere);
@@ -217,7 +228,8 @@ struct ControllerImpl {
     template <class F>
     Command step(const Vec3& tip, const std::optional<double>& time_s, const F& govern) noexcept {
         time = time_s ? *time_s : time + settings.governor.period;
-        const Step s = frame ? frame->step(all, time, tip) : all.step(tip);
+        const Vec3 hip = checked(tip);
+        const Step s = frame ? frame->step(all, time, hip) : all.step(hip);
         note_stops(s.status);
         const Governed governed = govern(stopping ? Vec3{} : s.force);
         stopping |= std::uint16_t(
