@@ -83,6 +83,10 @@ def summary_text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+# What a signature says of itself, but for its time.
+SIGNED = ("signed", "key_id", "case", "robot_serial")
+
+
 @command("diff")
 @click.argument("a", type=FILE, metavar="A.h5")
 @click.argument("b", type=FILE, metavar="B.h5")
@@ -93,6 +97,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
     With a SESSION the command replays both and names the first tick in which proxy or force differ.
     The exit code is also 1 if the session touches neither fixture, because that tests nothing.
     """
+    from vfplan.bundle.read import read_sealed
     from vfplan.bundle.validation import diff
 
     # What the files hold.
@@ -129,6 +134,12 @@ def vfplan_diff(a, b, session) -> CommandResult:
 
     verdict = "pass"
     next_step = "nothing: either bundle may stand for the other"
+    seals = [read_sealed(path)[1] for path in (a, b)]
+    if any(seals[0].get(name) != seals[1].get(name) for name in SIGNED):
+        lines.append("the signatures differ, which are not compared")
+        next_step = "see whom each is signed for: " + "; ".join(
+            shlex.join(["vfplan", "info", str(path)]) for path in (a, b)
+        )
     if not is_tested:
         verdict = "not-tested"
         next_step = "give a session that touches the fixtures"

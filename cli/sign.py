@@ -30,8 +30,8 @@ from vfplan.cli.run import CommandResult, command, command_line
 @options_in_order(
     option("--key", type=FILE, required=True, metavar="KEY",
            help="Sign with this private key, from `vfplan keygen`."),
-    option("--case", default="", metavar="CASE", help="Sign it for this case only."),
-    option("--robot-serial", default="", metavar="SERIAL", help="Sign it for this robot only."),
+    option("--case", metavar="CASE", help="Sign it for this case only."),
+    option("--robot-serial", metavar="SERIAL", help="Sign it for this robot only."),
     option("--registered-at", "registered_utc", metavar="UTC",
            help="Count the age of the bundle from this time, when the patient was registered, e.g. "
            "2026-01-31T12:00:00Z.  [default: now]"),
@@ -50,6 +50,12 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     from vfplan.bundle.seal import sign
     from vfplan.review.rendered import in_one_line
 
+    for name in ("case", "robot_serial"):
+        if arguments[name] == "":
+            raise click.UsageError(
+                f"--{name.replace('_', '-')} is empty. Give one, or leave it out"
+            )
+        arguments[name] = arguments[name] or ""
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
         renders = in_one_line(read_fixture(path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,8 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     """
     from vfplan.registration.tip import calibrate_tip
 
+    if not tool or not tool.isprintable():
+        raise click.UsageError("--tool is empty, or holds signs that cannot be seen")
     matrices = read_tool_poses(poses, units, row_major)
     tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
@@ -63,10 +66,14 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     with outputs(output) as (path,):
         if path is not None:
             write_whole(path, [json.dumps(to_json_types(data)).encode()], overwrite=False)
+    recorded = ""
+    if output is not None:
+        text += f"\nwrote {output}"
+        recorded = f" --tip {shlex.quote(str(output))}"
     return CommandResult(
         data, text, verdict=f"the tip is known to {error_mm:.3f} mm",
         next_step="count this error too, where the tool touches the markers: "
-        f"vfplan plan IMAGE MARKERS --margin tre95+{error_mm:.3f}",
+        f"vfplan plan IMAGE MARKERS --margin tre95+{error_mm:.3f}{recorded}",
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -64,11 +65,14 @@ def vfplan_live(
     if (openigtlink, web, mcap, poses_out) == (None,) * 4:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
     from vfplan.bundle.read import read_fixture
+    from vfplan.engine.proxy import check_renderable
     from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_of
     from vfplan.session.bags import McapWriter
 
     scene = read_fixture(fixture)
+    check_renderable(scene)
     ticks = stream_of(source)
+    ticks = itertools.chain([next(ticks)], ticks)  # A source that is none ends here.
 
     feed = PositionStream(rate)
     servers: list[Any] = []
