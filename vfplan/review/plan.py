@@ -526,7 +526,9 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def is_bundle(path: Path) -> bool:
-    """Whether a file is a bundle, by its first bytes."""
+    """Whether a file is a bundle, by its name or its first bytes."""
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        return True
     try:
         with path.open("rb") as file:
             return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
