@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (32_880, 356_580, 182),
-    ("tests",): (27_170, 345_710, 223),
+    ("vfplan", "cli"): (32_875, 356_560, 182),
+    ("tests",): (27_170, 345_700, 223),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

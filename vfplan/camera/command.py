@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import shlex
 import tempfile
 import threading
@@ -233,10 +232,9 @@ def ticks_to_show(
 
     feed, stream, is_over = PositionStream(), stream_of(source), threading.Event()
     stack.callback(is_over.set)
-    first = next(stream)  # Here, because it may refuse.
 
     def take_all() -> None:
-        for ticks, _ in itertools.chain([first], stream):
+        for ticks, _ in stream:
             if is_over.is_set():
                 return
             if len(ticks):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -72,7 +71,6 @@ def vfplan_live(
     scene = read_fixture(fixture)
     check_renderable(scene)
     ticks = stream_of(source)
-    ticks = itertools.chain([next(ticks)], ticks)  # A source that is none ends here.
 
     feed = PositionStream(rate)
     servers: list[Any] = []

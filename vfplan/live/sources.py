@@ -112,8 +112,12 @@ def stream_of(source: str) -> Iterator[Portion]:
 
 
 def stream_result(path: Path) -> Iterator[Portion]:
-    """The ticks of a result of `vfplan replay -o`, at the speed they had."""
-    ticks = as_ticks(read_result(path)[0])
+    """The ticks of a result of `vfplan replay -o` at their speed, read before this returns."""
+    return paced(as_ticks(read_result(path)[0]))
+
+
+def paced(ticks: NDArray[np.void]) -> Iterator[Portion]:
+    """Ticks at the speed that they had."""
     started = time.monotonic()
     for k in range(0, len(ticks), RESULT_BLOCK):
         due = started + float(ticks["t"][k] - ticks["t"][0])
