@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from conan import ConanFile
+from conan.tools.build import check_min_cppstd
 from conan.tools.cmake import CMake, cmake_layout
 from conan.tools.files import copy
 
@@ -23,6 +24,10 @@ class Vfplan(ConanFile):
         native = Path(self.recipe_folder).parents[1] / "vfplan" / "native"
         copy(self, "*", native, self.export_sources_folder)
 
+    def validate(self):
+        """The headers are C++20, so the user's profile must be too."""
+        check_min_cppstd(self, 20)
+
     def layout(self):
         """As CMake projects lie."""
         cmake_layout(self)
@@ -38,7 +43,6 @@ class Vfplan(ConanFile):
         CMake(self).install()
 
     def package_info(self):
-        """The target is vfplan::vfplan, as without Conan."""
-        self.cpp_info.libs = ["vfplan"]
-        self.cpp_info.defines = ["VFPLAN_COMPILED"]
-        self.cpp_info.set_property("cmake_target_name", "vfplan::vfplan")
+        """CMake finds the package's own file: targets, C++20 and OpenSSL as without Conan."""
+        self.cpp_info.set_property("cmake_find_mode", "none")
+        self.cpp_info.builddirs = ["share/cmake/vfplan"]
