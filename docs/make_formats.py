@@ -20,9 +20,9 @@ HEAD = """# Formats
 
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
-Reference. vfplan obeys what a file says of itself, or refuses the file. It asks for what the file
-does not say: you give an option, or answer a doubt before `vfplan sign`. *Tried with* names what
-the tests took to make or to check such files.
+Reference. vfplan obeys what a file says of itself, or refuses the file. If the file leaves
+something open, vfplan asks: give an option, or answer a doubt before `vfplan sign`. *Tried with*
+names what the tests used to make or check such files.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
@@ -30,37 +30,38 @@ UNITS = ", ".join(METRES)
 TABLES = {
     "Slices": [
         ("PNG, JPEG", "8 bits, PNG also 16; palettes; transparent pixels are laid over black",
-         "EXIF's orientation; the end of the picture: bytes behind it are left out, with a note",
-         "`--pixels`, if EXIF turns the picture and other files count its pixels",
+         "EXIF's orientation; the end of the picture: vfplan ignores bytes after it, with a note",
+         "`--pixels`, if EXIF turns the picture and markers or curve are given in its pixels",
          "animations; files that are cut short", "Pillow, OpenCV"),
         ("TIFF", "8 and 16 bits, strips and tiles, one page by `--frame`",
          "orientation; an alpha channel that the file declares",
-         "`--pixels`; a channel beside the colours that the file does not explain is left out, "
-         "with a doubt",
+         "`--pixels`; if the file does not say what a further channel means, vfplan ignores this "
+         "channel, with a doubt",
          "pixels that are not whole numbers; 16 bits as inks (CMYK) or in separate planes",
          "tifffile, Pillow, OpenCV"),
         ("BMP", "24 and 32 bits", "an alpha channel that is not empty", "",
          "a picture without pixels", "Pillow, OpenCV"),
         ("DICOM", "colour, grey, one frame by `--frame`",
          "PixelSpacing, position and orientation, also of each frame of an enhanced file; windows",
-         "`--imager-spacing`; overlay planes are left out, with a note",
-         "pixels that are not square and whose size is not known, unless you give "
-         "`--pixel-spacing`", "pydicom"),
+         "`--imager-spacing`; vfplan ignores overlay planes, with a note",
+         "pixels that are not square, if neither the file nor `--pixel-spacing` gives their size",
+         "pydicom"),
     ],
     "Curves as vectors": [
         ("Slicer `.mrk.json`, `.fcsv`", "one Curve or ClosedCurve", "LPS or RAS, units",
-         "`--curve-type`, if spline and straight lines differ by more than a tenth of the contact "
-         "radius",
+         "`--curve-type`, if a spline through the points and straight lines between them differ by "
+         "more than a tenth of the contact radius",
          "several curves; a curve off the slice's plane", "VTK's vtkCardinalSpline"),
         ("ImageJ `.roi`, CSV `X,Y`", "lines and areas",
-         "how this version of the format counts pixels; a unit in the header",
+         "whether this version of the format counts from the centre or the corner of a pixel; a "
+         "unit in the header",
          "`--curve-origin`", "fitted splines, composite selections; tables with other columns",
          "roifile"),
         ("CSV `u_px,v_px`", "any separator, decimal comma, UTF-8 or UTF-16, comments", "the header",
          "", "decimal commas and points in one table", "60 forms of one table"),
         ("DICOM presentation state", "POLYLINE, INTERPOLATED", "the images that it names",
-         "`--stroke`, if there are several; whether the spline through points of INTERPOLATED is "
-         "right", "units other than PIXEL",
+         "`--stroke`, if there are several; a note asks you to compare the spline through points "
+         "of INTERPOLATED with the drawing", "units other than PIXEL",
          "pydicom"),
         ("DICOM SR (TID 1500)", "SCOORD and SCOORD3D lines, open and closed",
          "the images that it names", "`--stroke`", "ellipses, points", "pydicom"),
@@ -70,7 +71,8 @@ TABLES = {
     "Markers, poses, sessions": [
         ("CSV", "any separator, decimal comma, UTF-8 or UTF-16, comments, empty cells at the end",
          "units in the header",
-         "nothing: vfplan concludes the unit of x,y,z without one from their size, with a note",
+         "nothing: if x,y,z have no unit, vfplan takes m or mm from the size of the layout, with a "
+         "note",
          "`X,Y` without Z and without a unit; decimal commas and points in one table",
          "60 forms of one table"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
@@ -92,7 +94,7 @@ TABLES = {
         ("RTSTRUCT, DICOM SEG", "closed contours; BINARY, FRACTIONAL, LABELMAP",
          "position of each frame; number 0 is background",
          "`--structure`; contours that are open or broken are left out, with a doubt",
-         "slices that stand twice or are missing", "pydicom"),
+         "a slice that is missing or is there twice", "pydicom"),
     ],
 }  # fmt: skip
 
