@@ -88,9 +88,15 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
 
     With --sheet-out or --print-out the command only draws the review sheet or the plan.
     """
-    if (output is None) == (sheet_out is None and print_out is None):
+    drawn = [path for path in (sheet_out, print_out) if path is not None]
+    if output is None and not drawn:
         raise click.UsageError(
             "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
+        )
+    if output is not None and drawn:
+        raise click.UsageError(
+            "-o opens the page, and --sheet-out and --print-out only draw. Leave -o out, and call "
+            "the command again for the page"
         )
     if output is not None:
         return serve_page(output, arguments)

@@ -89,6 +89,7 @@ def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
     review.step(do="reverse")
     review.process.stdout.close()
     assert review.approve() == "o.h5 is written."
+    review.process.send_signal(signal.SIGTERM)  # It changes nothing any more.
     review.process.stdout = None
     assert review.end()[0] == 2
     assert vfplan.read_fixture(tmp_path / "o.h5").reviewed.by == "A. Planner"
@@ -202,6 +203,19 @@ def test_wrong_calls_end_before_any_page(words, code, vfplan_cli, tmp_path, monk
     assert (run.code, run.stdout) == (code, ""), run.stderr
     assert "/proc/o.h5" not in words or "/proc/o.h5" in run.error_line
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("mine.h5", b"mine")]
+
+
+def test_a_plan_too_large_for_a_page_names_a_command_that_works(vfplan_cli, fixture, tmp_path):
+    run = vfplan_cli("review", fixture, "--print-out", tmp_path / "p.pdf")
+    assert run.code == 3
+    words = shlex.split(run.error_line.split("their corners: vfplan ")[1])
+    files = {"FIXTURE.h5": fixture, "CAMERA": SLICE, "CALIB.json": MARKERS[0],
+             "TAGS.csv": MARKERS[0]}  # fmt: skip
+    # It is read as a command, and stops at the calibration, which is none.
+    command = [str(files.get(word, word)) for word in words]
+    assert vfplan_cli(*command, "-o", tmp_path / "o.png").code == 3
+    both = vfplan_cli("review", SLICE, "-o", tmp_path / "o.h5", "--sheet-out", tmp_path / "s.png")
+    assert (both.code, "-o opens the page" in both.error_line) == (2, True)
 
 
 @pytest.mark.parametrize("kind", [fork, two_candidates])

@@ -355,9 +355,7 @@ def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
     hand.press("paste-take")
     browser.until("review.state.markers.length === 9 && review.state.tre95_m !== null")
     # The marks on the slice are found, a pixel and a half beside.
-    # The list above the button grows while pictures come, and it may move away under the mouse.
-    press = "!find.disabled && (find.click(), true)"
-    browser.until(f"((find) => {press})(document.getElementById('find-marks'))")
+    hand.press("find-marks")
     browser.until("review.state.steps.length === 2", seconds=60)
     places = np.array(hand.state("review.state.markers.map((m) => m.place_px)"))
     truth = np.array([[float(u), float(v)] for _, u, v in image])

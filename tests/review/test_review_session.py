@@ -36,6 +36,7 @@ from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.settings import FixtureSettings
+from vfplan.registration.registration import Registration
 from vfplan.review.rendered import Shown
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
@@ -188,6 +189,18 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     assert steps.max() < 2.5
     left = session.apply({"do": "leave", "ink": ink["number"]})
     assert left.state()["account"][0]["left_out"]
+
+
+def test_a_step_on_the_curve_leaves_the_bound_of_the_markers_to_the_whole_state(sample):
+    u, v = sample.quick_state()["knots_px"][0][7]
+    moved = sample.apply({"do": "move_knot", "stroke": 0, "knot": 7, "to": [u, v + 30]})
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("curve95_m", "apply", "loo_m"):
+            patch.setattr(Registration, name, None)
+        assert "tre95_m" not in moved.quick_state()
+    place = sample.state()["markers"][0]["place_px"]
+    step = {"do": "move_marker", "marker": "x1", "to": [place[0] + 3, place[1]]}
+    assert moved.apply(step).quick_state()["tre95_m"] > moved.state()["tre95_m"]
 
 
 def test_of_too_few_markers_no_bound_is_told(sample):

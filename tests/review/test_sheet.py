@@ -22,7 +22,7 @@ from vfplan.curve.account import AccountEntry
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
-from vfplan.review.paper import DPI, FOOT, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
+from vfplan.review.paper import DPI, FOOT, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.rendered import Shown, check_slice
 from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
@@ -399,6 +399,14 @@ def test_bundle_without_a_slice_has_three_views(name):
     assert len(views) == 3
     for view in views:
         assert (drawn_part(sheet, view) < 200).any()
+
+
+def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
+    sheet = checked(Shown(bundles.guided(), "f.h5"))
+    views = [box for box in sheet.boxes if box.kind == "picture"]
+    greens = [(drawn_part(sheet, view) == GUIDE_COLOUR).all(axis=2).any() for view in views]
+    assert greens == [True, False, False]
+    assert any(words.startswith("The tube has no end along its axis") for words in words_of(sheet))
 
 
 def test_sheet_without_its_slice_says_so():

@@ -35,9 +35,24 @@ class Hand:
     def drag(self, start, stop):
         self.browser.drag(self.at(start), self.at(stop))
 
-    def press(self, button):
-        """Click on a button by its id or its words, once it stands still with nothing over it."""
-        self.browser.click(*self.place_of(button))
+    def press(self, button, seconds=30):
+        """Click on a button by its id or its words, until a click arrives there.
+
+        What lies above it may grow under the mouse, and a disabled button takes no click.
+        """
+        end = time.monotonic() + seconds
+        words = json.dumps(button)
+        is_there = f"(one) => one && (one.id === {words} || one.textContent.startsWith({words}))"
+        is_hit = f"({is_there})(window.hit?.closest('button, input, textarea'))"
+        while True:
+            self.browser.run(
+                "window.hit = null; document.addEventListener('click',"
+                " (event) => { window.hit = event.target; }, {capture: true, once: true})"
+            )
+            self.browser.click(*self.place_of(button))
+            if self.browser.run(is_hit):
+                return
+            assert time.monotonic() < end, f"no click arrives at {button}"
 
     def place_of(self, button, seconds=10):
         """The middle of a button in the window, once two looks find it there and uncovered."""

@@ -148,7 +148,8 @@ def whole_of(plan: Plan) -> tuple[float, float]:
     raise InputError(
         f"The plan is {width:.0f} x {height:.0f} mm with the tool beside its line. A page holds "
         f"{SHORT_MM:g} x {LONG_MM - 2 * EDGE_MM:g} mm, or {LONG_MM:g} x "
-        f"{SHORT_MM - 2 * EDGE_MM:g} mm. Put tags on the object instead: vfplan ar --tags",
+        f"{SHORT_MM - 2 * EDGE_MM:g} mm. Put tags on the object instead, and touch their corners: "
+        "vfplan ar FIXTURE.h5 CAMERA --camera CALIB.json --tags TAGS.csv",
         code="sheet-too-small", numbers={"width_mm": width, "height_mm": height},
     )  # fmt: skip
 

@@ -182,13 +182,14 @@ class Fit:
         bound = bound95_m(self.registration, strokes, self.T_patient_image, step)
         return float(bound.max()) if np.isfinite(bound).all() else None
 
-    @property
+    @cached_property
     def is_at_angle(self) -> bool:
         """Whether the markers lie as a camera beside the slice would see them."""
         test = None if self.registration is None else perspective_test(self.registration)
         return test is not None and test.is_possible
 
-    def describe(self) -> list[dict[str, Any]]:
+    @cached_property
+    def rows(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
         registration, steps = self.registration, self.metres_per_step
         loo_m = {}

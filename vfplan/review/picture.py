@@ -104,17 +104,21 @@ def draw_views(sheet: paper.Paper, shown: Shown, y: float) -> tuple[float, float
     # Each view cuts what is rendered in its middle.
     cut = (points.min(axis=0) + points.max(axis=0)) / 2
     outlines: list[Outline] = []
+    axis = shown.fixture.ignore_axis
     for number, (words, axes, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * (VIEW_PX + 60)
         view = View(np.array(turn), np.where(turn[2], cut, (low + high) / 2), scale)
+        # A tube that is infinite along an axis has no outline where it is seen from the side.
+        is_endless = shown.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
         canvas = _geometry(view, shown)
-        for outline in outlines_of(shown.fixture, view.plane, (VIEW_PX, VIEW_PX)):
-            draw_rendered(canvas, outline, lambda points: points, ())
-            outlines.append(outline)
+        if not is_endless:
+            for outline in outlines_of(shown.fixture, view.plane, (VIEW_PX, VIEW_PX)):
+                draw_rendered(canvas, outline, lambda points: points, ())
+                outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
         # Markers stand in the view that spreads them most; from the side they lie on each other.
         is_widest = turn[2][int((high - low).argmin())] != 0
@@ -127,7 +131,11 @@ def draw_views(sheet: paper.Paper, shown: Shown, y: float) -> tuple[float, float
         place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", cut, strict=True))
         heading = "In the middle of each view"
         free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
-        free_y = sheet.paragraph(free_x, free_y, f"Cut at {place} mm.", VIEW_PX, BODY, GREY) + 10
+        words = f"Cut at {place} mm."
+        if shown.kind == "guide":
+            words = "The tube has no end along its axis, so it is not drawn from the side."
+            words = "" if axis is None else words
+        free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
 

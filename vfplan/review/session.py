@@ -150,7 +150,8 @@ class Session:
 
     def state(self, by: Any = "") -> dict[str, Any]:
         """All that the page shows to a person, as JSON holds it."""
-        plan, state = self.current, self.quick_state(by)
+        plan = self.current
+        state = self.quick_state(by) | marker_state(plan)
         state["refusal"] = plan.geometry.refusal
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
@@ -206,7 +207,9 @@ class Session:
         fixture = self.source.as_opened
         if not self.steps and fixture is not None and fixture.reviewed is not None:
             state["approved"] = asdict(fixture.reviewed)
-        return state | marker_state(plan)
+        # The bound along the curve takes longest. A step on the curve leaves it to the whole state.
+        is_of_curve = len(self._plans) > 1 and self._plans[-2].fit is plan.fit
+        return state | marker_state(plan, is_of_curve=is_of_curve)
 
     def approve(self, by: str) -> Fixture:
         """The fixture (or, without markers, the curve), approved by a person.
@@ -276,14 +279,17 @@ class Session:
 
 
 @lru_cache(maxsize=8)
-def marker_state(plan: Plan) -> dict[str, Any]:
-    """The markers, their residuals and the bound; also of markers that are being dragged."""
+def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
+    """The markers, their residuals and the bound; also of markers that are being dragged.
+
+    Without the bound where the plan differs from the one before `is_of_curve` alone.
+    """
     fit, registration = plan.fit, plan.fit.registration
-    return {
-        "markers": fit.describe(),
+    bound = {} if is_of_curve else {"tre95_m": fit.tre95_m(plan.geometry.strokes)}
+    return bound | {
+        "markers": fit.rows,
         "mm_per_px": fit.mm_per_px,
         "fre_rms_m": registration and registration.fre_rms_m,
-        "tre95_m": fit.tre95_m(plan.geometry.strokes),
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {
             "model": fit.settings.model,
