@@ -73,8 +73,11 @@ TABLES = {
          "units in the header",
          "nothing: if x,y,z have no unit, vfplan takes m or mm from the size of the layout, with a "
          "note",
-         "`X,Y` without Z and without a unit; decimal commas and points in one table",
-         "60 forms of one table"),
+         "decimal commas and points in one table", "60 forms of one table"),
+        ("ImageJ's `X,Y`", "results, lists of points",
+         "a unit in the header; the numbers of points; centroids of areas count from corners",
+         "whether X,Y without a unit are pixels: a doubt", "units without `--pixel-spacing`",
+         "tables as ImageJ 1.54 writes them"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
          "LPS or RAS, units; status: points that are not *defined* are left out", "",
          "other versions of the format", "Slicer's formats 3, 4 and 5"),

@@ -226,6 +226,41 @@ def test_the_files_that_people_have_are_read(write, form, encoding):
     assert concluded == (["unit-concluded"] if "tracker" in form else [])
 
 
+# Three points as ImageJ 1.54 writes them (Analyzer.savePoints, Roi Properties > List coordinates).
+IN_IMAGEJ = {
+    "results": " ,Label,Area,Mean,Min,Max,X,Y\n"
+    "1,s.png,0,7,7,7,10,20\n2,s.png,0,9,9,9,30,25\n3,s.png,0,8,8,8,12,60\n",
+    "multi-point results": " ,Area,Mean,X,Y,Counter,Count\n1,0,7,10,20,0,3\n2,0,9,30,25,0,3\n"
+    "3,0,8,12,60,0,3\n",
+    "a list": "X\tY\n10\t20\n30\t25\n12\t60\n",
+    "centroids of areas": " ,Area,X,Y\n1,40,10.5,20.5\n2,41,30.5,25.5\n3,39,12.5,60.5\n",
+    "in millimetres": " ,X (mm),Y (mm)\n1,4,5\n2,12,6.25\n3,4.8,15\n",
+    "in centimetres": " ,Area,X_cm,Y_cm\n1,0,0.4,0.5\n2,0,1.2,0.625\n3,0,0.48,1.5\n",
+    "areas in millimetres": " ,Area,X[mm],Y[mm]\n1,4,4.2,5.125\n2,4,12.2,6.375\n3,4,5,15.125\n",
+}
+
+
+@pytest.mark.parametrize("form", IN_IMAGEJ)
+def test_imagejs_tables_are_markers_by_the_numbers_of_their_points(write, form):
+    image, robot = write("i.csv", IN_IMAGEJ[form]), write("r.csv", ROBOT.replace("\nx", "\n"))
+    is_calibrated = "metres" in form
+    if is_calibrated:
+        with refuses(MarkerError, "markers-without-spacing"):
+            read_markers(image, robot)
+    pairs = read_markers(image, robot, spacing_mm=(0.4, 0.25))
+    assert (pairs.labels, pairs.source_frame) == (("1", "2", "3"), "image")
+    np.testing.assert_allclose(pairs.source, [[10, 20], [30, 25], [12, 60]], atol=1e-12)
+    found = [(finding.code, finding.severity) for finding in pairs.findings]
+    assert found == ([] if is_calibrated else [("imagej-table", "doubt")])
+
+
+def test_names_that_a_person_gave_in_imagejs_table_stay(write):
+    text = "Name,X,Y\nx3,12,60\nx1,10,20\nx2,30,25\n"
+    assert read_markers(write("i.csv", text), write("r.csv", ROBOT)).labels == ("x3", "x1", "x2")
+    with refuses(MarkerError, "label-doubled"):
+        read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
+
+
 def test_common_takes_the_labels_that_both_sides_have(write):
     image = write("i.csv", IMAGE + "x9,1,1\n")
     robot = write("r.csv", ROBOT + "M6,1,1,1\n")

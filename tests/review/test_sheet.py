@@ -11,10 +11,12 @@ import cv2
 import drawn_ends
 import numpy as np
 import pytest
+from captures import capture
 from drawing import blend, coverage, flat, to_uint8
 from PIL import Image
 from refusals import refuses
 from review_slices import MARKERS, SLICE
+from vector_files import RING_MM, polyline, slicer
 
 import vfplan
 from vfplan import PlannedImage
@@ -22,6 +24,7 @@ from vfplan.curve.account import AccountEntry
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
+from vfplan.planning.extraction import extract
 from vfplan.review.paper import DPI, FOOT, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.rendered import Shown, check_slice
@@ -460,3 +463,34 @@ def test_png_prints_at_its_own_size():
     image.load()
     assert image.size[0] == PAGE_WIDTH
     assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)
+
+
+def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
+    pixels = np.full((80, 100), 90, np.uint8)
+    slice_file = capture(
+        tmp_path, pixels, "MONOCHROME2", PixelSpacing=[0.5, 0.25],
+        ImagePositionPatient=[-12.5, -20, 5], ImageOrientationPatient=[1, 0, 0, 0, 1, 0],
+    )  # fmt: skip
+    points_px = (RING_MM[::3, :2] + (12.5, 20)) / (0.25, 0.5)
+    curve = slicer(tmp_path, RING_MM[::3], "ClosedCurve")
+    vfplan.write_fixture(extract(slice_file, curve=curve).fixture, tmp_path / "c.h5")
+    # From the bundle, so that every view shows them.
+    marked = Shown(vfplan.read_fixture(tmp_path / "c.h5"), "c", vfplan.read_image(slice_file))
+    assert np.allclose(marked.slicer_points, points_px, atol=0.05)
+    others = {k: v for k, v in marked.fixture.provenance.settings.items() if "slicer_" not in k}
+    provenance = replace(marked.fixture.provenance, settings=others)
+    plain = replace(marked, fixture=replace(marked.fixture, provenance=provenance))
+    with_ticks, without = checked(marked), checked(plain)
+    legend = [words for words in words_of(with_ticks) if "set in" in words]
+    assert len(legend) == 1
+    assert not [words for words in words_of(without) if "set in" in words]
+    # Each tick stands close to its point, and nothing is drawn on the line.
+    box = picture_of(with_ticks)
+    changed = (drawn_part(with_ticks, box) != drawn_part(without, box)).any(axis=2)
+    zoom = box.width / pixels.shape[1]
+    ticks = np.argwhere(changed)[:, ::-1] / zoom
+    away = np.linalg.norm(ticks[:, None] - (points_px + 0.5), axis=2)
+    assert (away.min(axis=0) < 5).all()
+    assert away.min() > 1
+    drawn = extract(slice_file, curve=polyline(tmp_path, points_px)).fixture
+    assert not Shown(drawn, "c").slicer_points.size

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from vfplan.display import MM
 from vfplan.errors import MarkerError
-from vfplan.findings import Finding, note
-from vfplan.io.files import Table, parse_number, parse_table, read_text, split_rows
+from vfplan.findings import Finding, doubt, note
+from vfplan.geometry import CORNER_PX
+from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20
@@ -30,6 +31,9 @@ MAX_BYTES = 16 * 2**20
 ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with sigma_m"
 
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": MM}
+
+# A column of ImageJ's coordinates, with the unit that it is calibrated in.
+IMAGEJ_COLUMN = re.compile(rf"([XY])(?:[ _]?[(\[]?({'|'.join(METRES)})[)\]]?)?", re.IGNORECASE)
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
@@ -111,15 +115,16 @@ class Correspondences:
 
 
 def read_markers(
-    path: str | Path, path2: str | Path | None = None, *, common: bool = False
-) -> Correspondences:
+    path: str | Path, path2: str | Path | None = None, *, common: bool = False,
+    spacing_mm: tuple[float, float] | None = None,
+) -> Correspondences:  # fmt: skip
     """Read markers from one file that holds both sides, or from two files joined by label.
 
     One file: a table with `label,u_px,v_px,x_m,y_m,z_m`. Two files, each a table
-    (`label,u_px,v_px` or `label,x_m,y_m,z_m`), a Slicer `.mrk.json` or a Slicer `.fcsv`. Pixels are
-    always a source and a table of robot positions is always the target, in whichever order the
-    files come. A Slicer file (patient LPS) takes the other side. Of two Slicer files the first is
-    the source.
+    (`label,u_px,v_px`, ImageJ's `X,Y`, or `label,x_m,y_m,z_m`), a Slicer `.mrk.json` or a Slicer
+    `.fcsv`. Pixels are always a source and a table of robot positions is always the target, in
+    whichever order the files come. A Slicer file (patient LPS) takes the other side. Of two Slicer
+    files the first is the source.
 
     Parameters
     ----------
@@ -127,6 +132,8 @@ def read_markers(
         The files.
     common
         Use the markers that both sides have. Without it both sides must have the same.
+    spacing_mm
+        Size of a pixel of the slice along u and v, which a calibrated table of ImageJ needs.
 
     Raises
     ------
@@ -135,7 +142,7 @@ def read_markers(
         side has; two files for the same side.
     """
     if path2 is None:
-        sides = read_sides(Path(path))
+        sides = read_sides(Path(path), spacing_mm)
         if len(sides) != 2:
             raise MarkerError(
                 f"holds only {sides[0].frame} positions. Give a second file with the other side, "
@@ -145,7 +152,7 @@ def read_markers(
         return join(sides[0], sides[1], {"markers": sides[0].sha256}, common)
     both = []
     for file in (path, path2):
-        sides = read_sides(Path(file))
+        sides = read_sides(Path(file), spacing_mm)
         if len(sides) == 2:
             raise MarkerError(
                 "holds both sides already. Give it alone, or two files with one side each",
@@ -164,8 +171,8 @@ def read_markers(
     return join(source, target, inputs, common)
 
 
-def read_sides(path: Path) -> list[MarkerPoints]:
-    """The image side, the other side, or both, of one file."""
+def read_sides(path: Path, spacing_mm: tuple[float, float] | None = None) -> list[MarkerPoints]:
+    """The image side, the other side, or both, of one file; raises as `read_markers`."""
     suffix = path.suffix.lower()
     where = str(path)
     if suffix not in (".csv", ".txt", ".tsv", ".json", ".fcsv"):
@@ -179,7 +186,7 @@ def read_sides(path: Path) -> list[MarkerPoints]:
     elif suffix == ".fcsv":
         sides = [parse_fcsv(text, where)]
     else:
-        sides = parse_marker_table(text, where)
+        sides = parse_marker_table(text, where, spacing_mm)
     return [replace(side, sha256=sha256) for side in sides]
 
 
@@ -240,7 +247,9 @@ def label_of(text: object, what: str, where: str) -> str:
     return label
 
 
-def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
+def parse_marker_table(
+    text: str, where: str, spacing_mm: tuple[float, float] | None = None
+) -> list[MarkerPoints]:
     """The image side, the robot side, or both, of one table.
 
     Columns: `label` (or `name`), `u_px,v_px` [px], `x_m,y_m,z_m` [m] (or `_mm`, `_cm`), and on the
@@ -260,23 +269,21 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
         re.sub(r"[\s_\[\]()]+", "_", name.casefold()).strip("_"): name for name in table.header
     }
     label_column = columns.get("label", columns.get("name"))
+    image = choose_columns(columns, [("u_px", "v_px"), ("u", "v")], place)
+    has_z = any(name.split("_")[0] == "z" for name in columns)
+    imagej, unit = ((), None) if image or has_z else imagej_columns(table.header)
+    if imagej:
+        return [imagej_points(table, imagej, unit, label_column, spacing_mm)]
     if label_column is None:
         raise MarkerError(
             f"no column 'label' in {header!r}. The columns may be {ALLOWED}",
             where=place, code="column-missing",
         )  # fmt: skip
-    image = choose_columns(columns, [("u_px", "v_px"), ("u", "v")], place)
     robot_choices, sigma_choices = [("x", "y", "z")], [("sigma",)]
     for unit in PER_METRE:
         robot_choices.append((f"x_{unit}", f"y_{unit}", f"z_{unit}"))
         sigma_choices.append((f"sigma_{unit}",))
         sigma_choices.append((f"sigma_x_{unit}", f"sigma_y_{unit}", f"sigma_z_{unit}"))
-    if {"x", "y"} <= columns.keys() and "z" not in columns:
-        raise MarkerError(
-            "X and Y without Z seem to be ImageJ's, which does not say whether they are pixels. "
-            "Name the columns u_px,v_px, once (0, 0) is the centre of the first pixel",
-            where=place, code="imagej-table",
-        )  # fmt: skip
     robot = choose_columns(columns, robot_choices, place)
     sigma = choose_columns(columns, sigma_choices, place)
     for plain_name, name in columns.items():
@@ -324,6 +331,53 @@ def parse_marker_table(text: str, where: str) -> list[MarkerPoints]:
             MarkerPoints("robot_base", tuple(labels), positions, spread, where, findings=findings)
         )
     return sides
+
+
+def imagej_columns(names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
+    """The names of ImageJ's columns X and Y, and their unit; () where one is not there."""
+    matches = [match for name in names if (match := IMAGEJ_COLUMN.fullmatch(name))]
+    matches.sort(key=lambda match: match[1].upper())
+    if [match[1].upper() for match in matches] != ["X", "Y"] or matches[0][2] != matches[1][2]:
+        return (), None
+    return tuple(match[0] for match in matches), matches[0][2]
+
+
+def imagej_points(
+    table: Table, columns: tuple[str, ...], unit: str | None, label_column: str | None,
+    spacing_mm: tuple[float, float] | None,
+) -> MarkerPoints:  # fmt: skip
+    """The points of a table of ImageJ, on the image [px].
+
+    A point counts from the centre of a pixel, the centroid of an area from its corner. Points have
+    numbers, and ImageJ's own label names the picture, the same in each row.
+
+    Raises MarkerError: a calibrated table, and nobody knows how large a pixel is
+    """
+    pixel, findings = np.ones(2), ()
+    if unit is None:
+        text = (
+            "X and Y name no unit and were taken as pixels. If ImageJ had a scale, write its unit "
+            "into the header: X (mm),Y (mm)."
+        )
+        findings = (doubt("imagej-table", "register", text),)
+    elif spacing_mm is None:
+        raise MarkerError(
+            f"is in {unit}, and no image says how large a pixel is. Give --pixel-spacing, or save "
+            "the table in pixels",
+            where=table.where, code="markers-without-spacing",
+        )  # fmt: skip
+    else:
+        pixel = np.array(spacing_mm) / (MM * METRES[unit.lower()])
+    labels = [str(number) for number in range(1, len(table.rows) + 1)]
+    if label_column is not None:
+        own = [label_of(row.cells[label_column], f"line {row.line}", table.where)
+               for row in table.rows]  # fmt: skip
+        has_numbers = "" in table.header
+        labels = labels if has_numbers and len({*own}) < len(own) else own
+    positions = table.numbers(columns) / pixel
+    if "Area" in table.header and (table.numbers(("Area",)) > pixel.prod()).all():
+        positions -= CORNER_PX
+    return MarkerPoints("image", tuple(labels), positions, where=table.where, findings=findings)
 
 
 def choose_columns(

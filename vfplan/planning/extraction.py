@@ -15,8 +15,9 @@ from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry.lines import length_of
 from vfplan.io.files import now_utc
-from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.settings import SLICER_POINTS, ExtractSettings
 from vfplan.planning.tolerance import sample_curve
+from vfplan.settings import flat
 
 if TYPE_CHECKING:
     from vfplan.curve.extraction import Extraction
@@ -49,6 +50,9 @@ UNTURNED = (
     "The pixels may have been counted in a program that does not turn pictures by their EXIF tag. "
     "Compare them with the picture, and say it: --pixels as-shown or --pixels as-stored"
 )
+
+# Points of Slicer's curve that a sheet marks: each takes 16 signs, and a setting holds 4096.
+MAX_SLICER_POINTS = 250
 
 # Size of a microscope's pixel [mm].
 MIN_SPACING_MM = 1e-5
@@ -113,7 +117,7 @@ def extract(
     if curve is None:
         load_libraries()
     started = time.perf_counter()
-    inputs = {"image": image.sha256}
+    inputs, set_by_hand = {"image": image.sha256}, {}
     if curve is None:
         given = {name: getattr(settings, name) for name in (*PEN_SETTINGS, "stroke")}
         try:
@@ -123,7 +127,9 @@ def extract(
                 error.message = f"{OVERLAY} {error.message}"
             raise
     else:
-        extraction, inputs["curve"] = read_vectors(image, curve, settings, contact_radius)
+        extraction, inputs["curve"], set_by_hand = read_vectors(
+            image, curve, settings, contact_radius
+        )
     if settings.density_per_mm is not None:
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
@@ -142,9 +148,10 @@ def extract(
     sigma = None
     if extraction.method != "vector":
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
+    provenance = Provenance.now(inputs, settings)
     fixture = Fixture(
         frame="image", points=np.column_stack([points, np.zeros(len(points))]),
-        provenance=Provenance.now(inputs, settings), sigma=sigma,
+        provenance=replace(provenance, settings=provenance.settings | set_by_hand), sigma=sigma,
         curve=None if extraction.method == "mask" else Curve.of(strokes),
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
         findings=findings,
@@ -193,11 +200,11 @@ def read_vectors(
     path: str | Path,
     settings: ExtractSettings,
     contact_radius: float = SMALL_RADIUS_M,
-) -> tuple[Extraction, str]:
-    """A vector curve on its slice, and the SHA-256 of its file."""
+) -> tuple[Extraction, str, dict[str, str]]:
+    """A vector curve on its slice, the SHA-256 of its file, and what its recipe says of it."""
     from vfplan.curve.extraction import vector_stroke
     from vfplan.vectors.curve import check_drawn_on
-    from vfplan.vectors.read import onto_slice, read_vector_curve
+    from vfplan.vectors.read import SLICER_SUFFIXES, onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     placed = onto_slice(curve, image.T_patient_image, str(path), image.pixel_spacing_mm)
@@ -207,7 +214,11 @@ def read_vectors(
     findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
     if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:
         findings.append(doubt("pixels-unturned", "extract", f"{path}: {UNTURNED}"))
-    return replace(extraction, findings=tuple(findings)), curve.sha256
+    set_by_hand = {}
+    is_of_slicer = Path(path).suffix.lower() in SLICER_SUFFIXES
+    if is_of_slicer and len(placed.points) <= MAX_SLICER_POINTS:
+        set_by_hand[SLICER_POINTS] = flat(placed.points.round(1).tolist())
+    return replace(extraction, findings=tuple(findings)), curve.sha256, set_by_hand
 
 
 def vector_findings(curve: VectorDrawing, contact_radius: float) -> list[Finding]:

@@ -112,7 +112,10 @@ def match(
     # The markers, and the curve in the frame that they carry it from.
     correspondences, where = markers, None
     if isinstance(markers, (str, Path)):
-        correspondences = read_markers(markers, markers2, common=settings.common)
+        spacing_mm = curve.image and curve.image.pixel_spacing_mm
+        correspondences = read_markers(
+            markers, markers2, common=settings.common, spacing_mm=spacing_mm
+        )
         where = str(markers) if markers2 is None else f"{markers}, {markers2}"
     if tip is not None:
         tool, place, record.inputs["tip"] = read_tip(tip)

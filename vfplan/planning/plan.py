@@ -141,11 +141,12 @@ def refuse_wrong_order(
     if is_picture_file(image) or not Path(image).is_file():
         return
     order = None
-    # A table of a curve has no labels, so it is no sound table of markers.
+    # A table of a curve has no labels, so it is no sound table of markers. ImageJ's may be either.
     if Path(image).suffix.lower() in (".csv", ".txt", ".tsv"):
         with suppress(InputError):
-            read_sides(Path(image))
-            order = "it holds markers"
+            first_side = read_sides(Path(image))[0]
+            if all(finding.code != "imagej-table" for finding in first_side.findings):
+                order = "it holds markers"
     for path in (markers, markers2):
         if path is not None and is_picture_file(path):
             order = f"{path} is a picture"

@@ -304,11 +304,11 @@ def fit_of_files(
     to `None`. Raises as `read_markers` and `fit_of` do.
     """
     try:
-        pairs = read_markers(path, path2, common=settings.common)
+        pairs = read_markers(path, path2, common=settings.common, spacing_mm=image.pixel_spacing_mm)
     except MarkerError as error:
         if error.code != "one-side-only":
             raise
-        (side,) = read_sides(Path(path))
+        (side,) = read_sides(Path(path), image.pixel_spacing_mm)
         name = {"image": "place", "robot_base": "target_m"}.get(side.frame)
         if name is None:
             raise

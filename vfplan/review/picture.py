@@ -14,7 +14,7 @@ import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import runs
+from vfplan.geometry.lines import normals, runs
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
@@ -287,6 +287,7 @@ def draw_picture(
             if end.direction is not None:
                 paper.draw_disc(keep, place + AHEAD_RADIUS * end.direction, AHEAD_RADIUS, 255)
     enlargement = _draw_markers(shown, panel, keep)
+    _draw_slicer_points(shown, panel, ends, keep)
     omitted = _draw_captions(sheet, shown, panel, paper.Labeller(keep))
 
     unit_px, unit = zoom, "px"
@@ -336,6 +337,9 @@ RENDERED_IN_WORDS = {
     "wall": "Red line: the tool's centre stops there, says the engine",
     "guide": "Green line: the tip is held within it; arrow: its pull",
 }
+
+# Length of the tick at a point that was set in Slicer [px of the page].
+TICK_LENGTH = 10.0
 
 # Length of the arrow of a guide's pull, and its distance from the tube [px of the page].
 PULL_LENGTH, PULL_GAP = 70.0, 21.0
@@ -415,6 +419,24 @@ def _draw_markers(shown: Shown, panel: Panel, keep: paper.Pixels) -> float | Non
     return enlargement
 
 
+def _draw_slicer_points(
+    shown: Shown, panel: Panel, ends: list[paper.Array], keep: paper.Pixels
+) -> None:
+    """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
+    for point in panel.place(shown.slicer_points):
+        lines = [panel.place(stroke.points) for stroke in shown.strokes]
+        away = [np.hypot(*(line - point).T) for line in lines]
+        number = int(np.argmin([distance.min() for distance in away]))
+        stroke = shown.strokes[number]
+        across = normals(stroke.points, stroke.closed)[away[number].argmin()]
+        gap = panel.outline_distance(stroke) + 3
+        if min((np.hypot(*(end - point)) for end in ends), default=np.inf) < FREE_RADIUS:
+            gap = FREE_RADIUS + 4  # An end is left free.
+        tick = point + across * np.array([[gap], [gap + TICK_LENGTH]])
+        paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
+        paper.draw_line(keep, tick, 255, 8)
+
+
 def _draw_captions(sheet: paper.Paper, shown: Shown, panel: Panel, labeller: paper.Labeller) -> int:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
@@ -454,6 +476,8 @@ def _draw_legend(
         line = "the line, which was drawn by hand"
     rows: list[LegendRow] = [(f"Blue outline: beside {line}", LINE_COLOUR, False)]
     rows += rendered_legend(shown.outlines)
+    if len(shown.slicer_points):
+        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, False))
     if any(stroke.bridged.any() for stroke in shown.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if shown.tre95_m is not None:

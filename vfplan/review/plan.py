@@ -40,7 +40,12 @@ from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
-from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
+from vfplan.planning.settings import (
+    SLICER_POINTS,
+    ExtractSettings,
+    FixtureSettings,
+    overridden,
+)
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of, fit_of_files
@@ -542,6 +547,7 @@ def _of_slice(
     image = read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
+    recipe = recorded(extraction)
     if curve_path is None:
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
         geometry = geometry_of_slice(image, extraction, ink)
@@ -551,12 +557,12 @@ def _of_slice(
         )  # fmt: skip
         strokes = tuple(MendedStroke.of(stroke) for stroke in drawn.extraction.strokes)
         geometry = Geometry(strokes, None, drawn.findings)
-        inputs = drawn.fixture.provenance.inputs
+        inputs, recipe = drawn.fixture.provenance.inputs, drawn.fixture.provenance.settings
         sha256["curve"] = inputs["curve"]
     return Source(
         path, path, image, extraction, planning, geometry,
         Fit((), planning, image.pixel_spacing_mm), exclude, inputs, sha256,
-        recorded(extraction) | recorded(planning),
+        recipe | recorded(planning),
     )  # fmt: skip
 
 
@@ -623,7 +629,8 @@ def _of_bundle(
         )
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
-    of_slice = {name: known[name] for name in (MADE_FLAT_BY, SLICE_IN_WORDS) if name in known}
+    kept = (MADE_FLAT_BY, SLICE_IN_WORDS, SLICER_POINTS)
+    of_slice = {name: known[name] for name in kept if name in known}
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(

@@ -29,7 +29,12 @@ from vfplan.errors import InputError, VfplanError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
-from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings, margin_length
+from vfplan.planning.settings import (
+    LEAD_SPEED_M_S,
+    SLICER_POINTS,
+    ExtractSettings,
+    margin_length,
+)
 from vfplan.registration.registration import (
     Registration,
     describe_side,
@@ -223,6 +228,13 @@ class Shown:
             return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
 
         return tuple(filter(is_listed, self.account))
+
+    @property
+    def slicer_points(self) -> Array:
+        """(K, 2) the points that a person set in Slicer [px]; none of any other curve."""
+        recipe = self.fixture.provenance.settings
+        points = value_as(tuple[tuple[float, float], ...], recipe.get(SLICER_POINTS, ""))
+        return np.array(() if points is MISFIT else points).reshape(-1, 2)
 
     @cached_property
     def margin_m(self) -> float | None:

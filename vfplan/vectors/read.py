@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -30,7 +29,7 @@ from vfplan.io.files import (
     parse_table,
     read_whole,
 )
-from vfplan.markers.correspondences import fcsv_points, lps_points, markups_of
+from vfplan.markers.correspondences import fcsv_points, imagej_columns, lps_points, markups_of
 from vfplan.vectors.curve import (
     VectorDrawing,
     distinct_points,
@@ -51,8 +50,6 @@ UNCLEAR_FORMAT = 228
 NAME_ORIGIN = "Say where it counts a pixel from: --curve-origin centre or corner"
 
 
-# A column of calibrated coordinates, and its unit.
-LENGTH_COLUMN = re.compile(rf"([XY])[ _]?[(\[]?({'|'.join(METRES)})[)\]]?", re.IGNORECASE)
 # Largest distance from a slice's plane [m] of a curve that was drawn on it.
 OUT_OF_PLANE_M = 1e-3
 # How the names of files end that hold a curve alone.
@@ -220,13 +217,12 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y, with or without row numbers."""
     table = parse_table(text, where, MarkerError)
     columns = tuple(name for name in table.header if name)
-    units = [LENGTH_COLUMN.fullmatch(name) for name in columns]
-    unit = units[0][2] if len(units) == 2 and all(units) and units[0][2] == units[1][2] else None
+    pair, unit = imagej_columns(columns)
     if {"u_px", "v_px"} <= {*columns} and not {"label", "name"} & {*map(str.casefold, columns)}:
         columns = ("u_px", "v_px")  # With a label as well it is a list of markers.
         refuse_origin(origin, "u_px,v_px")
         origin = "centre"
-    elif columns != ("X", "Y") and not unit:
+    elif columns != pair:
         is_area = columns[:2] == ("X", "Y")
         raise CurveError(
             f"is no image, and as a curve its header is {','.join(columns)[:60]!r}"
