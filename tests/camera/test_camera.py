@@ -157,9 +157,29 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
         assert np.shape(shown["pose_T_camera_sheet"]) == (4, 4)
         made = cv2.VideoCapture(str(tmp_path / out))
         assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frame, 128))
+    blank = cv2.VideoWriter(str(tmp_path / "blank.avi"), code, 5, scene.SIZE)
+    blank.write(np.full_like(frame, 128))
+    blank.release()
+    for source, out in (("grey.png", "no.png"), ("blank.avi", "no.mp4")):
+        told = run("plan.h5", source, *more, out).fails(1).json
+        assert (told["refused"], told["output"]) == ("no-tag", None)
+        assert not (tmp_path / out).exists()
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
     run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
+
+
+@pytest.mark.parametrize("words", [
+    "--board-out b.pdf --port 3", "--board-out b.pdf x.h5", "p.h5 a.png --paper a4",
+    "p.h5 0 --port 0", "p.h5 0 --session-start 1", "p.h5 a.png --seconds 1",
+    "p.h5 0 --tags t.csv --measured-mm 99", "a.png --calibrate -o c.json --limit-mm 1",
+    "p.h5 0 --session s.csv --live r.h5",
+])  # fmt: skip
+def test_an_option_without_effect_is_refused(words, vfplan_cli, tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9), np.uint8))
+    assert vfplan_cli("ar", *words.split(), cwd=tmp_path).code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 SHOWN = "document.getElementById('connection').textContent"
