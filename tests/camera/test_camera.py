@@ -1,6 +1,7 @@
 """The wall in a camera's picture: rendered frames whose truth is known, and real photographs."""
 
 import json
+import os
 import re
 import signal
 import socket
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import camera_scene as scene
 import cv2
@@ -23,8 +25,15 @@ from replays import fixture_of
 from vfplan.bundle.write import write_fixture
 from vfplan.camera.command import ticks_to_show
 from vfplan.camera.overlay import Overlay
-from vfplan.camera.pose import Camera, locate
-from vfplan.camera.sheet import draw_board, draw_print, plan_of, printed_tags, touched_tags
+from vfplan.camera.pose import Camera, find_tags, locate, make_finder
+from vfplan.camera.sheet import (
+    DICTIONARY,
+    draw_board,
+    draw_print,
+    plan_of,
+    printed_tags,
+    touched_tags,
+)
 from vfplan.errors import InputError, MarkerError, VfplanError
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
@@ -278,3 +287,26 @@ def test_corners_of_a_real_photograph_lie_where_the_pose_says(shared_data, pictu
     off_px = np.linalg.norm(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2), axis=1)
     m_per_px = pose.vector[5] / camera.camera_matrix[0, 0]
     assert np.quantile(off_px, 0.95) * m_per_px < 0.3e-3
+
+
+def test_a_published_photograph_of_a_board():
+    """OpenCV's: its tags give the pose, and the corners of its squares are held out."""
+    folder = Path(os.environ.get("OPENCV_DOC", "/usr/share/doc/opencv-doc"))
+    if not folder.is_dir():
+        pytest.skip("no photograph: install Debian's opencv-doc, or name its folder in OPENCV_DOC")
+    frame = cv2.imread(str(folder / "opencv4/html/choriginal.jpg"), cv2.IMREAD_GRAYSCALE)
+    board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.02, DICTIONARY)
+    settings = folder / "examples/aruco/tutorial_camera_charuco.yml"
+    file = cv2.FileStorage(str(settings), cv2.FILE_STORAGE_READ)
+    lens = [file.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients")]
+    tags = dict(enumerate(np.array(board.getObjPoints(), float)))
+    pose = locate(find_tags(make_finder(), frame), tags, Camera(640, 480, *lens))
+    corners, numbers, *_ = cv2.aruco.CharucoDetector(board).detectBoard(frame)
+    places = board.getChessboardCorners()[numbers.ravel()].astype(float)
+    rays = cv2.undistortPoints(corners, *lens)[:, 0]
+    T = pose.T_camera_sheet
+    x, y, w = np.linalg.solve(T[:3, [0, 1, 3]], np.column_stack([rays, np.ones(len(rays))]).T)
+    off_m = np.hypot(x / w - places[:, 0], y / w - places[:, 1])
+    assert len(off_m) == 24
+    assert np.median(off_m) < 0.25e-3
+    assert np.quantile(off_m, 0.95) < 0.55e-3
