@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -14,7 +13,7 @@ from vfplan.cli.options import FILE, FIXTURE
 from vfplan.cli.run import CommandResult, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
-from vfplan.display import count, millimetres
+from vfplan.display import command_of, count, millimetres
 
 
 @command("info")
@@ -83,8 +82,16 @@ def summary_text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-# What a signature says of itself, but for its time.
-SIGNED = ("signed", "key_id", "case", "robot_serial")
+def signature_text(seal: dict[str, Any]) -> str:
+    """Who signed a bundle for what, but for the time."""
+    if not seal["signed"]:
+        return "not signed"
+    texts = [f", for {what} {seal[name]!r}" for what, name in SIGNED_FOR if name in seal]
+    return f"signed by key {seal['key_id']}{''.join(texts)}"
+
+
+# What a signature may be for, in words, and its name in the seal.
+SIGNED_FOR = (("case", "case"), ("robot", "robot_serial"))
 
 
 @command("diff")
@@ -134,21 +141,21 @@ def vfplan_diff(a, b, session) -> CommandResult:
 
     verdict = "pass"
     next_step = "nothing: either bundle may stand for the other"
-    seals = [read_sealed(path)[1] for path in (a, b)]
-    if any(seals[0].get(name) != seals[1].get(name) for name in SIGNED):
-        lines.append("the signatures differ, which are not compared")
-        next_step = "see whom each is signed for: " + "; ".join(
-            shlex.join(["vfplan", "info", str(path)]) for path in (a, b)
+    one, other = (signature_text(read_sealed(path)[1]) for path in (a, b))
+    if one != other:
+        lines.append(f"the signatures differ, which are not compared: A is {one}, B is {other}")
+        next_step = "see when each was signed: " + "; ".join(
+            command_of("info", path) for path in (a, b)
         )
     if not is_tested:
         verdict = "not-tested"
         next_step = "give a session that touches the fixtures"
     elif failed:
         verdict = "fail"
-        calls = [["info", "-v", str(path)] for path in (a, b)]
+        calls = [("info", "-v", path) for path in (a, b)]
         if session is not None:
-            calls = [["replay", str(path), str(session)] for path in (a, b)]
-        next_step = "; ".join(shlex.join(["vfplan", *words]) for words in calls)
+            calls = [("replay", path, session) for path in (a, b)]
+        next_step = "; ".join(command_of(*words) for words in calls)
     return CommandResult(
         data, "\n".join(lines), failed=", ".join(failed), verdict=verdict, next_step=next_step
     )
@@ -205,7 +212,7 @@ def vfplan_validate(fixture) -> CommandResult:
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
     lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {summary}")
     if valid:
-        next_step = shlex.join(["vfplan", "info", str(fixture)])
+        next_step = command_of("info", fixture)
         return CommandResult(data, "\n".join(lines), verdict="valid", next_step=next_step)
     exit_code = 4 if any(issue.code == "unsafe.review" for issue in issues) else 1
     return CommandResult(

@@ -5,7 +5,6 @@ In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
 
 from __future__ import annotations
 
-import shlex
 import sys
 from contextlib import suppress
 from pathlib import Path
@@ -14,10 +13,11 @@ from typing import Any
 import click
 from vfplan.cli.main import cli
 
+from vfplan.display import command_of
 from vfplan.errors import VfplanError
 
 
-def file_beside(path: Path, ending: str, suffix: str = ".h5") -> str:
+def file_beside(path: Path, ending: str, suffix: str = ".h5") -> Path:
     """The name of a new file beside another: elbow.h5 and "signed" give elbow-signed.h5.
 
     Where that is there already, a number follows: elbow-signed-2.h5.
@@ -27,15 +27,15 @@ def file_beside(path: Path, ending: str, suffix: str = ".h5") -> str:
     while name.exists():
         name = path.with_name(f"{path.stem}-{ending}-{number}{suffix}")
         number += 1
-    return str(name)
+    return name
 
 
 def register_command(curve: Path, image: Path | None = None) -> str:
     """The command that carries a curve over by markers; `image`: the slice it was drawn on."""
-    words = ["vfplan", "register", str(curve), "MARKERS"]
+    words = ["register", curve, "MARKERS"]
     if image is not None:
-        words += ["--image", str(image)]
-    return shlex.join([*words, "-o", file_beside(curve, "fixture")])
+        words += ["--image", image]
+    return command_of(*words, "-o", file_beside(curve, "fixture"))
 
 
 def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = True) -> str:
@@ -44,18 +44,18 @@ def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = 
     image: the slice that it was drawn on, or "IMAGE" where only the person knows it; `None`: none
     has_page: whether the page can show it, as it does drawn curves; of others the sheet is drawn
     """
-    words = ["vfplan", "review", str(fixture)]
+    words = ["review", fixture]
     if image is not None:
-        words += ["--slice", str(image)]
+        words += ["--slice", image]
     if not has_page:
-        return shlex.join([*words, "--sheet-out", file_beside(fixture, "sheet", ".png")])
-    return shlex.join([*words, "-o", file_beside(fixture, "approved")])
+        return command_of(*words, "--sheet-out", file_beside(fixture, "sheet", ".png"))
+    return command_of(*words, "-o", file_beside(fixture, "approved"))
 
 
 def accept_command(fixture: Path, digest: str) -> str:
     """The command that accepts a fixture whose sheet a person has seen."""
-    words = ["vfplan", "accept", str(fixture), "--digest", digest, "--by", "NAME"]
-    return shlex.join([*words, "-o", file_beside(fixture, "approved")])
+    words = ["accept", fixture, "--digest", digest, "--by", "NAME"]
+    return command_of(*words, "-o", file_beside(fixture, "approved"))
 
 
 def sign_command(fixture: Path, *, case: str = "", robot_serial: str = "") -> str:
@@ -64,17 +64,15 @@ def sign_command(fixture: Path, *, case: str = "", robot_serial: str = "") -> st
     case, robot_serial: what an earlier signature was for; the new one is for the same. Without a
         case the command asks for one, because a robot may demand it
     """
-    words = ["vfplan", "sign", str(fixture), "--key", "KEY"]
-    words += words_of_signature(case or "CASE", robot_serial)
-    return shlex.join([*words, "-o", file_beside(fixture, "signed")])
+    words = ["sign", fixture, "--key", "KEY", *words_of_signature(case or "CASE", robot_serial)]
+    return command_of(*words, "-o", file_beside(fixture, "signed"))
 
 
 def verify_command(
-    fixture: Path, keys: str = "KEYS.pub", *, case: str = "", robot_serial: str = ""
+    fixture: Path, keys: Path | str = "KEYS.pub", *, case: str = "", robot_serial: str = ""
 ) -> str:
     """The command that checks a signature, also that it is for this case and this robot."""
-    words = ["vfplan", "verify", str(fixture), "--keys", keys]
-    return shlex.join([*words, *words_of_signature(case, robot_serial)])
+    return command_of("verify", fixture, "--keys", keys, *words_of_signature(case, robot_serial))
 
 
 def words_of_signature(case: str, robot_serial: str) -> list[str]:
@@ -83,20 +81,20 @@ def words_of_signature(case: str, robot_serial: str) -> list[str]:
     return [word for name, value in named if value for word in (name, value)]
 
 
-def public_key_of(private_key: Path) -> str:
+def public_key_of(private_key: Path) -> Path | str:
     """The file with the public key: `keygen` names it so; a key from elsewhere may be without."""
     public = private_key.with_suffix(".pub")
-    return str(public) if public.exists() else "KEYS.pub"
+    return public if public.exists() else "KEYS.pub"
 
 
-def public_key_beside(fixture: Path, key_id: str) -> str:
+def public_key_beside(fixture: Path, key_id: str) -> Path | str:
     """The file beside a bundle with the public key that signed it."""
     from vfplan.bundle.seal import read_keys
 
     for path in sorted(fixture.parent.glob("*.pub")):
         with suppress(VfplanError):
             if bytes.fromhex(key_id) in read_keys(path):
-                return str(path)
+                return path
     return "KEYS.pub"
 
 
@@ -122,9 +120,9 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
-    words = ["vfplan", "review", *(str(file) for file in files if file is not None)]
+    words = ["review", *(file for file in files if file is not None)]
     words += [word for word in typed_review_options() if overwrites or word != "--overwrite"]
-    return shlex.join([*words, "-o", str(output)])
+    return command_of(*words, "-o", output)
 
 
 def typed_review_options() -> list[str]:

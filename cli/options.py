@@ -20,7 +20,7 @@ from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_le
 from vfplan.settings import argument_of, chosen_options, option_words, scale_of
 
 # An input. The library checks that it exists, and answers with exit code 3 instead of 2.
-FILE = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, readable=False)
 
 
 class OutputFile(click.Path):
@@ -169,6 +169,21 @@ class DecimalNumber(_StrictNumber, click.FloatRange):
 
 class WholeNumber(_StrictNumber, click.IntRange):
     """A whole number within bounds."""
+
+
+def refuse_unused(when: str, *names: str) -> None:
+    """Refuse options that were typed and change nothing: they would be taken for some that do.
+
+    when: says when they change nothing, such as "without --window"
+    names: as the command's function has them
+    """
+    context = click.get_current_context()
+    for param in context.command.params:
+        source = context.get_parameter_source(param.name)
+        is_typed = source is ParameterSource.COMMANDLINE and context.params[param.name] != ()
+        if param.name in names and is_typed:
+            what = param.opts[0] if isinstance(param, click.Option) else "a file"
+            raise click.UsageError(f"{what} has no effect {when}. Leave it out")
 
 
 F = TypeVar("F", bound=Callable[..., Any])

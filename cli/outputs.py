@@ -114,7 +114,8 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     """Write several files together: all of them appear, or none; a missing folder is made.
 
     Yields a temporary path for each path, in the same folder and with the same suffix; `None` stays
-    `None`. Moves them into place when the block ends well and deletes them when it does not. A
+    `None`. Moves them into place when the block ends well, those that it made, and deletes them
+    when it does not. A
     power cut leaves the old file or the new one, whole. A file that exists is replaced only where
     the running command has `--overwrite`.
 
@@ -142,6 +143,7 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
             context = click.get_current_context(silent=True)
             if context is not None and RAISE_IF_STOPPED in context.meta:
                 context.meta[RAISE_IF_STOPPED]()
+            pairs = [(temporary, path) for temporary, path in pairs if temporary.exists()]
             move_into_place(pairs, overwrite=is_overwriting())
         except OSError as error:
             raise not_written(pairs[0][1] if pairs else None, error) from error

@@ -144,6 +144,8 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         index_path = report_folder / "index.html"
     elif arguments["image"] is not None:
         raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
+    if arguments["drop"] is None and arguments["jitter_s"] is None:
+        options.refuse_unused("without --drop or --jitter", "seed")
     mcap = arguments["mcap"]
     if mcap is not None and (arguments["poses"] or arguments["events"]):
         raise click.UsageError("--mcap shows a fixture at rest. Leave --poses and --events out")

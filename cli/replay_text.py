@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
 from typing import Any
 
 from vfplan.cli.run import command_line
 
-from vfplan.display import count, length, micrometres, millijoules, millimetres
+from vfplan.display import command_of, count, length, micrometres, millijoules, millimetres
 from vfplan.replaying.findings import has_touched, untested_reason
 from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
 from vfplan.report.tables import bound_text
@@ -144,7 +143,7 @@ def next_step(
     if report["verdict"] == "fail":
         drawing = f"draw the session tick by tick: {again} --report DIR"
         return f"look at the ticks that failed: {index_page}" if index_page else drawing
-    return shlex.join(["vfplan", "stability", str(fixture), "--robot", str(robot or "franka")])
+    return command_of("stability", fixture, "--robot", str(robot or "franka"))
 
 
 def check_text(check: dict[str, Any]) -> str:

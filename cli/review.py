@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import subprocess
 import sys
 import tempfile
@@ -34,6 +33,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
+from vfplan.display import command_of
 from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings
@@ -244,8 +244,8 @@ def draw_sheet(
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, case=shown.fixture.case or "")
     elif shown.is_slice_missing:
-        words = ["vfplan", "review", str(source), "--slice", "IMAGE"]
-        following = shlex.join([*words, "--sheet-out", str(sheet_out or "PNG"), "--overwrite"])
+        words = ["review", source, "--slice", "IMAGE", "--sheet-out", sheet_out or "PNG"]
+        following = command_of(*words, "--overwrite")
     elif shown.image is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)

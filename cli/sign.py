@@ -30,8 +30,10 @@ from vfplan.cli.run import CommandResult, command, command_line
 @options_in_order(
     option("--key", type=FILE, required=True, metavar="KEY",
            help="Sign with this private key, from `vfplan keygen`."),
-    option("--case", metavar="CASE", help="Sign it for this case only."),
-    option("--robot-serial", metavar="SERIAL", help="Sign it for this robot only."),
+    option("--case", metavar="CASE",
+           help="Sign it for this case only.  [default: as before]"),
+    option("--robot-serial", metavar="SERIAL",
+           help="Sign it for this robot only.  [default: as before]"),
     option("--registered-at", "registered_utc", metavar="UTC",
            help="Count the age of the bundle from this time, when the patient was registered, e.g. "
            "2026-01-31T12:00:00Z.  [default: now]"),

@@ -16,7 +16,7 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, progress
 
 from vfplan.bundle.content import max_number
-from vfplan.display import count
+from vfplan.display import command_of, count
 from vfplan.io.files import naming_place, to_json_types
 from vfplan.io.writing import write_whole
 
@@ -102,7 +102,7 @@ def vfplan_stability(
             next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
         elif judged_robot is DEFAULT_ROBOT:
             # Neither a robot nor one of its figures was typed.
-            again = shlex.join(["vfplan", "stability", str(fixture)])
+            again = command_of("stability", fixture)
             next_step = f"judge it with your own robot: {again} {robot_words}"
         else:
             next_step = approval_command(

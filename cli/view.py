@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Any
 
 import click
 from vfplan.cli.options import FILE, FIXTURE, OVERWRITE, PNG, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
+
+from vfplan.display import command_of
 
 
 @command("view")
@@ -49,7 +50,7 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     data: dict[str, Any] = {"points": len(planned.points), "files": []}
     if ticks is not None:
         data["ticks"] = len(ticks)
-    next_step = shlex.join(["vfplan", "replay", str(fixture), "SESSION"])
+    next_step = command_of("replay", fixture, "SESSION")
     if screenshot is None:
         view3d.show(planned, ticks, image)
         return CommandResult(data, verdict="seen and closed", next_step=next_step)

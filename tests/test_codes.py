@@ -79,7 +79,8 @@ def table(data, columns=("a",)):
 def npy(array, cut=0):
     file = io.BytesIO()
     np.save(file, array)
-    return _NpzMember(io.BytesIO(file.getvalue()[: len(file.getvalue()) - cut]), "hip")
+    data = file.getvalue()[: len(file.getvalue()) - cut]
+    return _NpzMember(lambda: io.BytesIO(data), "hip")
 
 
 def mended(points, closed=False):
@@ -229,7 +230,6 @@ CALLS = {
         empty_bag(d / "bag"), ros=bags.RosOptions(topic="/pose")),
     "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
     "result-empty": lambda d: read_result(stored_result(d)),
-    "order-wrong": lambda d: npy(np.asfortranarray(np.ones((3, 3)))),
     "file-cut": lambda d: npy(np.ones((3, 3)), cut=8).read_numbers(9),
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
     # Files, tables and folders.

@@ -6,6 +6,8 @@ Numbers of a report as text, each with the unit that a person reads it in.
 from __future__ import annotations
 
 import math
+import shlex
+from pathlib import Path
 
 # Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20
@@ -78,6 +80,13 @@ def micrometres(metres: float | None, decimals: int = 2) -> str:
 def millijoules(joules: float | None) -> str:
     """An energy [J] in millijoules, e.g. "2.4431 mJ"; "unknown" for `None`."""
     return _scaled(joules, 1e3, 4, "mJ")
+
+
+def command_of(*words: str | Path) -> str:
+    """A `vfplan` command, to be pasted; a file whose name begins like an option gets its folder."""
+    parts = [f"./{word}" if str(word).startswith("-") and isinstance(word, Path) else str(word)
+             for word in words]  # fmt: skip
+    return shlex.join(["vfplan", *parts])
 
 
 def count(number: int, noun: str) -> str:

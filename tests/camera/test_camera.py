@@ -1,6 +1,7 @@
 """The wall in a camera's picture: rendered frames whose truth is known, and real photographs."""
 
 import json
+import os
 import re
 import signal
 import socket
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import camera_scene as scene
 import cv2
@@ -23,8 +25,15 @@ from replays import fixture_of
 from vfplan.bundle.write import write_fixture
 from vfplan.camera.command import ticks_to_show
 from vfplan.camera.overlay import Overlay
-from vfplan.camera.pose import Camera, locate
-from vfplan.camera.sheet import draw_board, draw_print, plan_of, printed_tags, touched_tags
+from vfplan.camera.pose import Camera, find_tags, locate, make_finder
+from vfplan.camera.sheet import (
+    DICTIONARY,
+    draw_board,
+    draw_print,
+    plan_of,
+    printed_tags,
+    touched_tags,
+)
 from vfplan.errors import InputError, MarkerError, VfplanError
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
@@ -157,9 +166,29 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
         assert np.shape(shown["pose_T_camera_sheet"]) == (4, 4)
         made = cv2.VideoCapture(str(tmp_path / out))
         assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frame, 128))
+    blank = cv2.VideoWriter(str(tmp_path / "blank.avi"), code, 5, scene.SIZE)
+    blank.write(np.full_like(frame, 128))
+    blank.release()
+    for source, out in (("grey.png", "no.png"), ("blank.avi", "no.mp4")):
+        told = run("plan.h5", source, *more, out).fails(1).json
+        assert (told["refused"], told["output"]) == ("no-tag", None)
+        assert not (tmp_path / out).exists()
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
     run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
+
+
+@pytest.mark.parametrize("words", [
+    "--board-out b.pdf --port 3", "--board-out b.pdf x.h5", "p.h5 a.png --paper a4",
+    "p.h5 0 --port 0", "p.h5 0 --session-start 1", "p.h5 a.png --seconds 1",
+    "p.h5 0 --tags t.csv --measured-mm 99", "a.png --calibrate -o c.json --limit-mm 1",
+    "p.h5 0 --session s.csv --live r.h5",
+])  # fmt: skip
+def test_an_option_without_effect_is_refused(words, vfplan_cli, tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9), np.uint8))
+    assert vfplan_cli("ar", *words.split(), cwd=tmp_path).code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 SHOWN = "document.getElementById('connection').textContent"
@@ -258,3 +287,26 @@ def test_corners_of_a_real_photograph_lie_where_the_pose_says(shared_data, pictu
     off_px = np.linalg.norm(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2), axis=1)
     m_per_px = pose.vector[5] / camera.camera_matrix[0, 0]
     assert np.quantile(off_px, 0.95) * m_per_px < 0.3e-3
+
+
+def test_a_published_photograph_of_a_board():
+    """OpenCV's: its tags give the pose, and the corners of its squares are held out."""
+    folder = Path(os.environ.get("OPENCV_DOC", "/usr/share/doc/opencv-doc"))
+    if not folder.is_dir():
+        pytest.skip("no photograph: install Debian's opencv-doc, or name its folder in OPENCV_DOC")
+    frame = cv2.imread(str(folder / "opencv4/html/choriginal.jpg"), cv2.IMREAD_GRAYSCALE)
+    board = cv2.aruco.CharucoBoard((5, 7), 0.04, 0.02, DICTIONARY)
+    settings = folder / "examples/aruco/tutorial_camera_charuco.yml"
+    file = cv2.FileStorage(str(settings), cv2.FILE_STORAGE_READ)
+    lens = [file.getNode(name).mat() for name in ("camera_matrix", "distortion_coefficients")]
+    tags = dict(enumerate(np.array(board.getObjPoints(), float)))
+    pose = locate(find_tags(make_finder(), frame), tags, Camera(640, 480, *lens))
+    corners, numbers, *_ = cv2.aruco.CharucoDetector(board).detectBoard(frame)
+    places = board.getChessboardCorners()[numbers.ravel()].astype(float)
+    rays = cv2.undistortPoints(corners, *lens)[:, 0]
+    T = pose.T_camera_sheet
+    x, y, w = np.linalg.solve(T[:3, [0, 1, 3]], np.column_stack([rays, np.ones(len(rays))]).T)
+    off_m = np.hypot(x / w - places[:, 0], y / w - places[:, 1])
+    assert len(off_m) == 24
+    assert np.median(off_m) < 0.25e-3
+    assert np.quantile(off_m, 0.95) < 0.55e-3

@@ -1,9 +1,14 @@
 """`vfplan info`: a page for a person, JSON for a program, one line for a bad file."""
 
+import errno
+import json
+import os
 from dataclasses import replace
 
 import bundles
 import pytest
+from click.testing import CliRunner
+from vfplan.cli.main import cli
 
 import vfplan
 
@@ -36,6 +41,18 @@ def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
     for path in (tmp_path / "none.h5", tmp_path):
         run = vfplan_cli("info", path, "--json").fails(3)
         assert run.json["error"]["kind"] == "InputError"
+
+
+def test_a_file_that_may_not_be_read_is_code_3(path, monkeypatch):
+    """As the system answers whoever is not its owner; the tests may run as root."""
+    monkeypatch.setattr(os, "access", lambda *_: False)
+    monkeypatch.setattr(os, "open", refuse)
+    done = CliRunner().invoke(cli, ["info", str(path), "--json"])
+    assert (done.exit_code, json.loads(done.stdout)["error"]["code"]) == (3, "file-unreadable")
+
+
+def refuse(path, *_how):
+    raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
 
 @pytest.mark.parametrize("from_slice", [True, False])

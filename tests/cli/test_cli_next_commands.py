@@ -24,6 +24,7 @@ from vfplan.cli.next_commands import (
 )
 
 ODD = Path("a folder/it's mine.h5")
+DASH = Path("-dash.h5")
 COMMANDS = {
     "register": register_command(ODD),
     "register with a slice": register_command(ODD, Path("my slice.png")),
@@ -33,6 +34,11 @@ COMMANDS = {
     "sign": sign_command(ODD), "sign again": sign_command(ODD, case="it's", robot_serial="a 7"),
     "verify": verify_command(ODD, "my keys.pub", case="it's", robot_serial="a 7"),
 }  # fmt: skip
+
+
+def test_a_file_that_begins_like_an_option_gets_its_folder():
+    assert review_command(DASH, None) == "vfplan review ./-dash.h5 -o ./-dash-approved.h5"
+    assert verify_command(DASH, Path("-k.pub")) == "vfplan verify ./-dash.h5 --keys ./-k.pub"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -66,9 +72,9 @@ def test_every_command_ends_in_a_verdict_and_a_next_step(keywords):
 
 
 def test_a_bundle_that_is_there_already_is_not_named_again(tmp_path):
-    assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed.h5")
+    assert file_beside(tmp_path / "f.h5", "signed") == tmp_path / "f-signed.h5"
     (tmp_path / "f-signed.h5").touch()
-    assert file_beside(tmp_path / "f.h5", "signed") == str(tmp_path / "f-signed-2.h5")
+    assert file_beside(tmp_path / "f.h5", "signed") == tmp_path / "f-signed-2.h5"
 
 
 # What a person knows who pastes a command, in place of the words in capitals.

@@ -46,6 +46,18 @@ def test_a_signed_bundle_holds_the_same_values(desk):
     assert damage.equal(read_bundle(desk / "a.h5")[0], read_bundle(desk / "s.h5")[0])
 
 
+def test_a_signed_bundle_that_is_signed_again_stays_for_its_case(desk, vfplan_cli):
+    words = ["--key", desk / "mallory.key", "--despite-findings", "-o", desk / "again.h5", "--json"]
+    again = vfplan_cli("sign", desk / "s.h5", *words).sound
+    assert (again.json["case"], again.json["robot_serial"]) == ("C1", "R7")
+    other = vfplan_cli("sign", desk / "s.h5", *words, "--overwrite", "--case", "C2").sound
+    assert (other.json["case"], other.json["robot_serial"]) == ("C2", "R7")
+    # `diff` compares no signatures, and says how they differ.
+    told = vfplan_cli("diff", desk / "a.h5", desk / "again.h5").sound.stdout
+    line = f"A is not signed, B is signed by key {again.json['key_id']}, for case 'C2', for robot"
+    assert line in told
+
+
 def test_verify_names_the_key(desk, vfplan_cli):
     words = ["--case", "C1", "--robot-serial", "R7", "--max-age", "2h"]
     run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
@@ -123,6 +135,7 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
 
 @pytest.mark.parametrize("words", [
     ["--registered-at", "yesterday"], ["--registered-at", "2026-01-01T00:00:00"],
+    ["--registered-at", "2999-01-01T00:00:00Z"],
     ["--case", "c" * 5000], ["--case", "a\nb"],
 ])  # fmt: skip
 def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, vfplan_cli):

@@ -138,6 +138,13 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     assert np.array_equal(poses.arrived, [0, 0.02])
     assert read_poses(path, "mm").pose[1].tolist() == [1e-6, 0, 0, 0.6, 0.8, 0, 0]
     head = "t,x,y,z,qw,qx,qy,qz\n"
+    path.write_text(head + "0,0,0,0,1,0,0,0\n1,0,0,0,0.6,0.8018,0,0\n")
+    rounded = read_poses(path)
+    assert rounded.rounded == 1
+    assert np.linalg.norm(rounded.pose[:, 3:], axis=1) == pytest.approx([1, 1], abs=1e-15)
+    session = vfplan.Session(T * np.arange(9), np.full((9, 3), 0.1), "robot_base")
+    findings = vfplan.replay(fixture(), session, poses=rounded).metrics["findings"]
+    assert "poses-rounded" in [finding["code"] for finding in findings]
     for text, code in (("t,x,y,z\n0,0,0,0\n", "column-missing"), (head, "poses-empty"),
                        (head + "0,0,0,0,2,0,0,0\n", "pose-invalid"),
                        (head + "1,0,0,0,1,0,0,0\n0,0,0,0,1,0,0,0\n", "pose-invalid"),

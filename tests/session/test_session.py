@@ -31,7 +31,7 @@ def write_all(folder, time, hip):
     with h5py.File(folder / "s.h5", "w") as file:
         file["time"], file["hip"] = time, hip
     np.savez(folder / "s.npz", time=time, hip=hip)
-    np.savez_compressed(folder / "packed.npz", time=time, hip=hip)
+    np.savez_compressed(folder / "packed.npz", time=time, hip=np.asfortranarray(hip))
     write_csv(folder / "s.csv", time, hip)
     return [folder / name for name in ("s.h5", "s.npz", "packed.npz", "s.csv")]
 

@@ -231,7 +231,7 @@ def header_of(store, stamp, *sequence, frame="panda_link0"):
     return store.types["std_msgs/msg/Header"](*sequence, time, frame)
 
 
-def write_poses(path, extra_topic=False):
+def write_poses(path, extra_topic=False, length=1.0):
     store = get_typestore(Stores.ROS2_HUMBLE)
     stamps, places, turns, quats = motion()
     kind = "geometry_msgs/msg/PoseStamped"
@@ -240,7 +240,7 @@ def write_poses(path, extra_topic=False):
         for topic in topics:
             to = writer.add_connection(topic, kind, typestore=store)
             for stamp, place, quat in zip(stamps, places, quats, strict=True):
-                body = pose_of(store, place, quat)
+                body = pose_of(store, place, length * np.array(quat))
                 message = store.types[kind](header_of(store, stamp), body)
                 # The bag's own clock runs late; the header's is the one that counts.
                 writer.write(to, int(stamp) + 5_000_000, store.serialize_cdr(message, kind))
@@ -260,6 +260,11 @@ def test_pose_with_and_without_a_tip(tmp_path):
     assert session.notes["stamp"] == "header"
     tipped = read_session(tmp_path / "bag", ros=RosOptions(tool_tip=TIP))
     np.testing.assert_allclose(tipped.hip, places + turns @ TIP, atol=1e-12)
+    assert tipped.notes["poses_rounded"] == 0
+    write_poses(tmp_path / "rounded", length=1.0014)
+    rounded = read_session(tmp_path / "rounded", ros=RosOptions(tool_tip=TIP))
+    np.testing.assert_allclose(rounded.hip, tipped.hip, atol=1e-12)
+    assert rounded.notes["poses_rounded"] == rounded.ticks
     by_name = RosOptions("/measured_cp", "pose.position")
     np.testing.assert_array_equal(read_session(tmp_path / "bag", ros=by_name).hip, session.hip)
 

@@ -23,6 +23,8 @@ BLOCK = 1 << 18
 LARGEST_PIECES = 64
 # Largest area of a sheet for that of the skin over its rim. Half a sphere has twice as much.
 SHEET = 1.5
+# In the order of a tree, how far apart two points may stand to be compared.
+NEAR_IN_TREE = 4
 # Places along an opening that are tried at first.
 MAX_CELLS = 64
 
@@ -260,27 +262,39 @@ def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
     """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
     rows, place = places_of(points)
     best = (0.0, 0)
-    if len(rows) > 1:
-        tree = kd_tree(points[rows])
-        # In the tree's order neighbours are searched for one after the other.
-        alone = rows[tree.indices][np.bincount(place)[tree.indices] == 1]
-        for start in range(0, len(alone), BLOCK):
-            block = alone[start : start + BLOCK]
-            distance = tree.query(points[block], k=[2], workers=-1)[0][:, 0]
+    if len(rows) == 1:
+        return best
+    is_alone = np.bincount(place) == 1
+    del place
+    tree = kd_tree(points[rows])
+    # In the tree's order neighbours stand near each other.
+    for start in range(0, len(rows), BLOCK):
+        block = tree.indices[start : start + BLOCK]
+        places, reach = tree.data[block], np.full(len(block), np.inf)
+        for step in range(1, NEAR_IN_TREE + 1):
+            apart = np.linalg.norm(places[step:] - places[:-step], axis=1)
+            np.minimum(reach[step:], apart, out=reach[step:])
+            np.minimum(reach[:-step], apart, out=reach[:-step])
+        # The others have a neighbour that is nearer than the loneliest has one so far.
+        block = block[is_alone[block] & (reach >= best[0])]
+        if len(block):
+            distance = tree.query(tree.data[block], k=[2], workers=-1)[0][:, 0]
             farthest = int(np.argmax(distance))
-            best = max(best, (float(distance[farthest]), int(block[farthest])))
+            best = max(best, (float(distance[farthest]), int(rows[block[farthest]])))
     return best
 
 
-def places_of(points: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def places_of(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
     """A point of each place, and (N,) the number of the place of each point.
 
     No tree can part points of one place, so a search among them would look at each.
     """
-    order = np.lexsort(points.T)
-    is_new = np.ones(len(points), bool)
-    is_new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)
-    place = np.empty(len(points), np.intp)
+    # Half the memory of NumPy's own type: no bundle has 2**31 points.
+    order = np.lexsort(points.T).astype(np.int32)
+    is_new = np.arange(len(points)) == 0
+    for column in points.T:
+        is_new[1:] |= np.diff(column[order]) != 0
+    place = np.empty(len(points), np.int32)
     place[order] = np.cumsum(is_new) - 1
     return order[is_new], place
 

@@ -41,6 +41,7 @@ from typing import Any, BinaryIO
 
 from vfplan._core import Sealed, lookup3
 from vfplan.bundle.content import document, from_content
+from vfplan.display import command_of
 from vfplan.errors import (
     BundleError,
     CheckFailed,
@@ -448,9 +449,9 @@ def sign(
     """Sign a bundle: write it again, its content unchanged, with a signed seal, described here.
 
     `case`, `robot_serial` and the time of signing are covered by the signature. A bundle that is
-    for a case is signed for that one. With
-    `registered_utc` (ISO 8601, UTC), when the patient was registered, that time stands in place of
-    the present one: the bundle's age counts from it. An earlier signature is replaced.
+    for a case is signed for that one. An earlier signature is replaced; what that was for stays,
+    unless another case or robot is named. With `registered_utc` (ISO 8601, UTC), when the patient
+    was registered, that time stands in place of the present one: the bundle's age counts from it.
 
     A bundle is signed when a person has reviewed it and answered all doubts. With
     `despite_findings` it is signed all the same; the seal says so, and whoever reads it sees it.
@@ -470,6 +471,12 @@ def sign(
         The target exists and `overwrite` is false.
     """
     signed_at = seconds_since_1970(now_utc() if registered_utc is None else registered_utc)
+    if registered_utc is not None and signed_at > time.time() + CLOCK_SKEW:
+        raise SettingError(
+            f"{registered_utc!r} lies in the future. Give the time at which the patient was "
+            "registered.",
+            code="registered-later",
+        )
     check_texts(case, robot_serial)
     key = read_private(key_path)
     with opened_source(source) as stream:
@@ -483,7 +490,9 @@ def sign(
             where=str(source),
             code="case-other",
         )
-    case = case or fixture.case or ""
+    # An earlier signature goes on for the same case and robot.
+    case = case or fixture.case or sealed.case
+    robot_serial = robot_serial or sealed.robot_serial
     if not despite_findings:
         check_is_approved(fixture, str(source))
     parts = sealed_file(
@@ -506,9 +515,10 @@ def check_texts(case: str, robot_serial: str = "") -> None:
 
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
-    slice_option = "" if fixture.image is None else "--slice IMAGE "
-    approved = Path(where).with_name(f"{Path(where).stem}-approved.h5")
-    page = f"vfplan review {shlex.quote(where)} {slice_option}-o {shlex.quote(str(approved))}"
+    source = Path(where)
+    slice_words = () if fixture.image is None else ("--slice", "IMAGE")
+    approved = source.with_name(f"{source.stem}-approved.h5")
+    page = command_of("review", source, *slice_words, "-o", approved)
     codes = [finding.code for finding in fixture.open_findings]
     if codes:
         subject = "1 finding is" if len(codes) == 1 else f"{len(codes)} findings are"

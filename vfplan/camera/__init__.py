@@ -10,3 +10,6 @@ A leaf room: no other package imports it. Its command is `vfplan ar`.
 # How far off the drawn line may be unless the caller says otherwise [mm]: half of a pen's line,
 # beside which the wall would else seem to stand.
 LIMIT_MM = 0.5
+
+# Name of an output -> the codec of its video; others are pictures.
+CODECS = {".mp4": "mp4v", ".avi": "MJPG"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import tempfile
 import threading
 import time
@@ -15,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from vfplan.camera import LIMIT_MM
+from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.cli import options
 from vfplan.cli.options import (
     FILE,
@@ -27,12 +26,11 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
+from vfplan.display import command_of
 
 if TYPE_CHECKING:
+    from vfplan.camera.overlay import Overlay
     from vfplan.fixture import Fixture
-
-# Name of an output -> the codec of its video; others are pictures.
-CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 
 
 @command("ar")
@@ -76,31 +74,56 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
     not certain shows no wall and says why. With --calibrate all files show the board.
     """
     if board_out is not None:
-        from vfplan.camera.sheet import draw_board, write_pdf
-
-        with outputs(board_out) as (path,):
-            write_pdf(draw_board(paper), path)
-        return CommandResult(
-            {"board": str(board_out)}, f"wrote {board_out}", verdict="drawn",
-            next_step=f"print {board_out} at 100 %, put it on a flat plate, take 15 pictures from "
-            "all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
-        )  # fmt: skip
+        options.refuse_unused("with --board-out", "files", "output", "calibrate", *OF_THE_WALL)
+        return write_board(board_out, paper)
+    options.refuse_unused("without --board-out", "paper")
     writes_calibration = output is not None and output.suffix.lower() == ".json"
-    if calibrate:
-        is_complete = len(files) > 0 and writes_calibration
-    else:
-        is_complete = len(files) == 2 and not writes_calibration
-    if not is_complete or output in files:
+    wanted_files = len(files) > 0 if calibrate else len(files) == 2
+    if not wanted_files or writes_calibration != calibrate or output in files:
         raise click.UsageError(
             "give FIXTURE.h5 and a source, or --calibrate PICTURES -o CALIB.json"
         )
     if calibrate:
+        options.refuse_unused("with --calibrate", *OF_THE_WALL)
         return calibrate_camera(files, output)
+    check_options_of_wall(files[1], arguments)
+    return show_wall(*files, output, arguments)
+
+
+# The options of the wall alone.
+OF_THE_WALL = (
+    "camera", "measured_mm", "limit_mm", "tags", "session", "live_source", "window", "port",
+    "no_browser", "session_start", "seconds",
+)  # fmt: skip
+
+
+def check_options_of_wall(source: Path, arguments: dict[str, Any]) -> None:
+    """Refuse options that exclude each other, or that would change nothing."""
     from vfplan.images.read import is_picture_file
 
-    if arguments["window"] and is_picture_file(files[1]):
-        raise click.UsageError("--window shows a camera or a video. Use -o for a picture")
-    return show_wall(*files, output, arguments)
+    if is_picture_file(source):
+        options.refuse_unused("on a picture", "window", "port", "no_browser", "seconds")
+    if not arguments["window"]:
+        options.refuse_unused("without --window", "port", "no_browser")
+    if arguments["session"] is None:
+        options.refuse_unused("without --session", "session_start")
+    elif arguments["live_source"] is not None:
+        raise click.UsageError("give --session or --live, not both")
+    if arguments["tags"] is not None:
+        options.refuse_unused("with --tags", "measured_mm")
+
+
+def write_board(board_out: Path, paper: str) -> CommandResult:
+    """Write the board of a calibration, to be printed."""
+    from vfplan.camera.sheet import draw_board, write_pdf
+
+    with outputs(board_out) as (path,):
+        write_pdf(draw_board(paper), path)
+    return CommandResult(
+        {"board": str(board_out)}, f"wrote {board_out}", verdict="drawn",
+        next_step=f"print {board_out} at 100 %, put it on a flat plate, take 15 pictures from "
+        "all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
+    )  # fmt: skip
 
 
 def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
@@ -120,7 +143,7 @@ def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
     data = to_json_types(asdict(camera)) | {"rms_px": rms_px}
     with outputs(output) as (path,):
         write_whole(path, [json.dumps(data, indent=2).encode()], overwrite=True)
-    following = shlex.join(["vfplan", "ar", "FIXTURE.h5", "0", "--camera", str(output)])
+    following = command_of("ar", "FIXTURE.h5", "0", "--camera", output)
     return CommandResult(
         data | {"pictures": used, "output": str(output)},
         f"{used} pictures fit to {rms_px:.3f} px\nwrote {output}", verdict="calibrated",
@@ -131,69 +154,43 @@ def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
 def show_wall(
     fixture: Path, source: Path, output: Path | None, arguments: dict[str, Any]
 ) -> CommandResult:
-    """Draw the wall on every frame of a source."""
+    """Draw the wall on every frame of a source, show and write the frames, and say how many."""
     import cv2
     import numpy as np
 
-    from vfplan.bundle.read import read_fixture
-    from vfplan.camera.overlay import Overlay, frames_of
-    from vfplan.camera.pose import read_camera
-    from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
-    from vfplan.io.files import naming_place
-    from vfplan.io.writing import write_whole
+    from vfplan.camera.overlay import Film, frames_of
 
-    camera, touched = read_camera(arguments["camera"]), arguments["tags"]
-    with naming_place(fixture):
-        plan = plan_of(read_fixture(fixture))
-        tags = touched_tags(touched, plan) if touched is not None else printed_tags(plan)
-    measured_mm, warnings = arguments["measured_mm"], []
-    if touched is None and measured_mm is None:
-        warnings = ["The scale of the print was not checked. Give --measured-mm"]
     refusals, seconds = Counter(), []
-    report = shown = video = picture = window = None
+    shown = last = None
     with outputs(output) as (path,), noted_signals() as is_stopped, ExitStack() as stack:
-        overlay = Overlay(
-            plan, tags, camera, touched is None, arguments["limit_mm"], measured_mm or SCALE_MM,
-            ticks_to_show(stack, plan.fixture, arguments),
-        )  # fmt: skip
-        if arguments["window"]:
-            window = open_window(stack, fixture, arguments)
-        size = (camera.image_width, camera.image_height)
-        suffix = path.suffix.lower() if path is not None else None
+        overlay = overlay_of(stack, fixture, arguments)
+        window = open_window(stack, fixture, arguments) if arguments["window"] else None
+        film = Film(path)
         begun = time.monotonic()
-        for time_s, rate_hz, frame in frames_of(source, size):
+        for time_s, rate_hz, frame in frames_of(source, overlay.camera.size):
             if window is not None:
                 # A film is shown at its own pace.
                 time.sleep(max(0.0, begun + time_s - time.monotonic()))
             started = time.monotonic()
-            report = overlay.show(frame, time_s + arguments["session_start"])
+            last = overlay.show(frame, time_s + arguments["session_start"])
             seconds.append(time.monotonic() - started)
             frame = cv2.cvtColor(frame, cv2.COLOR_RGB2BGR)
-            if window is not None:
-                window.show(frame, report["refused"], started)
-            if video is None and suffix in CODECS:
-                code = cv2.VideoWriter.fourcc(*CODECS[suffix])
-                video = cv2.VideoWriter(str(path), code, rate_hz, frame.shape[1::-1])
-            if video is not None:
-                video.write(frame)
-            if picture is None or report["refused"] is None:
-                picture = frame
-            if report["refused"] is None:
-                shown = report
+            if last["refused"] is None:
+                shown = last
             else:
-                refusals[report["refused"]] += 1
+                refusals[last["refused"]] += 1
+            film.add(frame, rate_hz, last["refused"])
+            if window is not None:
+                window.show(frame, last["refused"], started)
             if is_stopped() or time_s >= (arguments["seconds"] or np.inf):
                 break
-        if video is not None:
-            video.release()
-        elif path is not None:
-            write_whole(path, [cv2.imencode(suffix, picture)[1].tobytes()], overwrite=True)
+        film.close(has_wall=shown is not None)
 
     frames, ms = len(seconds), 1e3 * float(np.median(seconds))
     # Of a video the last frame with a wall speaks for all, or the last one.
-    data = (shown or report) | {
+    data = (shown or last) | {
         "frames": frames, "shown": frames - refusals.total(), "refusals": refusals,
-        "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": output and str(output),
+        "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": shown and output and str(output),
     }  # fmt: skip
     text = f"{data['shown']} of {frames} frames show the wall; {ms:.0f} ms a frame"
     if window is not None and window.latencies_ms:
@@ -201,16 +198,36 @@ def show_wall(
         text += f"\nthe page shows a frame {data['window_latency_ms']:.0f} ms after it came"
     for code, number in refusals.items():
         text += f"\n{number} without: {code}"
-    if output is not None:
-        text += f"\nwrote {output}"
+    warnings = []
+    if arguments["tags"] is None and arguments["measured_mm"] is None:
+        warnings = ["The scale of the print was not checked. Give --measured-mm"]
     if shown is None:
-        again = command_line() + " --overwrite" * (output is not None)
         return CommandResult(
             data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
-            next_step=f"then try again: {again}",
+            next_step=f"then try again: {command_line()}",
         )  # fmt: skip
-    look = f"look at {output}" if output is not None else f"keep it: {command_line()} -o OUT.png"
+    look = f"keep it: {command_line()} -o OUT.png"
+    if output is not None:
+        text, look = f"{text}\nwrote {output}", f"look at {output}"
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
+
+
+def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Overlay:
+    """What draws the plan of a file on the frames of the camera, as the options say."""
+    from vfplan.bundle.read import read_fixture
+    from vfplan.camera.overlay import Overlay
+    from vfplan.camera.pose import read_camera
+    from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
+    from vfplan.io.files import naming_place
+
+    camera, touched = read_camera(arguments["camera"]), arguments["tags"]
+    with naming_place(fixture):
+        plan = plan_of(read_fixture(fixture))
+        tags = printed_tags(plan) if touched is None else touched_tags(touched, plan)
+    return Overlay(
+        plan, tags, camera, touched is None, arguments["limit_mm"],
+        arguments["measured_mm"] or SCALE_MM, ticks_to_show(stack, plan.fixture, arguments),
+    )  # fmt: skip
 
 
 def ticks_to_show(
@@ -218,8 +235,6 @@ def ticks_to_show(
 ) -> Callable[[float], Any]:
     """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
     session, source = arguments["session"], arguments["live_source"]
-    if session is not None and source is not None:
-        raise click.UsageError("give --session or --live, not both")
     if session is not None:
         from vfplan.replaying.replay import replay
         from vfplan.session.bags import as_ticks

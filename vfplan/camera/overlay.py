@@ -20,7 +20,7 @@ from urllib.parse import parse_qs, urlsplit
 import cv2
 import numpy as np
 
-from vfplan.camera import LIMIT_MM
+from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, make_finder
 from vfplan.camera.sheet import SCALE_MM, Plan
 from vfplan.display import MM
@@ -28,6 +28,7 @@ from vfplan.errors import CheckFailed, InputError
 from vfplan.geometry.lines import normals, ring_of, runs
 from vfplan.images.read import as_uint8, is_picture_file, read_image
 from vfplan.io.sandbox import Loopback, reply
+from vfplan.io.writing import write_whole
 from vfplan.report.page import document, part
 from vfplan.review import paper
 from vfplan.review.markers import bound95_m
@@ -135,10 +136,10 @@ class Overlay:
         """What is known of a frame, with the reason where no wall may show, and the pose."""
         names = ("refused", "reprojection_px", "bound_mm", "pose_T_camera_sheet")
         report, pose = dict.fromkeys(names), None
-        size = (self.camera.image_width, self.camera.image_height)
         try:
-            if frame.shape[1::-1] != size:
-                text = f"The camera was calibrated in {size} pixels, not {frame.shape[1::-1]}"
+            if frame.shape[1::-1] != self.camera.size:
+                sizes = f"{self.camera.size} pixels, not {frame.shape[1::-1]}"
+                text = f"The camera was calibrated in {sizes}"
                 raise CheckFailed(text, code="camera-size")
             if abs(self.measured_mm - SCALE_MM) > RULER_MM:
                 text = f"The scale is {self.measured_mm:g} mm long. Print the sheet at 100 %"
@@ -207,7 +208,7 @@ def in_view(pose: Pose, places: Array) -> Any:
     """(N,) whether places lie before the camera and not far beside its picture."""
     T, camera = pose.T_camera_sheet, pose.camera
     x, y, z = camera.camera_matrix @ (places @ T[:3, :3].T + T[:3, 3]).T
-    half = np.array([[camera.image_width], [camera.image_height]]) / 2
+    half = np.reshape(camera.size, (2, 1)) / 2
     return (z > 0) & (np.abs([x, y] - half * z) < BESIDE * half * z).all(axis=0)
 
 
@@ -215,6 +216,39 @@ def draw_in_view(frame: Picture, pose: Pose, line: Array, colour: Any, thickness
     """Draw those parts of a line (N, 3) that the camera sees."""
     for run in runs(in_view(pose, line), False):
         paper.draw_line(frame, pose.project(line[run]), colour, thickness)
+
+
+class Film:
+    """The file of the frames, blue first: a video, or the last picture with a wall, or none.
+
+    path: where to write; its suffix says what; `None`: nowhere
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self.codec = None if path is None else CODECS.get(path.suffix.lower())
+        self.video: Any = None
+        self.picture: Picture | None = None
+
+    def add(self, frame: Picture, rate_hz: float, refused: str | None) -> None:
+        """Take a frame, with the reason where it shows no wall."""
+        if self.codec is None:
+            self.picture = self.picture if refused else frame
+            return
+        if self.video is None:
+            code = cv2.VideoWriter.fourcc(*self.codec)
+            self.video = cv2.VideoWriter(str(self.path), code, rate_hz, frame.shape[1::-1])
+        self.video.write(frame)
+
+    def close(self, *, has_wall: bool) -> None:
+        """Finish the file; without a wall in any frame there is none."""
+        if self.video is not None:
+            self.video.release()
+            if not has_wall:
+                self.path.unlink()
+        elif self.path is not None and has_wall:
+            data = cv2.imencode(self.path.suffix.lower(), self.picture)[1].tobytes()
+            write_whole(self.path, [data], overwrite=True)
 
 
 # Seconds after which a page that waits for a frame is looked after: it may have gone.
@@ -237,46 +271,47 @@ class Window:
     """
 
     def __init__(self, name: str, port: int) -> None:
-        self._token = secrets.token_urlsafe(32)
+        self.token = secrets.token_urlsafe(32)
         # From the reading of a frame to the page's answer that it is drawn [ms].
         self.latencies_ms: list[float] = []
-        self._frame, self._words, self._read_s = None, {"frame": 0}, 0.0
-        self._has_changed = threading.Condition()
+        self.frame, self.words, self.read_s = None, {"frame": 0}, 0.0
+        self.has_changed = threading.Condition()
         title = f"Camera: {escape(name)}"
         body = f"<header><h1>{title}</h1></header>" + part("window.html", "vfplan.camera")
         body += f"<script>{part('window.js', 'vfplan.camera')}</script>"
-        self._page = document(title, body, live=True).encode()
-        self._server = Loopback(port, self._answer, self._talk)
-        self.close = self._server.close
+        self.page = document(title, body, live=True).encode()
+        self.server = Loopback(port, self.answer, self.talk)
+        self.close = self.server.close
         # What to open in a browser; whoever knows it sees the frames.
-        self.address = f"http://127.0.0.1:{self._server.port}/#{self._token}"
+        self.address = f"http://127.0.0.1:{self.server.port}/#{self.token}"
 
     def show(self, frame: Picture, refused: str | None, read_s: float) -> None:
         """Show a frame, blue first, that was read at a time of `time.monotonic`."""
-        with self._has_changed:
-            self._words = {"frame": self._words["frame"] + 1, "refused": refused}
-            self._frame, self._read_s = frame, read_s
-            self._has_changed.notify_all()
+        with self.has_changed:
+            self.words = {"frame": self.words["frame"] + 1, "refused": refused}
+            self.frame, self.read_s = frame, read_s
+            self.has_changed.notify_all()
 
-    def _answer(self, connection: Any, request: Any) -> Any:
+    def answer(self, connection: Any, request: Any) -> Any:
+        """The page, or `None` where whoever asks may have the frames; else a refusal."""
         address = urlsplit(request.path)
         if address.path == "/":
-            return reply(connection, self._page, "text/html; charset=utf-8", PAGE_HEADERS)
+            return reply(connection, self.page, "text/html; charset=utf-8", PAGE_HEADERS)
         if address.path != "/frames":
             return connection.respond(404, "there is one page, /")
         token = parse_qs(address.query).get("token", [""])[0]
-        if not hmac.compare_digest(token.encode(), self._token.encode()):
+        if not hmac.compare_digest(token.encode(), self.token.encode()):
             return connection.respond(403, "the address lacks the token of this run")
         return None
 
-    def _talk(self, connection: Any) -> None:
+    def talk(self, connection: Any) -> None:
         """Send frames until the connection is closed, which sending or receiving raises."""
         shown, latency_ms = 0, None
         while True:
-            with self._has_changed:
-                if self._words["frame"] == shown:
-                    self._has_changed.wait(WAIT_S)
-                words, frame, read_s = self._words, self._frame, self._read_s
+            with self.has_changed:
+                if self.words["frame"] == shown:
+                    self.has_changed.wait(WAIT_S)
+                words, frame, read_s = self.words, self.frame, self.read_s
             if words["frame"] == shown:
                 # This raises where the page has gone.
                 connection.ping()

@@ -65,6 +65,11 @@ class Camera:
     camera_matrix: Array
     distortion_coefficients: Array
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of its pictures [px]."""
+        return self.image_width, self.image_height
+
     def project(self, places: Array, pose: Array) -> tuple[Array, Array]:
         """(N, 2) pixels of places, and (N, 2, 6) how they follow from `pose`, (6,)."""
         lens = self.camera_matrix, self.distortion_coefficients

@@ -16,3 +16,6 @@ ROUNDING = 1e-12
 # How far the length of a direction or a quaternion in a file may be from 1. Scanners and trackers
 # that write three decimals stay within.
 UNIT_ROUNDED = 1e-3
+
+# The same of a quaternion that is taken at length 1, and told: two decimals rarely leave more.
+TURN_ROUNDED = 5e-3

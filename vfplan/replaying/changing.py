@@ -227,6 +227,7 @@ class ChangingFixture:
                 "missing_pose_ticks": self._counts["missing"],
                 "stale_contact_ticks": self._counts["untrue"],
                 "poses_refused": self._frame.refused,
+                "poses_rounded": self._poses.rounded,
                 "pose_jumps": len(self._jumps),
                 "frame_lag_max_m": self._lag,
             }

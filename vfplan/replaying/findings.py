@@ -14,7 +14,7 @@ import numpy as np
 from vfplan.display import count
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
-from vfplan.geometry import ROUNDING_M
+from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
 from vfplan.replaying.clearance import Steps
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
@@ -66,6 +66,13 @@ def replay_findings(
             "which the inner side is rendered. Begin outside; check --units and the registration."
         )
         yield finding("started-in-mesh", "error", text)
+    rounded = record["session"].get("poses_rounded", 0) + report.get("poses_rounded", 0)
+    if rounded:
+        text = (
+            f"The quaternions of {rounded} poses have a length that differs from 1 by more than "
+            f"{UNIT_ROUNDED:g}, and were taken at length 1. Record them with more digits."
+        )
+        yield finding("poses-rounded", "info", text)
     yield from run_findings(report, parameters)
     if robot is None:
         yield from common_arm_findings(report, record["session"])

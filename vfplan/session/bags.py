@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import shlex
 from array import array
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, suppress
 from dataclasses import astuple, dataclass, replace
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MissingExtra, SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.geometry import UNIT_ROUNDED
+from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
 from vfplan.session.channels import (
     CDR_LITTLE_ENDIAN,
@@ -128,12 +129,15 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
     ros = RosOptions(*options)
     # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
     senders: dict[Sender, array[int]] = {}
+    rounded = Counter[Sender]()
     with opened_bag(path) as bag:
         ros = replace(ros, topic=_choose_topic(bag, ros))
         for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
             if not k:
                 ros = replace(ros, field=_choose_field(message, ros))
             senders.setdefault(sender, array("q")).extend(stamps)
+            if ros.tool_tip is not None:
+                rounded[sender] += is_rounded(message, ros.field or "")
             if k % BLOCK == BLOCK - 1:
                 yield []
     if not senders:
@@ -173,6 +177,7 @@ def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
         notes["ros_frame_id"] = next(iter(chosen)).frame
     if ros.tool_tip is not None:
         notes["tool_tip_m"] = list(ros.tool_tip)
+        notes["poses_rounded"] = sum(rounded[sender] for sender in chosen)
     yield [[start, *astuple(ros)], notes]
 
 
@@ -327,13 +332,27 @@ def _type_name(value: Any) -> str:
     return getattr(value, "__msgtype__", type(value).__name__).rpartition("/")[2]
 
 
+def is_rounded(message: Any, field: str) -> bool:
+    """Whether a message has a quaternion that is taken at length 1 and is not so long."""
+    try:
+        value = _value_at(message, field)
+        turn = getattr(value, "orientation", None) or value.rotation
+        return bool(abs(np.linalg.norm(_xyzw(turn)) - 1) >= UNIT_ROUNDED)
+    except AttributeError:
+        return False
+
+
+def _xyzw(quaternion: Any) -> list[float]:
+    return [float(getattr(quaternion, axis)) for axis in "xyzw"]
+
+
 def _rotation_matrix(quaternion: Any) -> Array:
     """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
     from scipy.spatial.transform import Rotation
 
-    xyzw = [float(getattr(quaternion, axis)) for axis in "xyzw"]
+    xyzw = _xyzw(quaternion)
     length = np.linalg.norm(xyzw)
-    if not abs(length - 1) < UNIT_ROUNDED:
+    if not abs(length - 1) < TURN_ROUNDED:
         message = (
             f"a quaternion has length {length:.6g}. Record it with length 1, or leave --tool-tip "
             "out"

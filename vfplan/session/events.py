@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError
-from vfplan.geometry import UNIT_ROUNDED
+from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     OpenedFile,
@@ -56,6 +56,8 @@ class Poses:
     pose: Array
     # (n,) when the control loop had it [s], never decreasing
     arrived: Array
+    # Number of those whose quaternion was rounded, and was taken at length 1
+    rounded: int = 0
 
 
 def read_poses(path: str | Path, units: str = "m") -> Poses:
@@ -78,7 +80,7 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
 
     length = np.linalg.norm(pose[:, 3:], axis=1)
     good = np.isfinite(rows).all(axis=1)
-    good &= np.abs(length - 1) < UNIT_ROUNDED
+    good &= np.abs(length - 1) < TURN_ROUNDED
     good &= np.abs(pose[:, :3]).max(axis=1) <= MAX_COORDINATE
     good[1:] &= np.diff(arrived) >= 0
     if not good.all():
@@ -89,7 +91,9 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
             "the pose before it"
         )
         raise SessionError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
-    return Poses(time, pose, arrived)
+    rounded = np.abs(length - 1) >= UNIT_ROUNDED
+    pose[rounded, 3:] /= length[rounded, None]
+    return Poses(time, pose, arrived, np.count_nonzero(rounded))
 
 
 HEADER = ["tick", "what", "x", "y", "z"]
@@ -251,7 +255,8 @@ def as_the_loop_saw(
         tick = np.searchsorted(pose_count, accepted)
         in_session = tick < len(time)
         arrived = np.maximum.accumulate(time[tick[in_session]])
-        poses = Poses(poses.time[in_session], poses.pose[in_session], arrived)
+        kept = {"time": poses.time[in_session], "pose": poses.pose[in_session]}
+        poses = replace(poses, **kept, arrived=arrived)
     if events is not None:
         ticks = np.searchsorted(event_count, np.arange(len(events)), side="right").tolist()
         pairs = zip(events, ticks, strict=True)

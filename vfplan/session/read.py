@@ -7,10 +7,10 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
-import functools
 import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, BinaryIO
 
@@ -112,7 +112,7 @@ def open_session(
         raise SessionError(message, where=name, code="matlab-file")
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
-        read = functools.partial(run_in_sandbox, "vfplan.session.bags:read_hips", factor, **source)
+        read = partial(run_in_sandbox, "vfplan.session.bags:read_hips", factor, **source)
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
         kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
@@ -126,9 +126,7 @@ def open_session(
                     f"{expected[statement]!r}. Correct one of them"
                 )
                 raise SessionError(message, where=name, code="units-or-frame-differ")
-        read = functools.partial(
-            run_in_sandbox, f"vfplan.session.read:read_{kind}", factor, **source
-        )
+        read = partial(run_in_sandbox, f"vfplan.session.read:read_{kind}", factor, **source)
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
@@ -173,7 +171,7 @@ def _open_bag(
             raise SessionError(message, where=name, code="file-changed")
 
     job = "vfplan.session.bags:read_bag"
-    read = functools.partial(run_in_sandbox, job, place, factor, *chosen, **told)
+    read = partial(run_in_sandbox, job, place, factor, *chosen, **told)
     notes |= {"format": "ros", "units": units}
     return _stream(read, require_unchanged, skip, name, frame, sha256, notes)
 
@@ -309,27 +307,35 @@ def _check_shapes(time: Any, hip: Any) -> int:
 
 
 class _NpzMember:
-    """One array of an archive, read from its beginning on."""
+    """One array of an archive, read row by row from its beginning on.
 
-    def __init__(self, stream: IO[bytes], name: str) -> None:
+    opened: opens the array's file at its first byte
+    """
+
+    def __init__(self, opened: Callable[[], IO[bytes]], name: str) -> None:
+        stream = opened()
         try:
             self.shape, by_columns, self.dtype = npy_header(stream)
         except ValueError as error:
             message = f"cannot be read as .npz: {name}: {error}. Save the arrays again"
             raise SessionError(message, code="npz-broken") from None
+        self._streams = [stream]
         if by_columns and len(self.shape) > 1:
-            message = f"{name} is stored by columns. Save it in C order"
-            raise SessionError(message, code="order-wrong")
-        self._stream = stream
+            # As NumPy has what is made of rows of x, y and z. Each column has a stream of its own.
+            start, size = stream.tell(), self.shape[0] * self.dtype.itemsize
+            self._streams += [opened(), opened()]
+            for column in (1, 2):
+                self._streams[column].seek(start + column * size)
 
     def read_numbers(self, count: int) -> Array:
-        """The next `count` numbers."""
-        size = count * self.dtype.itemsize
-        data = self._stream.read(size)
-        if len(data) != size:
+        """The next `count` numbers, row by row."""
+        size = count // len(self._streams) * self.dtype.itemsize
+        parts = [stream.read(size) for stream in self._streams]
+        if any(len(part) != size for part in parts):
             message = "ends before its last sample. Copy the file again"
             raise SessionError(message, code="file-cut")
-        return np.frombuffer(data, self.dtype).astype(np.float64)
+        columns = [np.frombuffer(part, self.dtype).astype(np.float64) for part in parts]
+        return np.column_stack(columns).ravel()
 
 
 @contextmanager
@@ -344,7 +350,7 @@ def _npz_members(stream: BinaryIO) -> Iterator[list[_NpzMember]]:
                         f"{', '.join(present)[:80] or 'nothing'}). Save time and hip"
                     )
                     raise SessionError(message, code="dataset-missing")
-            yield [_NpzMember(archive.open(f"{name}.npy"), name) for name in NAMES]
+            yield [_NpzMember(partial(archive.open, f"{name}.npy"), name) for name in NAMES]
     except (SessionError, MemoryError, GeneratorExit):
         raise
     except Exception as error:

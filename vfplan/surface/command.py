@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
 from vfplan.cli.next_commands import register_command
 from vfplan.cli.options import (
+    FILE,
     MM,
     PNG,
     option,
@@ -23,7 +23,7 @@ from vfplan.settings import settings_from_options
 
 
 @command("surface")
-@click.argument("sources", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.argument("sources", type=FILE, nargs=-1, required=True)
 @options_in_order(
     output_option("Write the surface to this bundle, in patient_lps."),
     option("--structure", metavar="NAME|N", help="Take this structure if there are several."),
