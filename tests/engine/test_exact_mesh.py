@@ -139,7 +139,7 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
 def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
     """Two balls 3 mm apart, nearer than the proxy fits; of one, facets may look inwards."""
     points, triangles = meshes.sphere(0.03, 3)
-    points = np.vstack((points, points + [0.063, 0, 0]))
+    points = np.vstack((points, points + np.array([0.063, 0, 0])))
     second = triangles + len(points) // 2
     corners = np.vstack((triangles, second[:, ::-1] if turned else second))
     engine = vfplan.ProxyEngine.on(points, corners, R)

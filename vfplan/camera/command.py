@@ -135,7 +135,7 @@ def show_wall(
     import cv2
     import numpy as np
 
-    from vfplan.bundle.read import read_fixture
+    from vfplan.bundle.read import read_sealed
     from vfplan.camera.overlay import Overlay, frames_of
     from vfplan.camera.pose import read_camera
     from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
@@ -144,7 +144,8 @@ def show_wall(
 
     camera, touched = read_camera(arguments["camera"]), arguments["tags"]
     with naming_place(fixture):
-        plan = plan_of(read_fixture(fixture))
+        scene, seal = read_sealed(fixture)
+        plan = plan_of(scene)
         tags = touched_tags(touched, plan) if touched is not None else printed_tags(plan)
     measured_mm, warnings = arguments["measured_mm"], []
     if touched is None and measured_mm is None:
@@ -154,7 +155,7 @@ def show_wall(
     with outputs(output) as (path,), noted_signals() as is_stopped, ExitStack() as stack:
         overlay = Overlay(
             plan, tags, camera, touched is None, arguments["limit_mm"], measured_mm or SCALE_MM,
-            ticks_to_show(stack, plan.fixture, arguments),
+            ticks_to_show(stack, plan.fixture, seal["sha256"], arguments),
         )  # fmt: skip
         if arguments["window"]:
             window = open_window(stack, fixture, arguments)
@@ -214,7 +215,7 @@ def show_wall(
 
 
 def ticks_to_show(
-    stack: ExitStack, fixture: Fixture, arguments: dict[str, Any]
+    stack: ExitStack, fixture: Fixture, sha256: str, arguments: dict[str, Any]
 ) -> Callable[[float], Any]:
     """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
     session, source = arguments["session"], arguments["live_source"]
@@ -230,7 +231,7 @@ def ticks_to_show(
         return lambda time_s: None
     from vfplan.live.sources import PositionStream, stream_of
 
-    feed, stream, is_over = PositionStream(), stream_of(source), threading.Event()
+    feed, stream, is_over = PositionStream(), stream_of(source, sha256), threading.Event()
     stack.callback(is_over.set)
 
     def take_all() -> None:
