@@ -11,7 +11,7 @@ from vfplan.cli.extract import extracted_text
 from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.register import registered_text
-from vfplan.cli.replay_text import replay_text
+from vfplan.cli.replay import replay_text
 from vfplan.cli.run import CommandResult, announce_if_slow, command, statistics
 
 from vfplan.io.files import to_json_types

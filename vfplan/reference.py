@@ -82,6 +82,11 @@ class PaperProxy:
         """One tick for each row of `hips` (T, 3) [m], from the current proxy on."""
         return Trace.of([self._tick(hip) for hip in check_path(hips)])
 
+    def distance(self, positions: ArrayLike) -> Vector:
+        """Distance (T,) [m] of `positions` (T, 3) [m] from the nearest point."""
+        places = self._across(check_path(positions))
+        return np.array([np.linalg.norm(self._cloud - x, axis=1).min() for x in places])
+
     def _tick(self, hip: Vector) -> Step:
         if not np.all(np.abs(hip) <= MAX_COORDINATE):  # NaN, infinite or absurd: stay, say so
             proxy = np.zeros(3) if self._proxy is None else self._proxy

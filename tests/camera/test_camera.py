@@ -39,6 +39,7 @@ from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.rendered import Shown
 from vfplan.session.bags import TICK
+from vfplan.session.result import ResultWriter
 
 T = np.linspace(0, 1, 300)
 LINE = np.column_stack([0.5 + 0.14 * T, 0.1 + 0.05 * np.sin(5 * T), np.full(300, 0.02)])
@@ -248,10 +249,14 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
     assert wall[v, u, ::-1].tolist() == list(paper.GUIDE_COLOUR)
 
 
-def test_a_source_of_ticks_that_is_none_is_refused_before_the_first_frame(tmp_path):
-    wanted = {"session": None, "live_source": str(tmp_path / "missing.h5")}
-    with pytest.raises(VfplanError), ExitStack() as stack:
-        ticks_to_show(stack, FIXTURE, wanted)
+@pytest.mark.parametrize("made", [False, True])
+def test_a_result_that_is_none_or_of_another_fixture_is_refused(made, tmp_path):
+    wanted = {"session": None, "live_source": str(tmp_path / "r.h5")}
+    if made:
+        with ResultWriter(tmp_path / "r.h5", {"fixture": {"sha256": "ab"}}):
+            pass
+    with refuses(VfplanError, "fixture-differs" if made else "file-missing"), ExitStack() as stack:
+        ticks_to_show(stack, FIXTURE, "cd", wanted)
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

@@ -135,6 +135,28 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
 
 
+@pytest.mark.parametrize("turned", [False, True])
+def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
+    """Two balls 3 mm apart, nearer than the proxy fits; of one, facets may look inwards."""
+    points, triangles = meshes.sphere(0.03, 3)
+    points = np.vstack((points, points + np.array([0.063, 0, 0])))
+    second = triangles + len(points) // 2
+    corners = np.vstack((triangles, second[:, ::-1] if turned else second))
+    engine = vfplan.ProxyEngine.on(points, corners, R)
+    rng = np.random.default_rng(4)
+    for depth in (1e-6, *rng.uniform(0, 0.95 * R, 6)):
+        away = rng.normal(size=3) if depth > 1e-3 else np.array([1, 0, 0])
+        hip = away / np.linalg.norm(away) * (0.0295 - depth)
+        engine.reset(hip)
+        trace = engine.run(np.tile(hip, (3000, 1)))
+        assert trace.status[0] == vfplan.Status.INSIDE
+        assert trace.status[-1] == 0
+        assert meshes.winding(points[corners], trace.proxy[-1:])[0] == 0
+        assert engine.distance(trace.proxy[-1:])[0] >= R - engine.parameters.band
+        steps = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
+        assert steps.max() <= 1000 * (R / 256 + 1e-9)
+
+
 def test_a_fixture_with_a_mesh():
     ball = meshed(*meshes.sphere(0.03, 4))
     engine = vfplan.ProxyEngine.of(ball)

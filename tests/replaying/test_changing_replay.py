@@ -168,14 +168,6 @@ def test_poses_and_events_are_read_strictly(tmp_path):
         vfplan.replay(fixture(), session, rule="both", events=[])
 
 
-def test_before_the_first_pose_nothing_was_entered():
-    times, hips = hand()
-    poses = tracked(np.random.default_rng(8))
-    late = replace(poses, time=poses.time + 1e3, arrived=poses.arrived + 1e3)
-    found = vfplan.replay(fixture(), vfplan.Session(times, hips), poses=late)
-    assert found.metrics["clearance_min_m"] > 100
-
-
 def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     write_fixture(fixture(), tmp_path / "f.h5")
     times, hips = hand()

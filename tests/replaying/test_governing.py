@@ -7,7 +7,6 @@ import pytest
 from replays import codes_of, fixture_of, write_session
 
 import vfplan
-from vfplan.errors import SettingError
 from vfplan.session.session import Session
 
 PANDA = vfplan.read_robot("franka")
@@ -58,14 +57,6 @@ def test_without_a_robot_it_says_what_a_common_arm_does():
     assert said(governor=PANDA) == []
     slow = Session(1e-2 * np.arange(len(session.hip)), session.hip)
     assert "force-step" not in codes_of(vfplan.replay(fixture, slow))
-
-
-def test_a_spring_too_stiff_for_the_robots_step_is_refused():
-    fixture, session = off_the_edge()
-    stiff = fixture_of(fixture.points, stiffness=20_000.0)
-    with pytest.raises(SettingError, match=r"at least 1\.41") as caught:
-        vfplan.replay(stiff, session, governor=PANDA)
-    assert caught.value.numbers == {"force_step_n": 1.2}
 
 
 def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):

@@ -37,24 +37,34 @@ SENDERS = ([(0, 40)], [(0, 20), (20, 40)], [(0, 40), (10, 30)])
 STAMPS = ("sound", "none", "doubled", "swapped", "far")
 
 
+def pose_of(store, place, quat):
+    pose, point, quaternion = (
+        store.types[f"geometry_msgs/msg/{name}"] for name in ("Pose", "Point", "Quaternion")
+    )
+    return pose(point(*map(float, place)), quaternion(*map(float, quat)))
+
+
+def header_of(store, stamp, *sequence, frame="panda_link0"):
+    time = store.types["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
+    return store.types["std_msgs/msg/Header"](*sequence, time, frame)
+
+
 def message(store, kind, stamp, place, frame, child, k):
     """A message of a kind with its header's stamp [ns]."""
     types = store.types
-    make = {name: types[f"geometry_msgs/msg/{name}"] for name in
-            ("Point", "Vector3", "Quaternion", "Pose", "Transform", "Twist")}  # fmt: skip
     sequence = (k,) if "seq" in types["std_msgs/msg/Header"].__annotations__ else ()
-    time = types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-    header = types["std_msgs/msg/Header"](*sequence, time, frame)
-    turn, place = make["Quaternion"](0.0, 0.0, 0.0, 1.0), list(map(float, place))
+    header = header_of(store, stamp, *sequence, frame=frame)
+    pose = pose_of(store, place, (0, 0, 0, 1))
     if kind == "PointStamped":
-        return types["geometry_msgs/msg/PointStamped"](header, make["Point"](*place))
+        return types["geometry_msgs/msg/PointStamped"](header, pose.position)
+    vector = types["geometry_msgs/msg/Vector3"]
     if kind == "TransformStamped":
-        body = make["Transform"](make["Vector3"](*place), turn)
+        place = vector(*map(float, place))
+        body = types["geometry_msgs/msg/Transform"](place, pose.orientation)
         return types["geometry_msgs/msg/TransformStamped"](header, child, body)
-    pose = make["Pose"](make["Point"](*place), turn)
     if kind == "PoseStamped":
         return types["geometry_msgs/msg/PoseStamped"](header, pose)
-    still = make["Twist"](make["Vector3"](0.0, 0.0, 0.0), make["Vector3"](0.0, 0.0, 0.0))
+    still = types["geometry_msgs/msg/Twist"](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
     pose = types["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36))
     twist = types["geometry_msgs/msg/TwistWithCovariance"](still, np.zeros(36))
     return types["nav_msgs/msg/Odometry"](header, child, pose, twist)
@@ -288,13 +298,13 @@ def test_several_topics_need_a_choice(tmp_path):
     [
         ("sensor_msgs/msg/JointState", None, "no-position"),
         ("sensor_msgs/msg/JointState", "position", "no-position"),
-        ("geometry_msgs/msg/Vector3Stamped", None, "topic-missing"),
+        ("geometry_msgs/msg/Vector3Stamped", None, "field-missing"),
         ("geometry_msgs/msg/Vector3Stamped", "vector", "no-position"),
         ("geometry_msgs/msg/QuaternionStamped", "quaternion", "no-position"),
         ("geometry_msgs/msg/WrenchStamped", "wrench.force", "no-position"),
         ("geometry_msgs/msg/Point", None, "no-header-time"),
         ("geometry_msgs/msg/PoseArray", None, "several-poses"),
-        ("geometry_msgs/msg/PoseArray", "poses.2", "topic-missing"),
+        ("geometry_msgs/msg/PoseArray", "poses.2", "field-missing"),
         ("geometry_msgs/msg/PoseArray", "poses.1", None),
     ],
 )

@@ -13,7 +13,7 @@ from vfplan.arm.rehearsal import Rehearsal, objections
 from vfplan.display import MAX_DRAWN, MM
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.clearance import CONTACT_M, row_norms
+from vfplan.replaying.metrics import CONTACT_M, row_norms
 from vfplan.report.page import document, facts_table, picture, section
 from vfplan.report.tables import table
 

@@ -23,8 +23,7 @@ from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
-from vfplan.replaying.clearance import CONTACT_M, clearance_of, overlap, penetration, row_norms
-from vfplan.replaying.metrics import CurveRuler
+from vfplan.replaying.metrics import CONTACT_M, CurveRuler, overlap, penetration, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
 from vfplan.stability.loop import Plant, exact_bound
@@ -324,8 +323,6 @@ def rehearse(
     )  # fmt: skip
 
     # The figures.
-    clearance = clearance_of(fixture, engine.rule)
-    clearance.update(motion.proxy)
     stops = safety_stops(arm, motion)
     if ruler is not None:
         for stop in stops:
@@ -347,7 +344,7 @@ def rehearse(
         "contact_ticks": int(np.count_nonzero(ticks.penetration > CONTACT_M)),
         "penetration_max_m": float(ticks.penetration.max()),
         "tip_error_max_m": float(row_norms(motion.tip - session.hip[:tick_count]).max()),
-        "clearance_min_m": clearance.minimum_m,
+        "clearance_min_m": float(engine.distance(motion.proxy).min()) - engine.parameters.R,
         "real_time_factor": tick_count / rate_hz / loop_s,
     }
     if unreached:

@@ -22,8 +22,8 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.figures.replay import plane_basis
 from vfplan.figures.style import new_figure, style
 from vfplan.fixture import Fixture
-from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.findings import finding
+from vfplan.replaying.metrics import row_norms
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event
 from vfplan.session.session import BLOCK, Session

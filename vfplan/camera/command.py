@@ -214,7 +214,7 @@ def show_wall(
 
 def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Overlay:
     """What draws the plan of a file on the frames of the camera, as the options say."""
-    from vfplan.bundle.read import read_fixture
+    from vfplan.bundle.read import read_sealed
     from vfplan.camera.overlay import Overlay
     from vfplan.camera.pose import read_camera
     from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
@@ -222,16 +222,18 @@ def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Ov
 
     camera, touched = read_camera(arguments["camera"]), arguments["tags"]
     with naming_place(fixture):
-        plan = plan_of(read_fixture(fixture))
+        scene, seal = read_sealed(fixture)
+        plan = plan_of(scene)
         tags = printed_tags(plan) if touched is None else touched_tags(touched, plan)
     return Overlay(
         plan, tags, camera, touched is None, arguments["limit_mm"],
-        arguments["measured_mm"] or SCALE_MM, ticks_to_show(stack, plan.fixture, arguments),
+        arguments["measured_mm"] or SCALE_MM,
+        ticks_to_show(stack, plan.fixture, seal["sha256"], arguments),
     )  # fmt: skip
 
 
 def ticks_to_show(
-    stack: ExitStack, fixture: Fixture, arguments: dict[str, Any]
+    stack: ExitStack, fixture: Fixture, sha256: str, arguments: dict[str, Any]
 ) -> Callable[[float], Any]:
     """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
     session, source = arguments["session"], arguments["live_source"]
@@ -245,7 +247,7 @@ def ticks_to_show(
         return lambda time_s: None
     from vfplan.live.sources import PositionStream, stream_of
 
-    feed, stream, is_over = PositionStream(), stream_of(source), threading.Event()
+    feed, stream, is_over = PositionStream(), stream_of(source, sha256), threading.Event()
     stack.callback(is_over.set)
 
     def take_all() -> None:

@@ -25,7 +25,7 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
 from vfplan.registration.models import homogeneous, make_problem
-from vfplan.replaying.clearance import CONTACT_M, dots, flattened, row_norms
+from vfplan.replaying.metrics import CONTACT_M, dots, flattened, row_norms
 from vfplan.session.session import Session
 
 Array = NDArray[np.float64]

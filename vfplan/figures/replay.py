@@ -16,8 +16,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import ring_of
 from vfplan.images.read import PlannedImage
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
-from vfplan.replaying.clearance import CONTACT_M, row_norms
-from vfplan.replaying.metrics import CurveRuler, episode_count
+from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
 
 Array = NDArray[np.float64]

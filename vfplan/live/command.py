@@ -63,14 +63,14 @@ def vfplan_live(
         raise click.UsageError("give --poses-from and --poses-out together, or neither")
     if (openigtlink, web, mcap, poses_out) == (None,) * 4:
         raise click.UsageError("no output is asked for. Give --openigtlink, --web or --mcap")
-    from vfplan.bundle.read import read_fixture
+    from vfplan.bundle.read import read_sealed
     from vfplan.engine.proxy import check_renderable
     from vfplan.live.sources import MAX_CLIENTS, PositionStream, stream_of
     from vfplan.session.bags import McapWriter
 
-    scene = read_fixture(fixture)
+    scene, seal = read_sealed(fixture)
     check_renderable(scene)
-    ticks = stream_of(source)
+    ticks = stream_of(source, seal["sha256"])
 
     feed = PositionStream(rate)
     servers: list[Any] = []
@@ -108,7 +108,7 @@ def vfplan_live(
                 writer = stack.enter_context(McapWriter(part, (scene, rate)))
             except OSError as error:
                 raise not_written(part, error) from error
-        data = pass_on(ticks, feed, writer, seconds, stop_when_full=not (servers or receiver))
+        data, end = pass_on(ticks, feed, writer, seconds, stop_when_full=not (servers or receiver))
     if writer is not None and data["ticks"]:
         move_into_place([(part, mcap)], overwrite=is_overwriting())
         data["mcap"] = str(mcap)
@@ -146,7 +146,7 @@ def vfplan_live(
         )  # fmt: skip
     if writer is None:
         return CommandResult(
-            data, text, warnings=warnings, verdict="shown to the end",
+            data, text, warnings=warnings, verdict=f"shown {end}",
             next_step=f"keep every tick of the next run: {command_line()} --mcap FILE.mcap",
         )  # fmt: skip
     if writer.full:
@@ -157,18 +157,18 @@ def vfplan_live(
         )  # fmt: skip
     moving = f" --poses {poses_out}" if receiver is not None else ""
     return CommandResult(
-        data, text, warnings=warnings, verdict="shown and recorded to the end",
+        data, text, warnings=warnings, verdict=f"shown and recorded {end}",
         next_step=f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}{moving}",
     )  # fmt: skip
 
 
 def pass_on(
     ticks: Iterator[Any], feed: Any, writer: Any, seconds: float | None, *, stop_when_full: bool
-) -> dict[str, Any]:
-    """Pass every tick on until the source ends, the time is over, or a signal comes."""
+) -> tuple[dict[str, Any], str]:
+    """Pass every tick on until the source ends, the time is over, or a signal comes: which."""
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0,
             "first_bad_datagram": ""}  # fmt: skip
-    started = time.monotonic()
+    started, end = time.monotonic(), "to the end"
     with noted_signals() as stopped:
         for portion, counts in ticks:
             data |= counts
@@ -179,9 +179,13 @@ def pass_on(
                     writer.write(portion, time.time())
                     if writer.full and stop_when_full:
                         break
-            if stopped() or (seconds is not None and time.monotonic() - started >= seconds):
+            if stopped():
+                end = "until it was stopped"
                 break
-    return data
+            if seconds is not None and time.monotonic() - started >= seconds:
+                end = f"for {seconds:g} s"
+                break
+    return data, end
 
 
 def pose_warnings(receiver: Any) -> list[str]:

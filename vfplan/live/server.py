@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.moving import is_rigid
+from vfplan.engine.proxy import Status
 from vfplan.errors import InputError, OutputError
 from vfplan.fixture import Fixture
 from vfplan.io.sandbox import Loopback, reply
@@ -61,8 +62,6 @@ class StatusCode(IntEnum):
     """The protocol's codes that this server sends."""
 
     OK = 1
-    # No place for another client.
-    BUSY = 6
     # The configuration or the input is not as it should be.
     WARNING = 13
 
@@ -156,11 +155,10 @@ def ball(radius_mm: float, count: int = 250) -> tuple[Array, NDArray[np.int64]]:
 # A client that takes nothing for so long is disconnected [s].
 STALLED_S = 5.0
 
-# Bytes of a client's message. No request to this server is nearly as long.
-MAX_REQUEST_BYTES = 2**20
+# The kind of a client's message that is answered.
+REQUEST = b"GET_POLYDATA"
 
 STATE_NAMES = {"-1": "no neighbour", "0": "free", "1": "in contact", "2": "entrenched"}
-FLAGS = ((1, "bad HIP"), (2, "inside"), (4, "limit"))
 
 
 class Server(socketserver.ThreadingTCPServer):
@@ -201,23 +199,12 @@ class Server(socketserver.ThreadingTCPServer):
         self.shutdown()
         self.server_close()
 
-    def get_request(self) -> tuple[socket.socket, Any]:
-        """Take a client; where no descriptor is free, wait a little before the next try."""
-        try:
-            return super().get_request()
-        except OSError:
-            self._closing.wait(WAIT_S)
-            raise
-
     def verify_request(self, client: socket.socket, _: Any) -> bool:
-        """Whether there is room for a client; one that is refused is told so."""
+        """Whether there is room for a client."""
         if len(self.clients) < MAX_CLIENTS:
             self.clients.add(client)
             return True
         self.refused += 1
-        text = f"{MAX_CLIENTS} clients are served, and no more"
-        with suppress(OSError):
-            client.sendall(status("vfplan_status", time.time(), StatusCode.BUSY, "refused", text))
         return False
 
     def finish_request(self, client: socket.socket, _: Any) -> None:
@@ -248,7 +235,7 @@ class Server(socketserver.ThreadingTCPServer):
             client.sendall(make_message(device, time.time()))
 
     def _answer_requests(self, client: socket.socket, unread: bytes) -> bytes:
-        """Send what does not move again if GET_POLYDATA came; returns the unread input."""
+        """Send what does not move again if GET_POLYDATA came; returns the end of the input."""
         client.setblocking(False)
         try:
             data = client.recv(65536)
@@ -259,20 +246,11 @@ class Server(socketserver.ThreadingTCPServer):
         if not data:
             raise ConnectionError
         unread += data
-        wants_static = False
-        while len(unread) >= HEADER.size:
-            _, kind, _, _, size, _ = HEADER.unpack_from(unread)
-            if size > MAX_REQUEST_BYTES:
-                raise ConnectionError
-            if len(unread) < HEADER.size + size:
-                break
-            unread = unread[HEADER.size + size :]
-            if kind.rstrip(b"\0") == b"GET_POLYDATA":
-                wants_static = True
+        if REQUEST not in unread:
+            return unread[-len(REQUEST) :]
         # Once, however often it was requested at a time.
-        if wants_static:
-            self._send_static(client)
-        return unread
+        self._send_static(client)
+        return b""
 
 
 def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
@@ -293,7 +271,7 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
 def tick_messages(tick: NDArray[np.void]) -> bytes:
     """What moves: HIP, proxy, force and status of a tick of `SHOWN`, stamped with its receipt."""
     now = float(tick["received"])
-    flags = [name for bit, name in FLAGS if tick["status"] & bit]
+    flags = [flag.name.lower().replace("_", " ") for flag in Status(int(tick["status"]))]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
     text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
     code = StatusCode.WARNING if flags or tick["state"] == 2 else StatusCode.OK

@@ -7,7 +7,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
@@ -67,26 +66,17 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
     Raises InputError: bytes that are no datagram, or numbers that are not finite
     """
     if len(data) < HEADER.itemsize:
-        raise InputError(
-            f"a datagram has {len(data)} bytes, less than the {HEADER.itemsize} of a header. "
-            "Check which program sends to this port",
-            code="datagram-short",
-        )
+        message = f"a datagram has {len(data)} bytes, fewer than a header. Check what sends"
+        raise InputError(message, code="datagram-short")
     head = np.frombuffer(data, HEADER, 1)[0]
     count = int(head["count"])
     if not data.startswith(SIGNATURE):
-        raise InputError(
-            f"a datagram begins with {data[:6]!r}, not VFPT of version 1. Check which "
-            "program sends to this port",
-            code="datagram-unknown",
-        )
+        message = f"a datagram begins with {data[:6]!r}, not VFPT of version 1. Check what sends"
+        raise InputError(message, code="datagram-unknown")
     size = HEADER.itemsize + count * TICK.itemsize
     if not 1 <= count <= MAX_TICKS or len(data) != size:
-        raise InputError(
-            f"a datagram has {len(data)} bytes for {count} ticks, not {size}. Check which "
-            "program sends to this port",
-            code="datagram-size",
-        )
+        message = f"a datagram has {len(data)} bytes of {size} for {count} ticks. Check what sends"
+        raise InputError(message, code="datagram-size")
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
     limits = dict.fromkeys(("hip", "proxy", "normal", "force"), MAX_NUMBER) | {"t": MAX_TICK_S}
     for name, limit in limits.items():
@@ -106,14 +96,15 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
 Portion = tuple[NDArray[np.void], dict[str, Any]]
 
 
-def stream_of(source: str) -> Iterator[Portion]:
-    """The ticks of a controller that sends to `udp://HOST:PORT`, or of a result at its pace."""
-    return stream_udp(source) if source.startswith("udp:") else stream_result(Path(source))
+def stream_of(source: str, fixture_sha256: str | None = None) -> Iterator[Portion]:
+    """The ticks of a controller that sends to `udp://HOST:PORT`, or of a result at its pace.
 
-
-def stream_result(path: Path) -> Iterator[Portion]:
-    """The ticks of a result of `vfplan replay -o` at their speed, read before this returns."""
-    return paced(as_ticks(read_result(path)[0]))
+    A result of `vfplan replay -o` is read before this returns; `fixture_sha256` as in
+    `read_result`.
+    """
+    if source.startswith("udp:"):
+        return stream_udp(source)
+    return paced(as_ticks(read_result(source, fixture_sha256)[0]))
 
 
 def paced(ticks: NDArray[np.void]) -> Iterator[Portion]:

@@ -14,8 +14,8 @@ from vfplan.engine.proxy import Status, Trace, best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
-from vfplan.replaying.clearance import CONTACT_M, dots, penetration
 from vfplan.replaying.guiding import make_engine
+from vfplan.replaying.metrics import CONTACT_M, dots, penetration
 from vfplan.session.events import Event, Poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
@@ -83,6 +83,10 @@ class ChangingFixture:
     def left_out(self) -> dict[str, int]:
         """What the engine did not need."""
         return self._engine.left_out
+
+    def distance(self, positions: Vector) -> Vector:
+        """Distance (T,) [m] of `positions` (T, 3) [m] in the fixture's frame from it."""
+        return self._engine.distance(positions)
 
     def reset(self, hip: Vector) -> None:
         """Begin at `hip`; a moving fixture begins at the first HIP after its first pose."""

@@ -9,13 +9,11 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-
 from vfplan.display import count
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
-from vfplan.replaying.clearance import Steps
+from vfplan.replaying.metrics import LIMITS
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import JUMP_M_S
@@ -54,18 +52,14 @@ def replay_findings(
     yield from recording_findings(record["session"], robot)
     link = record.get("link", {})
     if link.get("robot_stops"):
-        text = (
+        yield finding("robot-stops", "error",
             f"{link['lost_longest']} packets in a row are lost from tick "
             f"{link['lost_longest_tick']} on, and the robot stops after {link['lost_limit']}. "
-            "Mend the link, or raise its speed."
-        )
-        yield finding("robot-stops", "error", text)
+            "Mend the link, or raise its speed.")  # fmt: skip
     if "start_depth_m" in record:
-        text = (
-            f"The tool begins {1e3 * record['start_depth_m']:.3g} mm inside the closed mesh, of "
-            "which the inner side is rendered. Begin outside; check --units and the registration."
-        )
-        yield finding("started-in-mesh", "error", text)
+        yield finding("started-in-mesh", "error",
+            f"The tool begins {1e3 * record['start_depth_m']:.3g} mm inside the closed mesh, and "
+            "its inner side is rendered. Begin outside; check units and registration.")  # fmt: skip
     rounded = record["session"].get("poses_rounded", 0) + report.get("poses_rounded", 0)
     if rounded:
         text = (
@@ -84,50 +78,40 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
     robot_rate = robot.rate_hz if robot is not None else rate
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
-        text = (
+        yield finding("session-gap", "warning",
             f"About {recorded['missing_samples']} samples are missing, in gaps of "
             f"{recorded['gap_s']:.3g} s together; the longest interval is "
             f"{recorded['dt_max_s']:.6g} s instead of {recorded['dt_nominal_s']:.6g} s. Record "
-            "without gaps, or do not rely on the ticks there."
-        )
-        yield finding("session-gap", "warning", text)
+            "without gaps, or do not rely on the ticks there.")  # fmt: skip
     mended = session.get("mended", {})
     if any(mended.values()):
-        text = (
+        yield finding("session-unordered", "warning",
             f"{mended['swapped']} samples came late and were put in order; {mended['doubled']} "
-            "were there twice, or came far too late, and were left out. Check what records them."
-        )
-        yield finding("session-unordered", "warning", text)
+            "were there twice or far too late, and were left out. Check its source.")  # fmt: skip
     held_s = recorded["repeats_longest"] * recorded["dt_nominal_s"]
     if recorded["repeats"] > recorded["changes"] and held_s < LONGEST_HOLD_S:
         changes_hz = recorded["changes"] / (recorded["samples"] - 1) * recorded["rate_hz"]
-        text = (
+        yield finding("session-held", "warning",
             f"Positions are held: they change {changes_hz:.4g} times a second, of "
             f"{recorded['rate_hz']:.6g} samples. Speeds and force steps are those of the jumps "
-            "between. Record each sample, or resample at that rate with --rate."
-        )
-        yield finding("session-held", "warning", text)
+            "between. Record each sample, or resample at that rate with --rate.")  # fmt: skip
     if session.get("cut"):
         text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
         yield finding("session-cut", "warning", text)
     if "jumps" in session:
-        text = (
+        yield finding("session-jump", "error",
             f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
             f"highest speed is {session['speed_max_m_s']:.6g} m/s, in tick "
-            f"{session['speed_max_tick']}. Check --units and the tracker."
-        )
-        yield finding("session-jump", "error", text)
+            f"{session['speed_max_tick']}. Check --units and the tracker.")  # fmt: skip
 
     # What its columns tell that the replay does not use.
     unused = session.get("ignored_columns", ())
     changes = [column for column in CHANGE_COLUMNS if column in unused]
     if changes:
-        text = (
+        yield finding("session-changes", "warning",
             "The fixture moved or was changed while this session was recorded, as its columns "
             f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
-            "of that run: --poses, --events."
-        )
-        yield finding("session-changes", "warning", text)
+            "of that run: --poses, --events.")  # fmt: skip
     others = ", ".join(column for column in unused if column not in CHANGE_COLUMNS)
     if others:
         text = f"Some columns are not used: {others}. Only time and position count."
@@ -135,18 +119,14 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
 
     fastest = session["speed_max_m_s"]
     if not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S:
-        text = (
+        yield finding("session-time", "warning",
             f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
             f"{FASTEST_HZ:g} are usual, and a highest speed of {fastest:.3g} m/s. Is the time in "
-            "seconds?"
-        )
-        yield finding("session-time", "warning", text)
+            "seconds?")  # fmt: skip
     if not 0.9 < rate / robot_rate < 1.1:
-        text = (
+        yield finding("session-rate", "warning",
             f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
-            "Hz. Resample it with --rate."
-        )
-        yield finding("session-rate", "warning", text)
+            "Hz. Resample it with --rate.")  # fmt: skip
 
 
 def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> Iterator[Finding]:
@@ -154,12 +134,10 @@ def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> Iter
     panda = read_robot("franka")
     step, limit = report["force_step_max_n"], panda.force_step_limit_n
     if step > limit and session["rate_hz"] >= 0.9 * panda.rate_hz:
-        text = (
+        yield finding("force-step", "warning",
             f"The force changes by {step:.3g} N in one tick (tick "
             f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
-            "Count such ticks with --robot, or hold them back with --governor."
-        )
-        yield finding("force-step", "warning", text)
+            "Count such ticks with --robot, or hold them back with --governor.")  # fmt: skip
 
 
 def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
@@ -176,11 +154,9 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
         )
         yield finding("proxy-inside", severity, text)
     if clearance_m > NEVER_NEAR_M:
-        text = (
+        yield finding("never-near", "warning",
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
-            "units and the frame the fixture's?"
-        )
-        yield finding("never-near", "warning", text)
+            "units and the frame the fixture's?")  # fmt: skip
     if inside_ticks:
         text = (
             f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
@@ -196,60 +172,44 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     yield from change_findings(report)
     too_fast = report["too_fast_ticks"]
     if too_fast and parameters.rule == "paper":
-        text = (
+        yield finding("too-fast", "warning",
             f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
-            "far as the proxy may in one. Move more slowly, or take rule 'robust'."
-        )
-        yield finding("too-fast", "warning", text)
+            "far as the proxy may in one. Move more slowly, or take rule 'robust'.")  # fmt: skip
     elif too_fast:
-        text = (
+        yield finding("too-fast", "info",
             f"In {too_fast} ticks the engine used up its iterations. Nothing is to be done: the "
-            "proxy is safe and follows later."
-        )
-        yield finding("too-fast", "info", text)
+            "proxy is safe and follows later.")  # fmt: skip
     if report["bad_hip_ticks"]:
-        text = (
+        yield finding("hip-out-of-range", "error",
             f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
-            "held its answer. Check the tracker."
-        )
-        yield finding("hip-out-of-range", "error", text)
+            "held its answer. Check the tracker.")  # fmt: skip
     yield from active_findings(report)
 
 
 def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
     """What happened to a fixture that moves, is exchanged or edited."""
     if report.get("crossed_ticks"):
-        text = (
+        yield finding("crossed", "warning",
             f"In {report['crossed_ticks']} ticks after an exchange no way out was found on "
             "the proxy's side, so it was led out another way. Exchange fixtures while the "
-            "tool is away."
-        )
-        yield finding("crossed", "warning", text)
+            "tool is away.")  # fmt: skip
     if report.get("stale_ticks"):
-        text = (
+        yield finding("stale", "warning",
             f"In {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or "
-            "none had come. Check the pose stream's rate."
-        )
-        yield finding("stale", "warning", text)
+            "none had come. Check the pose stream's rate.")  # fmt: skip
     if report.get("pose_jumps"):
-        text = (
+        yield finding("pose-jump", "warning",
             f"{report['pose_jumps']} poses jumped, the first at {report['pose_jump_first_s']:.6g} "
             "s: each is farther from the pose before than the frame may go meanwhile. Check the "
-            "tracker and its reference."
-        )
-        yield finding("pose-jump", "warning", text)
+            "tracker and its reference.")  # fmt: skip
     if report.get("poses_refused"):
-        text = (
+        yield finding("poses-refused", "warning",
             f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
-            "earlier than one before. Check the pose stream."
-        )
-        yield finding("poses-refused", "warning", text)
+            "earlier than one before. Check the pose stream.")  # fmt: skip
     if report.get("events_left"):
-        text = (
+        yield finding("events-left", "warning",
             f"{report['events_left']} events are of ticks after the session's last. Correct "
-            "their ticks."
-        )
-        yield finding("events-left", "warning", text)
+            "their ticks.")  # fmt: skip
 
 
 def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
@@ -262,64 +222,14 @@ def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
     if listed:
         of_which = " of those listed" if unlisted else ""
         first = f" (the first{of_which} is {listed[0]})"
-    text = (
+    yield finding("active", "warning",
         f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
         "than holding each force for a tick explains. Lower the stiffness, or move more "
-        "slowly."
-    )
-    yield finding("active", "warning", text)
+        "slowly.")  # fmt: skip
 
 
-# Name -> (the robot's limit, the number of the report that it bounds)
-LIMITS = {
-    "force": ("force_limit_n", "force_max_n"),
-    "force_step": ("force_step_limit_n", "force_step_max_n"),
-    "speed": ("speed_limit_m_s", "session.speed_max_m_s"),
-}
 # Of each limit the number's name in the report, "at_most" or "at_least", and the bound.
 Limits = tuple[tuple[str, str, float], ...]
-
-
-class RobotLimitCounts:
-    """Count the ticks in which a robot would have objected.
-
-    A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
-    the tip at a reach of 0.85 m) and stops at its reflex threshold.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._over = {
-            name: 0 for name, (key, _) in LIMITS.items() if getattr(robot, key) is not None
-        }
-        self._first = {}
-
-    def update(self, steps: Steps) -> None:
-        """Take in the next ticks."""
-        self._count("force", steps.force_n, steps.first)
-        # The step from tick k to k + 1 is the robot's at k + 1.
-        self._count("force_step", steps.force_step_n, steps.first + 1)
-        self._count("speed", steps.speed, steps.first + 1)
-
-    def _count(self, name: str, values: Any, first_tick: int) -> None:
-        """Count the values above the robot's limit of this name; a robot may have none."""
-        if name in self._over:
-            over = np.flatnonzero(values > getattr(self._robot, LIMITS[name][0]))
-            self._over[name] += len(over)
-            if len(over):
-                self._first.setdefault(name, first_tick + int(over[0]))
-
-    def report(self) -> dict[str, Any]:
-        """The `robot` part of a replay's report; a limit the robot does not have is absent."""
-        robot = self._robot
-        data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
-        for name, ticks in self._over.items():
-            key = LIMITS[name][0]
-            data[key] = getattr(robot, key)
-            data[f"{name}_over_ticks"] = ticks
-            if name in self._first:
-                data[f"{name}_over_first_tick"] = self._first[name]
-        return data
 
 
 def robot_limits(robot: Robot) -> Limits:

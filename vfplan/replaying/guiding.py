@@ -18,8 +18,7 @@ from vfplan.engine.parameters import ProxyParameters, Vector
 from vfplan.engine.proxy import Trace, check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying.clearance import dots, row_norms
-from vfplan.replaying.metrics import timed
+from vfplan.replaying.metrics import dots, row_norms, timed
 from vfplan.robot import Robot
 from vfplan.session.session import Largest, WithPrevious
 
@@ -68,6 +67,10 @@ class Guided:
     def left_out(self) -> dict[str, int]:
         """What this scene did not need."""
         return {"region": 1} if self.region is None else self.region.left_out
+
+    def distance(self, positions: Vector) -> Vector:
+        """Distance (T,) [m] of `positions` (T, 3) [m] from the region."""
+        return self.region.distance(positions)
 
     def reset(self, hip: Vector) -> None:
         """Both begin with the tip at `hip` (3,) [m]."""

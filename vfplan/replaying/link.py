@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
-from vfplan.replaying.clearance import row_norms
+from vfplan.replaying.metrics import row_norms
 from vfplan.session.result import TickBlock
 from vfplan.session.session import Array, Largest, LongestRun, Session
 
@@ -240,20 +240,13 @@ class Comparison:
         has_parted = proxy_gap > PART_M
         self._parted_ticks += int(np.count_nonzero(has_parted))
         for rows in runs(has_parted, closed=False):
-            span = {
-                "start_tick": first + int(rows[0]),
-                "end_tick": first + int(rows[-1]),
-                "start_s": float(a.time[rows[0]]),
-                "end_s": float(a.time[rows[-1]]),
-                "proxy_max_m": float(proxy_gap[rows].max()),
-            }
-            if self._spans and self._spans[-1]["end_tick"] + 1 == span["start_tick"]:
-                before = self._spans.pop()
-                largest = max(span["proxy_max_m"], before["proxy_max_m"])
-                span |= before | {
-                    "end_tick": span["end_tick"], "end_s": span["end_s"], "proxy_max_m": largest
-                }  # fmt: skip
-            self._spans.append(span)
+            start, largest = first + int(rows[0]), float(proxy_gap[rows].max())
+            if not self._spans or self._spans[-1]["end_tick"] + 1 != start:
+                begun = {"start_tick": start, "start_s": float(a.time[rows[0]]), "proxy_max_m": 0.0}
+                self._spans.append(begun)
+            span = self._spans[-1]
+            span["end_tick"], span["end_s"] = first + int(rows[-1]), float(a.time[rows[-1]])
+            span["proxy_max_m"] = max(span["proxy_max_m"], largest)
 
     def report(self) -> dict[str, Any]:
         """Where they part; the spans listed are the first 50."""

@@ -1,7 +1,12 @@
 """The numbers that a replay reports, gathered block by block in memory that does not grow.
 
-`NUMBERS` says how each of them is written; `Episodes` gathers the contacts, `Metrics` the whole
-session, and `StepTimes` how long a tick took.
+`NUMBERS` says how each of them is written. `Steps` are ticks with what changes until the next one;
+`Episodes` gathers the contacts, `Metrics` the whole session, and `StepTimes` how long a tick took.
+
+Tick k holds the HIP x_k, the proxy p_k, the normal n_k (pointing out of the fixture) and the force
+F_k = K (p_k - x_k) on the hand, which acts from t_k until t_{k+1}. Forward differences are written
+Δx_k = x_{k+1} - x_k; the last tick of a session has no successor and its Δ are zero.
+Every quantity is defined here, once; docs/replay.md says the same in words.
 """
 
 from __future__ import annotations
@@ -9,31 +14,190 @@ from __future__ import annotations
 import heapq
 import time
 from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.display import MM
-from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
+from vfplan.geometry import ROUNDING_M
 from vfplan.geometry.lines import runs
 from vfplan.io.files import to_json_types
-from vfplan.replaying.clearance import (
-    PEAKS,
-    SUMS,
-    Steps,
-    clearance_of,
-    flattened,
-    row_norms,
-)
-from vfplan.replaying.findings import RobotLimitCounts
 from vfplan.robot import Robot
-from vfplan.session.result import STATES
+from vfplan.session.result import STATES, TickBlock, concatenate_ticks
 from vfplan.session.session import Largest
 
 Array = NDArray[np.float64]
+
+# A penetration above this is contact [m]. Below it is the rounding of p + (x - p).
+CONTACT_M = ROUNDING_M
+
+SUMS = (
+    "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
+)  # fmt: skip
+PEAKS = "penetration_max_m", "overlap_max_m", "force_max_n", "force_step_max_n", "lag_max_m"
+
+
+def row_norms(vectors: Array) -> Array:
+    """(n,) Euclidean lengths of (n, 3) vectors."""
+    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+
+
+def dots(a: Array, b: Array) -> Array:
+    """(n,) scalar products of the rows of two (n, 3) arrays."""
+    return np.einsum("ij,ij->i", a, b)
+
+
+def flattened(places: Array, axis: Array | None) -> Array:
+    """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
+    return places if axis is None else places - np.outer(places @ axis, axis)
+
+
+def penetration(hip: Array, proxy: Array) -> Array:
+    """(n,) |p_k - x_k| [m]: how far the hand has pushed past where the proxy was stopped."""
+    return row_norms(proxy - hip)
+
+
+def overlap(hip: Array, proxy: Array, normal: Array, contact_radius: float) -> Array:
+    """(n,) max(0, n·(p - x) - r_c) [m]: how far the HIP is beyond the cloud's own surface.
+
+    The cloud's surface is that of the balls of radius r_v about its points; the proxy rests r_c
+    above it (R - r_v = r_c).
+    """
+    return np.maximum(0.0, dots(normal, proxy - hip) - contact_radius)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Consecutive ticks, each with what changes until the next one."""
+
+    # Number of the first tick, counted from the session's first
+    first: int
+    # The ticks, n of them
+    ticks: TickBlock
+    # (n, 3) where the hand truly was [m]; differs from `ticks.hip` only behind a lossy link
+    hand: Array
+    # Forward differences of time, hand, HIP and force: (n,) [s], (n, 3) [m] and [N]
+    dt: Array
+    dhand: Array
+    dhip: Array
+    dforce: Array
+
+    def __len__(self) -> int:
+        return len(self.ticks)
+
+    @cached_property
+    def held(self) -> NDArray[np.bool_]:
+        """(n,) whether the fixture pushes: |p - x| above 1 nm. This is what *contact* means."""
+        return self.ticks.penetration > CONTACT_M
+
+    @cached_property
+    def force_n(self) -> Array:
+        """(n,) |F_k| [N]."""
+        return row_norms(self.ticks.force)
+
+    @cached_property
+    def force_step_n(self) -> Array:
+        """(n,) |F_{k+1} - F_k| [N]."""
+        return row_norms(self.dforce)
+
+    @cached_property
+    def work_j(self) -> Array:
+        """(n,) F_k · Δx_k [J], with the hand's own motion: above 0 the hand receives energy."""
+        return dots(self.ticks.force, self.dhand)
+
+    @cached_property
+    def hold_j(self) -> Array:
+        """(n,) -½ ΔF_k · Δx_k [J]: what holding F_k over the tick adds.
+
+        Against a force that changes evenly from F_k to F_{k+1} while the hand moves; above 0 for a
+        spring, loading and unloading alike.
+        """
+        return -0.5 * dots(self.dforce, self.dhand)
+
+    @cached_property
+    def speed(self) -> Array:
+        """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
+        step = row_norms(self.dhip)
+        return np.divide(step, self.dt, out=np.zeros_like(step), where=self.dt > 0)
+
+    @cached_property
+    def _along(self) -> tuple[Array, Array]:
+        """Δx_t (n, 3) and |Δx_t| (n,) [m], the length zero where the fixture does not push."""
+        normal = self.ticks.normal
+        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
+        return along, np.where(self.held, row_norms(along), 0.0)
+
+    @cached_property
+    def sliding(self) -> tuple[Array, Array, Array]:
+        """Normal force, tangential drag and tangential path, each (n,).
+
+        N_k = n·F [N]; drag D_k = -F·Δx_t/|Δx_t| [N], above 0 where the tangential part of the
+        force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]. Zero where
+        the fixture does not push.
+        """
+        along, path = self._along
+        force = self.ticks.force
+        press = np.where(self.held, dots(self.ticks.normal, force), 0.0)
+        drag = np.divide(-dots(force, along), path, out=np.zeros_like(path), where=path > 0)
+        return press, drag, path
+
+    @cached_property
+    def lag_m(self) -> Array:
+        """(n,) how far the proxy trails behind the HIP along the HIP's tangential motion [m].
+
+        (x - p)·Δx_t/|Δx_t|; below 0 where it runs ahead, 0 where the HIP does not slide.
+        """
+        along, path = self._along
+        behind = dots(self.ticks.hip - self.ticks.proxy, along)
+        return np.divide(behind, path, out=np.zeros_like(path), where=path > 0)
+
+    @cached_property
+    def sums(self) -> dict[str, Array]:
+        """What is summed over ticks, by the report's name: (n,), and F_k Δt_k (n, 3) [N·s]."""
+        press, drag, path = self.sliding
+        impulse = self.ticks.force * self.dt[:, None]
+        columns = impulse, self.work_j, self.hold_j, path, press * path, drag * path
+        return dict(zip(SUMS, (self.dt, *columns), strict=True))
+
+    @cached_property
+    def peaks(self) -> dict[str, Array]:
+        """(n,) of what the largest is reported, by the report's name."""
+        ticks = self.ticks
+        columns = ticks.penetration, ticks.overlap, self.force_n, self.force_step_n
+        return dict(zip(PEAKS, (*columns, np.abs(self.lag_m)), strict=True))
+
+
+class PairedTicks:
+    """Turn blocks into `Steps`, one tick behind; `finish` gives the last tick."""
+
+    def __init__(self) -> None:
+        # The last tick and its hand, whose successor is still to come.
+        self._last = None
+        self._done = 0
+
+    def push(self, block: TickBlock, hand: Array) -> Steps | None:
+        """The ticks whose successor is now known; `None` while there are none."""
+        if self._last is not None:
+            block = concatenate_ticks([self._last[0], block])
+            hand = np.concatenate((self._last[1], hand))
+        self._last = block[-1:], hand[-1:]
+        return None if len(block) < 2 else self._steps(block, hand)
+
+    def finish(self) -> Steps:
+        """The last tick: its differences are zero."""
+        block, hand = self._last
+        return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
+
+    def _steps(self, block: TickBlock, hand: Array) -> Steps:
+        changes = [np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force)]
+        steps = Steps(self._done, block[:-1], hand[:-1], *changes)
+        self._done += len(steps)
+        return steps
 
 
 class Number(NamedTuple):
@@ -284,21 +448,67 @@ class CurveRuler:
         return indices
 
 
+# Name -> (the robot's limit, the number of the report that it bounds)
+LIMITS = {
+    "force": ("force_limit_n", "force_max_n"),
+    "force_step": ("force_step_limit_n", "force_step_max_n"),
+    "speed": ("speed_limit_m_s", "session.speed_max_m_s"),
+}
+
+
+class RobotLimitCounts:
+    """Count the ticks in which a robot would have objected.
+
+    A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
+    the tip at a reach of 0.85 m) and stops at its reflex threshold.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._over = {
+            name: 0 for name, (key, _) in LIMITS.items() if getattr(robot, key) is not None
+        }
+        self._first = {}
+
+    def update(self, steps: Steps) -> None:
+        """Take in the next ticks."""
+        values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
+        for name in self._over:
+            over = np.flatnonzero(values[name] > getattr(self._robot, LIMITS[name][0]))
+            self._over[name] += len(over)
+            if len(over):
+                # The step from tick k to k + 1, of force or place, is the robot's at k + 1.
+                first = steps.first + int(over[0]) + (name != "force")
+                self._first.setdefault(name, first)
+
+    def report(self) -> dict[str, Any]:
+        """The `robot` part of a replay's report; a limit the robot does not have is absent."""
+        robot = self._robot
+        data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
+        for name, ticks in self._over.items():
+            key = LIMITS[name][0]
+            data[key] = getattr(robot, key)
+            data[f"{name}_over_ticks"] = ticks
+            if name in self._first:
+                data[f"{name}_over_first_tick"] = self._first[name]
+        return data
+
+
 class Metrics:
     """Sums, maxima and episodes over a replay.
 
     fixture: the fixture that is replayed
-    parameters: the engine's, as it runs them
+    engine: as `make_engine` gives it
     robot: whose limits to watch, or `None`
     """
 
-    def __init__(
-        self, fixture: Fixture, parameters: ProxyParameters, robot: Robot | None = None
-    ) -> None:
+    def __init__(self, fixture: Fixture, engine: Any, robot: Robot | None = None) -> None:
         self._robot = None if robot is None else RobotLimitCounts(robot)
-        self._parameters = parameters
+        self._parameters = parameters = engine.parameters
+        # Of the proxy from the fixture [m]; a guide alone forbids nothing.
+        self._measure = None if fixture.region is None else engine.distance
+        self._distance = np.inf
         self._ruler = CurveRuler.of(fixture)
-        self._clearance = clearance_of(fixture, parameters.rule)
         # A passive episode moves the proxy by no more than what the rule leaves open: the band, or
         # how far lines and arcs are from the curve.
         has_pieces = parameters.rule == "exact" and fixture.pieces
@@ -322,8 +532,8 @@ class Metrics:
         ticks = steps.ticks
         self._start_s = float(ticks.time[0]) if self._start_s is None else self._start_s
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
-        if self._clearance is not None:
-            self._clearance.update(ticks.proxy)
+        if self._measure is not None:
+            self._distance = min(self._distance, float(self._measure(ticks.proxy).min()))
         if self._robot is not None:
             self._robot.update(steps)
         self._episodes.update(steps)
@@ -379,10 +589,10 @@ class Metrics:
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
             "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
         }
-        if self._clearance is not None:
+        if self._measure is not None:
             data |= {
                 "overlap_max_m": peaks["overlap_max_m"],
-                "clearance_min_m": self._clearance.minimum_m,
+                "clearance_min_m": self._distance - self._parameters.R,
                 "entrenched_ticks": int(self._states[STATES.index(2)]),
             }
         if sums["press_path"] > 0:

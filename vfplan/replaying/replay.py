@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import ProxyEngine, Trace, as_rendered, best_rule
+from vfplan.engine.proxy import Trace, as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.changing import ChangingFixture
-from vfplan.replaying.clearance import CONTACT_M, PairedTicks, is_enclosed, overlap, penetration
 from vfplan.replaying.findings import (
     Limits,
     check_limits,
@@ -36,7 +35,17 @@ from vfplan.replaying.findings import (
 )
 from vfplan.replaying.guiding import RULES, GovernedForces, Guided, make_engine
 from vfplan.replaying.link import Comparison, Link, LossyLink
-from vfplan.replaying.metrics import Metrics, StepTimes, episode_count
+from vfplan.replaying.metrics import (
+    CONTACT_M,
+    Metrics,
+    PairedTicks,
+    StepTimes,
+    dots,
+    episode_count,
+    overlap,
+    penetration,
+    row_norms,
+)
 from vfplan.robot import Robot
 from vfplan.session.events import CHANGE_COLUMNS, Event, Poses, as_the_loop_saw
 from vfplan.session.read import open_session
@@ -123,7 +132,7 @@ class EngineRun:
         # From this depth on the HIP is beyond the points themselves; a guide has no surface.
         self._surface_depth = np.inf if fixture.region is None else fixture.contact_radius
         self._pairs = PairedTicks()
-        self._metrics = Metrics(fixture, self.engine.parameters, robot)
+        self._metrics = Metrics(fixture, self.engine, robot)
         self._times = StepTimes()
         # HIP of the last packet that arrived, and the engine's answer to it.
         self._last_packet: tuple[Array, Trace] | None = None
@@ -336,9 +345,8 @@ def replay(
     if link is not None and not link.faulty:
         link = None
     with naming_place(path):
-        corners = None
-        if fixture.mesh is not None and poses is None and events is None:
-            corners = fixture.points[fixture.mesh]
+        is_body = fixture.mesh is not None and poses is None and events is None
+        corners = fixture.points[fixture.mesh] if is_body else None
         # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
         changing = None
@@ -360,11 +368,9 @@ def replay(
     # The session, block by block through each run.
     recording = SamplingReport()
     between_rules, between_links = Comparison(), Comparison()
+    start = None
     for times, positions in session.blocks():
-        if corners is not None and is_enclosed(positions[0], corners):
-            distance = ProxyEngine.of(fixture, rules[0], offline=True).distance(positions[:1])
-            common["start_depth_m"] = float(distance[0])
-        corners = None
+        start = positions[:1] if start is None else start
         recording.update(times, positions)
         blocks = [run.feed(times, positions) for run in runs]
         for run, block in zip(runs, blocks, strict=True):
@@ -374,6 +380,10 @@ def replay(
             between_rules.update(*blocks)
         if perfect is not None:
             between_links.update(blocks[0], perfect.feed(times, positions))
+
+    # A tool that was not led out of the body in which it began is rendered the inner side.
+    if is_body and is_enclosed(start[0], corners) and is_enclosed(blocks[0].proxy[-1], corners):
+        common["start_depth_m"] = float(runs[0].engine.distance(start)[0])
 
     # What all reports hold: the session, the link and the time that it all took.
     common["session"] = {
@@ -471,3 +481,13 @@ def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any
     if fixture.ignore_axis is not None:
         scene["ignore_axis"] = fixture.ignore_axis.tolist()
     return scene
+
+
+def is_enclosed(place: Array, corners: Array) -> bool:
+    """Whether a closed mesh of triangles (K, 3, 3), all turned alike, has a place (3,) inside."""
+    # The solid angle of each triangle (A. van Oosterom and J. Strackee, 1983).
+    a, b, c = np.moveaxis(corners - place, 1, 0)
+    x, y, z = row_norms(a), row_norms(b), row_norms(c)
+    below = x * y * z + dots(a, b) * z + dots(b, c) * x + dots(c, a) * y
+    angle = 2 * np.arctan2(dots(a, np.cross(b, c)), below).sum()
+    return abs(angle) > 0.99 * 4 * np.pi

@@ -37,8 +37,8 @@ from vfplan.fixture import Fixture
 from vfplan.images.read import read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
-from vfplan.replaying.clearance import row_norms
 from vfplan.replaying.guiding import make_engine
+from vfplan.replaying.metrics import row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.report.tables import (
     checks,

@@ -399,8 +399,8 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
         raise SessionError(text, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
     text = (
-        f"{_type_name(message)} holds no position: no field {ros.field or ''!r} is a point, a pose,"
-        f" a transform or 16 numbers. Choose one of {present}"
+        f"{_type_name(message)} holds no position: no point, pose, transform or 16 numbers in "
+        f"{ros.field or 'a field of a usual name'}. Choose a field with --field, of {present}"
     )
     raise SessionError(text, code="field-missing")
 
@@ -418,7 +418,7 @@ def _choose_topic(bag: Part, ros: RosOptions) -> str:
                 topics.append(topic)
                 break
         except SessionError as error:
-            if error.code == "type-undefined":
+            if error.code == "type-undefined" or len(present) == 1:
                 reasons.append(error)
             elif error.code != "field-missing":
                 error.message = f"topic {topic!r}: {error.message}"

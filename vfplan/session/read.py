@@ -191,6 +191,7 @@ def _stream(
 
 
 NAMES = ("time", "hip")
+ROWS = {"time": (), "hip": (3,)}
 # The attribute `format` of a fixture bundle.
 FIXTURE_FORMAT = "vfplan-fixture"
 
@@ -210,7 +211,7 @@ def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
             )
             raise SessionError(message, code="fixture-as-session")
         time, hip = plain_datasets(file, NAMES)
-        length = _check_shapes(time, hip)
+        length = check_arrays({"time": time, "hip": hip}, ROWS)
         lengths = {"units": "units", "unit": "units", "frame": "frame"}
         times = {"units": "time unit", "unit": "time unit"}
         statements = [
@@ -234,7 +235,7 @@ def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
 def npz_header(stream: BinaryIO) -> Iterator[list[Any]]:
     """As `hdf5_header`; an archive has no attributes."""
     with _npz_members(stream) as (time, hip):
-        yield [_check_shapes(time, hip), []]
+        yield [check_arrays({"time": time, "hip": hip}, ROWS), []]
 
 
 def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
@@ -292,18 +293,22 @@ def plain_attribute(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def _check_shapes(time: Any, hip: Any) -> int:
-    """The length T; raises `SessionError` unless time is (T,) and hip (T, 3), both real numbers."""
-    if len(time.shape) != 1 or tuple(hip.shape) != (*time.shape, 3):
-        message = (
-            f"time has shape {tuple(time.shape)} and hip {tuple(hip.shape)}. Give (T,) and (T, 3)"
-        )
-        raise SessionError(message, code="shape-wrong")
-    for name, array in (("time", time), ("hip", hip)):
+def check_arrays(
+    arrays: dict[str, Any], rows: dict[str, tuple[int, ...]], kind: type[InputError] = SessionError
+) -> int:
+    """The length T of arrays of real numbers, each (T, *rows[its name]).
+
+    Raises an error of the `kind` given: arrays of other shapes or types
+    """
+    length = tuple(next(iter(arrays.values())).shape)[:1] or ("T",)
+    for name, array in arrays.items():
+        wanted = (*length, *rows[name])
+        if tuple(array.shape) != wanted:
+            message = f"{name} has shape {tuple(array.shape)}. Give {wanted}"
+            raise kind(message, code="shape-wrong")
         if array.dtype.kind not in "fiu":
-            message = f"{name} has type {array.dtype}. Give real numbers"
-            raise SessionError(message, code="type-wrong")
-    return int(time.shape[0])
+            raise kind(f"{name} has type {array.dtype}. Give real numbers", code="type-wrong")
+    return int(length[0])
 
 
 class _NpzMember:

@@ -18,7 +18,7 @@ from vfplan.io.files import OpenedFile, naming_place
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
 from vfplan.io.writing import whole_file
-from vfplan.session.read import opened_hdf5, plain_attribute, plain_datasets
+from vfplan.session.read import check_arrays, opened_hdf5, plain_attribute, plain_datasets
 from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 
 # A dataclass of arrays, a row a tick.
@@ -79,8 +79,16 @@ def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     return type(block)(*(getattr(block, field.name)[rows] for field in fields(block)))
 
 
-def read_result(path: str | Path) -> tuple[TickBlock, dict[str, Any]]:
+def read_result(
+    path: str | Path, fixture_sha256: str | None = None
+) -> tuple[TickBlock, dict[str, Any]]:
     """Read a result file whole.
+
+    Parameters
+    ----------
+    fixture_sha256
+        The digest of the bundle that it has to be made with, hexadecimal. A result that names no
+        bundle was replayed from arrays, and passes.
 
     Returns
     -------
@@ -89,8 +97,8 @@ def read_result(path: str | Path) -> tuple[TickBlock, dict[str, Any]]:
     Raises
     ------
     InputError
-        Not a result file, a dataset is missing or has the wrong shape or type, or a value is one
-        that no replay gives.
+        Not a result file, or one of another bundle; a dataset is missing or has the wrong shape or
+        type, or a value is one that no replay gives.
     VersionError
         A major version that this program does not read.
     """
@@ -103,6 +111,9 @@ def read_result(path: str | Path) -> tuple[TickBlock, dict[str, Any]]:
         raise
     answers = run_in_sandbox("vfplan.session.result:stored_ticks", file=file, where=where)
     attrs = next(answers)
+    if fixture_sha256 is not None:
+        with naming_place(where):
+            require_fixture(attrs, fixture_sha256)
     blocks = []
     count, last_time = 0, -np.inf
     for arrays in answers:
@@ -140,20 +151,9 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
         yield attrs
 
         datasets = plain_datasets(file, TABLE, InputError)
-        for dataset, (name, (columns, _, _)) in zip(datasets, TABLE.items(), strict=True):
-            if dataset.shape != (*datasets[0].shape[:1], *columns):
-                wanted = ", ".join(map(str, ("T", *columns)))
-                message = (
-                    f"{name} has shape {dataset.shape}, not ({wanted}). Replay the session again"
-                )
-                raise InputError(message, code="shape-wrong")
-            if dataset.dtype.kind not in "fiu":
-                message = (
-                    f"{name} has type {dataset.dtype}, and no real numbers. Replay the "
-                    "session again"
-                )
-                raise InputError(message, code="type-wrong")
-        for start in range(0, len(datasets[0]), BLOCK):
+        rows = {name: columns for name, (columns, _, _) in TABLE.items()}
+        length = check_arrays(dict(zip(TABLE, datasets, strict=True)), rows, InputError)
+        for start in range(0, length, BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
@@ -165,21 +165,12 @@ def check_values(block: TickBlock, first: int, last_time: float) -> None:
     """
     for name in TABLE:
         rows = getattr(block, name).reshape(len(block), -1)
-        if name == "state":
-            good = np.isin(rows, STATES)
-            allowed = "-1, 0, 1 or 2"
-        else:
-            # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
-            good = np.abs(rows) <= MAX_TIME_S
-            allowed = f"finite numbers up to {MAX_TIME_S:g}"
-        good = good.all(axis=1)
+        # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
+        good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= MAX_TIME_S
         if not good.all():
-            bad = int(np.argmin(good))
-            raise InputError(
-                f"{name} of tick {first + bad} is {rows[bad].tolist()}, and only {allowed} "
-                "can be. Replay the session again",
-                code="value-invalid", numbers={"tick": first + bad},
-            )  # fmt: skip
+            tick = first + int(np.argmin(good.all(axis=1)))
+            message = f"{name} of tick {tick} is none that a replay gives. Replay the session again"
+            raise InputError(message, code="value-invalid", numbers={"tick": tick})
     increases = np.diff(block.time, prepend=last_time) > 0
     if not increases.all():
         tick = first + int(np.argmin(increases))
@@ -187,34 +178,19 @@ def check_values(block: TickBlock, first: int, last_time: float) -> None:
         raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
 
 
-def require_fixture(attrs: dict[str, Any], sha256: str, where: str) -> None:
-    """Check that a result was made with a bundle.
-
-    Parameters
-    ----------
-    attrs
-        The result's root attributes. One that names no bundle was replayed from arrays: it passes.
-    sha256
-        The bundle's digest, hexadecimal.
-    where
-        The result's name.
-
-    Raises
-    ------
-    InputError
-        Another digest.
-    """
+def require_fixture(attrs: dict[str, Any], sha256: str) -> None:
+    """Refuse a result, of these root attributes, of a bundle with another digest."""
     try:
         made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
     except (ValueError, TypeError, AttributeError):
         message = "attribute fixture is no record of a fixture. Replay the session again"
-        raise InputError(message, where=where, code="record-broken") from None
+        raise InputError(message, code="record-broken") from None
     if made_with != sha256:
         message = (
             f"was replayed against the fixture with SHA-256 {made_with[:12]}..., and this "
             f"one has {sha256[:12]}.... Give the same fixture"
         )
-        raise InputError(message, where=where, code="fixture-differs")
+        raise InputError(message, code="fixture-differs")
 
 
 class ResultWriter(ExitStack):

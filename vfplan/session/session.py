@@ -343,12 +343,17 @@ def in_order(
             time, hip = time[done:], hip[done:]
     mended |= {"swapped": swapped - doubled, "doubled": doubled}
     if first is not None and swapped > MENDED_SHARE * count and not skip:
-        raise SessionError(
-            f"time does not increase: {first[1]!r} s at sample {first[0]} follows {first[2]!r} s. "
-            f"Give each sample a later time than the one before, or --skip-unordered to leave "
-            f"{doubled} of {count} samples out",
-            where=where, code="time-not-increasing", numbers={"sample": first[0]},
-        )  # fmt: skip
+        way_out = f", or --skip-unordered to leave {doubled} of {count} samples out"
+        raise not_increasing(*first, where, way_out)
+
+
+def not_increasing(k: int, time: float, before: float, where: str, way_out: str) -> SessionError:
+    """That sample k is no later than the one before it [s]."""
+    message = (
+        f"time does not increase: {time!r} s at sample {k} follows {before!r} s. Give each sample "
+        f"a later time than the one before{way_out}"
+    )
+    return SessionError(message, where=where, code="time-not-increasing", numbers={"sample": k})
 
 
 def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
@@ -376,12 +381,7 @@ def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
         increases = np.diff(with_last) >= MIN_STEP_S
         if not increases.all():
             k = int(np.argmin(increases))
-            raise SessionError(
-                f"time does not increase: {float(with_last[k + 1])!r} s at sample {count + k} "
-                f"follows {float(with_last[k])!r} s. Give each sample a later time than the one "
-                "before",
-                where=where, code="time-not-increasing", numbers={"sample": count + k},
-            )  # fmt: skip
+            raise not_increasing(count + k, float(time[k]), float(with_last[k]), where, "")
         count += len(time)
         last_time = time[-1]
         yield time, hip

@@ -26,7 +26,6 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, as_rendered, best_rule
 from vfplan.fixture import Fixture, Pieces
-from vfplan.replaying.clearance import Clearance, CurveClearance, MeshClearance, PointClearance
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -112,24 +111,13 @@ def breach(contact: Contact, engine: ProxyEngine, trace: Trace) -> float:
     """How far the proxy came inside R - band of what is rendered, at most over the ticks [m].
 
     It is 0 where the proxy never did. It is infinite where an answer is not finite, or where the
-    path never touched the cloud and so showed nothing. The distance is measured without the
-    engine's code.
+    path never touched the cloud and so showed nothing.
     """
     is_finite = all(np.isfinite(rows).all() for rows in (trace.proxy, trace.normal, trace.force))
     if not is_finite or not trace.force.any():
         return float("inf")
-    clearance = clearance_meter(contact, engine.parameters.R, engine.parameters.ignore_axis)
-    clearance.update(trace.proxy)
-    return max(0.0, -engine.parameters.band - clearance.minimum_m)
-
-
-def clearance_meter(contact: Contact, radius: float, axis: Vector | None) -> Clearance:
-    """Measures the clearance of proxies from what is rendered, across an ignored axis."""
-    if isinstance(contact.exact_shape, Pieces):
-        return CurveClearance(contact.exact_shape, radius, axis)
-    if contact.exact_shape is not None:
-        return MeshClearance(contact.points, contact.exact_shape, radius)
-    return PointClearance(contact.points, radius, axis)
+    least = engine.parameters.R - engine.parameters.band
+    return max(0.0, least - float(engine.distance(trace.proxy).min()))
 
 
 def surface_direction(contact: Contact) -> Vector:

@@ -309,6 +309,29 @@ class Mesh {
         return least;
     }
 
+    /// How often a closed surface winds around y: 0 outside, whichever way its triangles are
+    /// turned. Adds the inner steps that it took.
+    int winding(const Vec3& y, int& steps) const noexcept {
+        const Vec3 ray{0.4317, 0.5713, 0.6980361};  // along which no mesh is laid out
+        int turns = 0;
+        steps += visit(
+            [&](const Disc& disc) noexcept {
+                const Vec3 w = disc.middle - y;
+                const double ahead = dot(w, ray) / dot(ray, ray);
+                const Vec3 beside = w - std::max(ahead, 0.0) * ray;
+                return dot(beside, beside) <= disc.size() * disc.size() * (1 + 1e-9);
+            },
+            [&](std::uint32_t i) noexcept {
+                const Triangle& t = triangles_[i];
+                const Vec3 p = t.a - y, q = p + t.ab, r = p + t.ac;
+                const double a = dot(ray, cross(p, q)), b = dot(ray, cross(q, r)),
+                             c = dot(ray, cross(r, p)), ahead = dot(p, cross(t.ab, t.ac));
+                if (a > 0 && b > 0 && c > 0 && ahead > 0) ++turns;
+                if (a < 0 && b < 0 && c < 0 && ahead < 0) --turns;
+            });
+        return turns;
+    }
+
   private:
     struct Item {
         std::array<Vec3, 3> corner;

@@ -124,6 +124,8 @@ class WayOut {
         for (double& t : reached_) t = 0;
         ticks_to_choose_ = max_ticks_to_choose;
         leads_to_other_side_ = false;
+        leaves_body_ = !free_before_ && is_in_body(geometry, hip);
+        if (leaves_body_) direction_ = nearest_ = -nearest_;
     }
 
     /// One tick; true once the proxy has reached the free space.
@@ -237,6 +239,12 @@ class WayOut {
         return false;
     }
 
+    /// Whether x lies in a body whose skin is the geometry, where the geometry knows.
+    template <class Geometry>
+    static bool is_in_body(const Geometry& geometry, const Vec<D>& x) noexcept {
+        if constexpr (requires { geometry.is_in_body(x); }) return geometry.is_in_body(x);
+        return false;
+    }
     /// Unit vector from the nearest geometry to x; the direction of the way where x lies on it.
     template <class Geometry>
     Vec<D> leave_nearest(const Geometry& geometry, const Vec<D>& x) noexcept {
@@ -256,11 +264,13 @@ class WayOut {
         }
         return infinity;
     }
-    /// Distance from y along d out of all that y is in; `free` where it is in nothing.
+    /// Distance from y along d out of all that y is in; `free` where it is in nothing. What lies
+    /// deep in a body that the proxy is to leave is not free, and R further is in it or its skin.
     template <class Geometry>
     double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
         const double s = geometry.exit_distance(y, d);
-        return s == free ? s : s + tuned::hop_margin * R_;
+        if (s != free) return s + tuned::hop_margin * R_;
+        return leaves_body_ && is_in_body(geometry, y) ? R_ : free;
     }
 
     double R_, ramp_;
@@ -273,6 +283,7 @@ class WayOut {
     int chosen_ = 0;  // of the candidates
     const FreeBefore<D>* free_before_ = nullptr;
     bool leads_to_other_side_ = false;
+    bool leaves_body_ = false;  // it began under the skin of a closed body
     int ticks_to_choose_ = 0;
 };
 
