@@ -61,10 +61,9 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
     from vfplan.planning.extraction import extract
 
     settings = settings_from_options(ExtractSettings, arguments)
-    page = page_command(image, output=output)
     with (
         announce_if_slow(f"extracting the curve of {image.name}"),
-        pointing_to_page(page),
+        pointing_to_page(image, output=output),
         drawing_refusal(image, settings, overlay_out),
     ):
         extracted = extract(image, settings, curve=arguments["curve"])
@@ -103,8 +102,11 @@ def drawing_refusal(image: Path, settings: Any, overlay: Path | None) -> Iterato
 
 
 @contextmanager
-def pointing_to_page(page: str) -> Iterator[None]:
-    """Name the command that opens the review page where a person can mend a refusal there."""
+def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
+    """Name the command that opens the review page where a person can mend a refusal there.
+
+    files, options: as `page_command` takes them
+    """
     try:
         yield
     except (CurveError, MarkerError, CheckFailed) as error:
@@ -115,8 +117,9 @@ def pointing_to_page(page: str) -> Iterator[None]:
             message = " ".join(sorted(sentences, key=lambda text: text.endswith(f"{general}.")))
             if message.endswith(f"{general}."):
                 message = message.removesuffix(".")
-            error.message = message.replace(general, page)
+            error.message = message.replace(general, page_command(*files, **options))
         elif error.code in MENDED_ON_PAGE:
+            page = page_command(*files, **options)
             error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"
         raise
 

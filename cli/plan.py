@@ -15,7 +15,7 @@ from vfplan.cli.extract import (
     pointing_to_page,
     write_pictures,
 )
-from vfplan.cli.next_commands import page_command, review_command
+from vfplan.cli.next_commands import review_command
 from vfplan.cli.options import FILE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.register import registered_text, write_registration_picture
@@ -81,7 +81,7 @@ def vfplan_plan(
     check_texts(arguments["case"] or "")
     with (
         announce_if_slow(f"planning on {image.name}"),
-        pointing_to_page(page_command(image, markers, markers2, output=output)),
+        pointing_to_page(image, markers, markers2, output=output),
         drawing_refusal(image, extraction, overlay_out),
     ):
         planned = plan(

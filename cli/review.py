@@ -225,13 +225,15 @@ def draw_sheet(
     files = (source, arguments["markers"], arguments["markers2"])
     written = [str(path) for path in (sheet_out, print_out) if path is not None]
     approved = Path(written[0]).with_name(f"{source.stem}-approved.h5")
-    page = page_command(*files, output=approved, overwrites=False)
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
         if is_bundle:
             shown = sheet_of_bundle(arguments)
         else:
             settings = settings_from_options(ExtractSettings, arguments)
-            with pointing_to_page(page), drawing_refusal(source, settings, sheet_out):
+            with (
+                pointing_to_page(*files, output=approved, overwrites=False),
+                drawing_refusal(source, settings, sheet_out),
+            ):
                 shown = sheet_of_slice(arguments)
         with outputs(sheet_out, print_out) as (sheet, page_of_plan):
             if sheet is not None:
@@ -250,7 +252,7 @@ def draw_sheet(
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
-        following = page
+        following = page_command(*files, output=approved, overwrites=False)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},

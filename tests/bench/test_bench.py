@@ -48,35 +48,18 @@ def test_fronts_do_not_mix_scenes():
     assert [r["pareto"] for r in records] == [True, False, True, True, True]
 
 
-def test_chosen_is_judged_by_what_else_keeps_the_tolerance():
-    def record(time, surface, followed, **more):
-        kept = {"surface_error_m": surface, "inside_m": 0.0, "followed_rms_m": followed}
-        head = {"stage": "proxy", "scene": "a", "time_us_median": time, "error_max": 9.0}
-        return head | kept | more
-
-    records = [record(1.0, 0.1, 2.0), record(2.0, 2.0, 0.1), record(3.0, 0.1, 0.1, inside_m=2.0),
-               record(4.0, 0.5, 0.5), record(6.0, 0.9, 0.9, chosen=True)]  # fmt: skip
-
-    def judged(tolerance):
-        judge_chosen(records, tolerance)
-        return [records[-1][name] for name in ("meets_tolerance", "follows", "time_over_cheapest")]
-
-    assert judged(1.0) == [True, True, 1.5]
-    assert "meets_tolerance" not in records[0]
-    assert judged(0.01) == [False, False, None]
-    # One that is off along the surface is compared with what is no further off.
-    records[-1]["followed_rms_m"] = 3.0
-    assert judged(1.0) == [True, False, 6.0]
-
-
-def test_a_sampled_surface_is_judged_by_its_worst_place():
-    records = [
-        {"stage": "sample", "scene": "a", "error_max": error, "time_us_median": 1.0, "chosen": True}
-        for error in (0.9, 1.1)
-    ]
+@pytest.mark.parametrize(
+    ("more", "kept"),
+    [({"stage": "proxy", "surface_error_m": 0.9, "inside_m": 0.9}, True),
+     ({"stage": "proxy", "surface_error_m": 1.1, "inside_m": 0.0}, False),
+     ({"stage": "proxy", "surface_error_m": 0.1, "inside_m": 1.1}, False),
+     ({"stage": "sample"}, False)],
+)  # fmt: skip
+def test_chosen_is_judged_by_its_surface(more, kept):
+    records = [{"error_max": 9.0} | more, {"error_max": 9.0, "chosen": True} | more]
     judge_chosen(records, 1.0)
-    assert [r["meets_tolerance"] for r in records] == [True, False]
-    assert "follows" not in records[0]
+    assert "meets_tolerance" not in records[0]
+    assert records[1]["meets_tolerance"] is kept
 
 
 def running(work, name="m", **more):
@@ -96,8 +79,7 @@ def test_result_reports_medians_tails_and_spread():
     assert record["error_rms"] == pytest.approx(np.sqrt(12.5))
     assert record["error_max"] == 4
     assert record["time_us_median"] == 2, "each tick counts with its least time"
-    assert record["time_us_max"] == 4, "what the system interrupted is no tick's own"
-    assert (record["time_us_low"], record["time_us_high"]) == (2, 3.5)
+    assert record["time_us_p999"] <= 4, "what the system interrupted is no tick's own"
     assert record["repeats"] == 3
     assert record["peer"] is True
     assert "chosen" not in record
@@ -172,7 +154,6 @@ def test_exact_proxy_has_no_error():
     assert errors["error_rms"] == errors["error_max"] == 0
     assert errors["force_rms_n"] == 0
     assert errors["surface_error_m"] < 1e-12
-    assert errors["lag_rms_m"] < 1e-12
 
 
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():

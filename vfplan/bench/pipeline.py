@@ -14,8 +14,7 @@ sample
     that a cloud renders is where the nearest point is R away; the surface that was planned is where
     the curve is R away. The error is the gap between the two at places of the planned surface (0
     where a point stands abreast, the dimple's depth between two). The time is that of a tick of the
-    robust engine on this cloud, along the curve; how long the sampling itself took stands beside
-    it.
+    robust engine on this cloud, along the curve.
 plan
     The whole pipeline on the shipped elbow. The error is how far the surface that the fixture's
     cloud renders lies from the one that the drawn curve has on the robot's table, both ways, at
@@ -27,7 +26,6 @@ plan
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
@@ -354,14 +352,11 @@ def sample_run(
     chosen: bool = False,
 ) -> BenchRun:
     """One method of sampling with one setting, and the engine's ticks on the cloud it gives."""
-    started = time.perf_counter()
     points = SAMPLINGS[method](line, **settings)
-    sampling_us = (time.perf_counter() - started) * 1e6
     engine = ProxyEngine(points, contact_radius=R, ignore_axis="z")
 
     def score(trace: object) -> Record:
-        errors = surface_error(points, surface)
-        return errors_of(errors, points=len(points), plan_us=sampling_us)
+        return errors_of(surface_error(points, surface), points=len(points))
 
     run = partial(timed_ticks, engine, hips)
     return BenchRun(line.name, method, settings, run, score, "m", chosen)
@@ -469,8 +464,4 @@ def score_plan(planned: Any, surface: Array) -> Record:
     """|distance to the nearest point - R| at the true surface, in the plane of the table [m]."""
     points = planned.fixture.points * [1.0, 1.0, 0.0]
     nearest, _ = cKDTree(points).query(surface)
-    report = planned.report["register"]
-    figures = {"points": len(points), "predicted_tre_m": report["tre_rms_m"]}
-    if "sampling_error_m" in report:
-        figures["sampling_error_m"] = report["sampling_error_m"]
-    return errors_of(nearest - R, **figures)
+    return errors_of(nearest - R, points=len(points))

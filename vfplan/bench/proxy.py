@@ -11,11 +11,6 @@ surface_error_m
 followed_rms_m, followed_ticks
     The RMS error over the ticks in which an engine can follow the exact proxy at all
     (`Case.followable`), and how many of the `ticks` those are.
-clearance_min_m
-    min |p_i - proxy| - R over the cloud.
-lag_rms_m, friction
-    The part of proxy - HIP across the exact force, and its ratio to the exact depth: what a hand
-    feels as friction though none is rendered.
 
 Each scene has a HIP path and its exact proxy, computed once. Two are triangle meshes: a ball, whose
 surface bends, and a box, which has edges and corners. Their exact proxy is known in closed form.
@@ -26,8 +21,8 @@ spacing.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib.resources import as_file, files
 from itertools import product
@@ -35,7 +30,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull
 
 from vfplan.bench.peers import Peer
 from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
@@ -44,7 +39,6 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose
-from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.scenes.outline import Run, in_space, polyline
 from vfplan.stability.contacts import RADIUS as R
@@ -277,58 +271,17 @@ def evenly_sampled(scene: Scene, choice: Choice) -> Array:
     return replace(scene, spacing=spacing).points
 
 
-# Number of points times ticks up to which the NumPy reference runs in good time.
-NUMPY_WORK = 4e7
-
-# Number of points times ticks up to which a look at every point in every tick does.
-BRUTE_WORK = 10 * NUMPY_WORK
-
-# A quick run does this part of that work.
-QUICK_SHARE = 4
-
 # A HIP further than this behind the surface [m] has a well-known normal.
 CONTACT_DEPTH_M = 0.1e-3
 
-Make = Callable[[Scene], tuple[Any, dict[str, Any]]]
 
-
-@dataclass(frozen=True)
-class Method:
-    """One rule and one engine, with its settings.
-
-    Parameters
-    ----------
-    make
-        An engine on the cloud of a scene, or on what is fitted to it, and figures of that.
-    max_work
-        Number of points times ticks beyond which it does not run.
-    settings
-        Those besides the spacing.
-    full_only
-        It does not run in a quick run.
-    needs_shape
-        For drawings and meshes alone, which hold more than points.
-    in_space
-        On the cloud of an extruded drawing, without an ignored axis.
-    """
-
-    make: Make
-    max_work: float = np.inf
-    settings: dict[str, Setting] = field(default_factory=dict)
-    full_only: bool = False
-    needs_shape: bool = False
-    in_space: bool = False
-
-
-def engine_on_points(
-    scene: Scene, kind: type = ProxyEngine, **settings: Any
-) -> tuple[Any, dict[str, Any]]:
+def engine_on_points(scene: Scene, **settings: Any) -> ProxyEngine:
     """An engine on the cloud of a scene."""
     axis = scene.ignore_axis
-    return kind(scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings), {}
+    return ProxyEngine(scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings)
 
 
-def exact_engine(scene: Scene) -> tuple[Any, dict[str, Any]]:
+def exact_engine(scene: Scene) -> tuple[ProxyEngine, dict[str, Any]]:
     """Rule "exact" on a mesh's triangles, or on lines and arcs through the cloud of a drawing."""
     if isinstance(scene, Meshed):
         corners, triangles = scene.mesh
@@ -337,33 +290,6 @@ def exact_engine(scene: Scene) -> tuple[Any, dict[str, Any]]:
     pieces = fitted(scene)
     engine = ProxyEngine.along(pieces, R, stiffness=DEFAULT_STIFFNESS)
     return engine, {"lines_and_arcs": pieces.count}
-
-
-def limited(iterations: int, **more: bool) -> Method:
-    """Rule "robust" with a limit on its iterations in a tick."""
-    limit = {"max_iterations": iterations}
-    return Method(partial(engine_on_points, **limit), settings=limit, **more)
-
-
-def brute(**rule: str) -> Method:
-    """A rule that looks at every point, every time."""
-    make = partial(engine_on_points, search="brute", **rule)
-    return Method(make, BRUTE_WORK, {"search": "brute"}, full_only=True)
-
-
-METHODS: dict[str, Method] = {
-    "robust": Method(engine_on_points),
-    "robust, 1 iteration": limited(1),
-    "robust, 2 iterations": limited(2, full_only=True),
-    "robust, 4 iterations": limited(4),
-    "robust, 8 iterations": limited(8, full_only=True),
-    "robust, every point": brute(),
-    "robust, not planar": Method(engine_on_points, settings={"planar": False}, in_space=True),
-    "paper": Method(partial(engine_on_points, rule="paper")),
-    "paper, every point": brute(rule="paper"),
-    "paper in NumPy": Method(partial(engine_on_points, kind=PaperProxy), NUMPY_WORK),
-    "exact": Method(exact_engine, needs_shape=True),
-}
 
 
 def proxy_scenes(
@@ -377,29 +303,34 @@ def proxy_scenes(
         # The triangles are the same at every spacing.
         on_points = [peer for peer in peers if not peer.needs_mesh]
         for spacing in coarser:
-            runs += runs_on(case, spacing, quick, on_points)
-        runs += runs_on(case, finest, quick, peers)
+            runs += runs_on(case, spacing, on_points)
+        runs += runs_on(case, finest, peers)
         yield [*runs, chosen_run(case, tolerance_m)]
 
 
-def runs_on(case: Case, spacing: float, quick: bool, peers: Sequence[Peer]) -> Iterator[BenchRun]:
-    """The runs of every method on a case in good time, and of the peers."""
+def runs_on(case: Case, spacing: float, peers: Sequence[Peer]) -> Iterator[BenchRun]:
+    """The runs of every rule on a case, and of the peers."""
     scene = replace(case.scene, spacing=spacing)
-    has_shape = isinstance(scene, (Drawn, Meshed))
-    for name, method in METHODS.items():
-        cloud = scene
-        if method.in_space and isinstance(scene, Drawn):
-            # Far enough that its ends are not felt.
-            cloud = replace(scene, extrude=6 * R)
-        elif method.in_space or (method.needs_shape and not has_shape):
-            continue
-        if quick and method.full_only:
-            continue
-        points = cloud.points
-        if len(points) * len(case.hips) <= method.max_work / (QUICK_SHARE if quick else 1):
-            settings: dict[str, Setting] = {"spacing_m": spacing, **method.settings}
-            engine, figures = method.make(cloud)
-            yield engine_run(case, name, settings, engine, points, figures)
+
+    def with_engine(
+        name: str, engine: ProxyEngine, points: Array = scene.points,
+        figures: dict[str, Any] | None = None, **settings: Setting,
+    ) -> BenchRun:  # fmt: skip
+        listed = {"spacing_m": spacing, **settings}
+        return engine_run(case, name, listed, engine, points, figures or {})
+
+    yield with_engine("robust", engine_on_points(scene))
+    for name, limit in (("robust, 1 iteration", 1), ("robust, 4 iterations", 4)):
+        engine = engine_on_points(scene, max_iterations=limit)
+        yield with_engine(name, engine, max_iterations=limit)
+    if isinstance(scene, Drawn):
+        # Far enough that its ends are not felt.
+        tall = replace(scene, extrude=6 * R)
+        yield with_engine("robust, not planar", engine_on_points(tall), tall.points, planar=False)
+    yield with_engine("paper", engine_on_points(scene, rule="paper"))
+    if isinstance(scene, (Drawn, Meshed)):
+        engine, figures = exact_engine(scene)
+        yield with_engine("exact", engine, figures=figures)
     points, axis = scene.points, scene.ignore_axis
     mesh = scene.mesh if isinstance(scene, Meshed) else None
     for peer in peers:
@@ -431,7 +362,7 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
     elif isinstance(scene, NoisySheet):
         # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
         settings["spacing_m"] = scene.spacing
-        engine, _ = engine_on_points(scene)
+        engine = engine_on_points(scene)
     else:
         points = evenly_sampled(scene, choice)
         settings |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m,
@@ -485,24 +416,10 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
     clearance = case.clearance.copy()
     has_moved = (proxy != truth).any(axis=1)
     clearance[has_moved] = case.scene.clearance(proxy[has_moved]) - R
-    exact_pull = truth - hips
-    depth = np.linalg.norm(exact_pull, axis=1)
-    in_contact = depth > CONTACT_DEPTH_M
+    in_contact = np.linalg.norm(truth - hips, axis=1) > CONTACT_DEPTH_M
     record["surface_error_m"] = float(np.abs(clearance[in_contact]).max(initial=0.0))
     record["inside_m"] = float(max(0.0, -clearance.min()))
 
-    # What a hand feels as friction: the part of the pull across the exact normal.
-    if in_contact.any():
-        normal = exact_pull[in_contact] / depth[in_contact, None]
-        pull = (proxy - hips)[in_contact]
-        along = (pull * normal).sum(axis=1)
-        lag = np.linalg.norm(pull - along[:, None] * normal, axis=1)
-        record["lag_rms_m"] = root_mean_square(lag)
-        record["friction"] = root_mean_square(lag / depth[in_contact])
-
-    flat = np.ones(3) if case.scene.ignore_axis is None else np.array([1.0, 1.0, 0.0])
-    nearest, _ = cKDTree(points * flat).query(proxy * flat)
-    record["clearance_min_m"] = float(nearest.min() - R)
     return errors_of(errors, **record, **figures)
 
 

@@ -66,7 +66,7 @@ class BenchRun:
 
 
 def time_us(repeats: list[Array]) -> Record:
-    """Median and tail of the parts' times, and how far the repeats' medians spread [µs].
+    """Median and tail of the parts' times [µs].
 
     Parameters
     ----------
@@ -76,16 +76,8 @@ def time_us(repeats: list[Array]) -> Record:
         single call counts as often as it ran.
     """
     times = np.min(repeats, axis=0) if len(repeats[0]) > 1 else np.concatenate(repeats)
-    median, p99, p999 = np.quantile(times, [0.5, 0.99, 0.999])
-    low, high = np.quantile([np.median(repeat) for repeat in repeats], [0.25, 0.75])
-    return {
-        "time_us_median": float(median),
-        "time_us_p99": float(p99),
-        "time_us_p999": float(p999),
-        "time_us_max": float(times.max()),
-        "time_us_low": float(min(low, median)),
-        "time_us_high": float(max(high, median)),
-    }
+    median, tail = np.quantile(times, [0.5, 0.999])
+    return {"time_us_median": float(median), "time_us_p999": float(tail)}
 
 
 def mark_pareto(records: list[Record]) -> None:
@@ -117,41 +109,15 @@ def comparable_error(record: Record) -> float:
 
 
 def judge_chosen(records: list[Record], tolerance_m: float) -> None:
-    """Say of each chosen record whether it keeps the tolerance, and how far from cheapest it is.
+    """Say of each chosen record whether its surface keeps the tolerance, `meets_tolerance`.
 
-    `meets_tolerance`
-        The surface's error (`surface_error_m` and `inside_m`; in stage sample `error_max`) is
-        within it: what `--tolerance` promises.
-    `follows`
-        Stage proxy: so is the proxy's RMS error, along the surface too, over the ticks that an
-        engine can follow (`followed_rms_m`).
-    `time_over_cheapest`
-        Its median time over that of the cheapest record of its stage and scene that keeps the
-        surface as well and the proxy as close, to the tolerance or as the chosen one does.
+    The error of a surface is `surface_error_m` and `inside_m`, and in stage sample `error_max`.
     """
-    for chosen in records:
-        if not chosen.get("chosen") or chosen["stage"] not in ("sample", "proxy"):
-            continue
-        followed_m = chosen.get("followed_rms_m", 0.0)
-        allowed_m = max(followed_m, tolerance_m)
-        times = [
-            rival["time_us_median"]
-            for rival in records
-            if (rival["stage"], rival["scene"]) == (chosen["stage"], chosen["scene"])
-            and keeps_surface(rival, tolerance_m)
-            and rival.get("followed_rms_m", 0.0) <= allowed_m
-        ]
-        chosen["meets_tolerance"] = keeps_surface(chosen, tolerance_m)
-        if "followed_rms_m" in chosen:
-            chosen["follows"] = bool(followed_m <= tolerance_m)
-        cheapest = chosen["time_us_median"] / min(times) if times else None
-        chosen["time_over_cheapest"] = cheapest
-
-
-def keeps_surface(record: Record, tolerance_m: float) -> bool:
-    """Whether the rendered surface is within the tolerance of the planned one."""
-    surface_m = record.get("surface_error_m", record["error_max"])
-    return bool(max(surface_m, record.get("inside_m", 0.0)) <= tolerance_m)
+    for record in records:
+        if record.get("chosen") and record["stage"] in ("sample", "proxy"):
+            surface_m = record.get("surface_error_m", record["error_max"])
+            largest_m = max(surface_m, record.get("inside_m", 0.0))
+            record["meets_tolerance"] = bool(largest_m <= tolerance_m)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, Array]:

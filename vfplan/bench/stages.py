@@ -122,7 +122,7 @@ def write_json(document: dict[str, Any], path: Path) -> None:
 
 
 def describe_machine() -> dict[str, Any]:
-    """Processor, cores, system, Python, NumPy; the clock's own cost [µs]."""
+    """Processor, cores, system, Python, NumPy."""
     processor = platform.processor() or platform.machine()
     # Other systems have no such file.
     with suppress(OSError):
@@ -131,12 +131,10 @@ def describe_machine() -> dict[str, Any]:
             processor = named[1]
     affinity = getattr(os, "sched_getaffinity", None)
     cores = os.cpu_count() if affinity is None else len(affinity(0))
-    instants = [time.perf_counter_ns() for _ in range(2001)]
     return {
         "processor": processor,
         "cores": cores,
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": np.__version__,
-        "clock_us": float(np.median(np.diff(instants))) / 1e3,
     }

@@ -152,7 +152,8 @@ def as_stored(value: Any, kind: str) -> np.ndarray:
     """A value as it is stored; texts in as many bytes as the longest takes, without an end."""
     if kind != "text":
         return np.asarray(value, dtype=f"<{kind}", order="C")
-    bare = np.char.encode(np.array(value, dtype=str), "utf-8")
+    encoded = value.encode() if isinstance(value, str) else [text.encode() for text in value]
+    bare = np.array(encoded, dtype=bytes)
     return bare.astype(h5py.string_dtype("utf-8", max(1, bare.itemsize)))
 
 

@@ -41,7 +41,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from decimal import ROUND_DOWN, Context
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -485,6 +484,8 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     ):  # fmt: skip
         if not length_m or pieces.error <= share * length_m:
             continue
+        from decimal import ROUND_DOWN, Context
+
         allowed_mm = Context(2, ROUND_DOWN).create_decimal(share * length_m * 1e3)
         advice = "none"
         if allowed_mm >= 1e3 * MIN_ARCS_M:

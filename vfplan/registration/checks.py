@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations, permutations
 from typing import Any
 
@@ -176,6 +177,7 @@ class PerspectiveTest:
         )
 
 
+@lru_cache(1)
 def perspective_test(registration: Registration) -> PerspectiveTest | None:
     """F test of the two parameters that a homography has more than an affine map.
 
@@ -302,6 +304,7 @@ class LabelMistake:
         return f"the labels {names} seem {fit}"
 
 
+@lru_cache(1)
 def label_mistakes(registration: Registration) -> list[LabelMistake]:
     """The usual mistakes with labels that fit about as well as the given ones, or better.
 

@@ -39,7 +39,6 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
 from math import comb
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -108,10 +107,10 @@ def target_error(
 
     own: the bound of the curve's own error there, (M,) of `own_bound`
     """
-    rms_m, curve95_m = registration.tre_m(points), registration.curve95_m(points, own)
+    rms_m, bound95_m = registration.tre_m(points), registration.tre95_m(points)
+    curve95_m = registration.curve95_m(points, own, bound95_m)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
-    bound95_m = registration.tre95_m(points)
     return TargetError(rms_m, bound95_m, own, curve95_m, int(curve95_m.argmax()), is_beyond)
 
 
@@ -198,9 +197,32 @@ def _directions(p: int) -> Array:
     return np.ascontiguousarray(normal.T)
 
 
+# Numerator and denominator of the normal quantile over q, by 0.425² - q², and of that of a tail, by
+# the root of the logarithm of its probability less 1.6: M. J. Wichura's "Algorithm AS 241" (Appl.
+# Stat. 37, 1988).
+NORMAL_CENTRE = (
+    (2.50908092873012267e3, 3.34305755835881281e4, 6.72657709270087009e4, 4.59219539315498715e4,
+     1.37316937655094611e4, 1.97159095030655144e3, 1.33141667891784377e2, 3.38713287279636661e0),
+    (5.22649527885285456e3, 2.87290857357219427e4, 3.93078958000927106e4, 2.12137943015865959e4,
+     5.39419602142475111e3, 6.87187007492057908e2, 4.23133307016009113e1, 1.0),
+)  # fmt: skip
+NORMAL_TAIL = (
+    (7.74545014278341407e-4, 2.27238449892691846e-2, 2.41780725177450612e-1, 1.27045825245236838e0,
+     3.64784832476320461e0, 5.76949722146069141e0, 4.63033784615654530e0, 1.42343711074968358e0),
+    (1.05075007164441684e-9, 5.47593808499534495e-4, 1.51986665636164572e-2, 1.48103976427480075e-1,
+     6.89767334985100005e-1, 1.67638483018380385e0, 2.05319162663775882e0, 1.0),
+)  # fmt: skip
+
+
 def normal_quantile(share: ArrayLike) -> Array:
-    """What a standard normal variable stays below with a probability."""
-    return np.vectorize(NormalDist().inv_cdf, otypes=[float])(share)
+    """What a standard normal variable stays below with a probability of 1e-11 to 1 - 1e-11."""
+    share = np.asarray(share, dtype=float)
+    q = share - 0.5
+    top, bottom = (np.polyval(row, 0.180625 - q * q) for row in NORMAL_CENTRE)
+    centre = top * q / bottom
+    x = np.sqrt(-np.log(np.minimum(share, 1 - share))) - 1.6
+    top, bottom = (np.polyval(row, x) for row in NORMAL_TAIL)
+    return np.where(np.abs(q) <= 0.425, centre, np.copysign(top / bottom, q))
 
 
 # All minimal subsets are tried, and this many take some seconds.
@@ -461,23 +483,29 @@ class Registration(Fit):
         rows = self._error_rows(points)
         return pointwise_bound(rows @ np.swapaxes(rows, 1, 2), self.dof)
 
-    def tre95_curve_m(self, points: ArrayLike) -> Array:
+    def tre95_curve_m(self, points: ArrayLike, pointwise_m: Array | None = None) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
 
         The pointwise bound holds at each point with probability 0.95, hence along a whole curve
         less often. This one is wider by the factor that makes up for it (see `error`).
+
+        pointwise_m: `tre95_m` of the points, where it is known
         """
-        pointwise_m = self.tre95_m(points)
+        if pointwise_m is None:
+            pointwise_m = self.tre95_m(points)
         return whole_curve_factor(self._error_rows(points), pointwise_m, self.dof) * pointwise_m
 
-    def curve95_m(self, points: ArrayLike, own: ArrayLike) -> Array:
+    def curve95_m(
+        self, points: ArrayLike, own: ArrayLike, pointwise_m: Array | None = None
+    ) -> Array:
         """(M,) radius [m] that a curve stays within at all these points at once, with 0.95.
 
         own: the bound of the curve's own error, (M,) of `own_bound` in the source frame's unit
+        pointwise_m: `tre95_m` of the points, where it is known
         """
         linear = self.T_target_source[:3, :-1]
         scale = np.sqrt((linear**2).sum() / linear.shape[1])
-        return np.hypot(self.tre95_curve_m(points), scale * np.asarray(own))
+        return np.hypot(self.tre95_curve_m(points, pointwise_m), scale * np.asarray(own))
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
