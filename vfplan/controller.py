@@ -59,8 +59,8 @@ class Controller(_core.Controller):
     """Forbidden regions and guides of bundles, a moving frame and a governor behind one `step`.
 
     What must stop an arm lets the force fade, and then `Command.stop` is set: a bad position or a
-    jump that lasts `hold_time_s`, an old pose, a way out to the other side, a bad force or
-    Jacobian, and `request_stop`, which any thread may call. `reset` begins anew.
+    jump that lasts `hold_time_s`, an old pose, a way out to the other side or a reset there, a bad
+    force or Jacobian, and `request_stop`, which any thread may call. `reset` begins anew.
 
     The native class has `stiffness`, of all springs together at most [N/m], `contact_radius` [m]
     and `rule` of the first fixture, and `size`, the number of different fixtures.
@@ -83,8 +83,10 @@ class Controller(_core.Controller):
     moving
         (max_age_s, max_speed_m_s, max_turn_rad_s) of a fixture that moves.
     max_hip_step, hold_time_s
-        A tip further than this from the last one is no position [m]; for how long the force is then
-        held.
+        A tip further than this from the last one is no position [m], 0: none is; for how long the
+        force is then held. Ten good ticks make up for a bad one.
+    max_stiffness_n_per_m
+        To which `set_stiffness` may raise K of the bundle.
 
     Raises
     ------
@@ -110,6 +112,7 @@ class Controller(_core.Controller):
         moving: tuple[float, float, float] | None = None,
         max_hip_step: float = 0.02,
         hold_time_s: float = 0.02,
+        max_stiffness_n_per_m: float = 0.0,
     ) -> None:
         if isinstance(keys, str | Path):
             keys = [keys]
@@ -134,6 +137,7 @@ class Controller(_core.Controller):
                 governor=governor.limits,
                 max_hip_step=real_number("max_hip_step", max_hip_step),
                 hold_time=real_number("hold_time_s", hold_time_s),
+                max_stiffness=real_number("max_stiffness_n_per_m", max_stiffness_n_per_m),
                 moving=None if moving is None else real_array(moving, "moving"),
             )
         self._joints = 0
@@ -160,7 +164,7 @@ class Controller(_core.Controller):
                 raise SceneError(f"exchange: {TOO_MANY_CHANGES}")
 
     def set_stiffness(self, stiffness_n_per_m: float, which: int = 0) -> None:
-        """Change K of a region; the force goes to its new value in small steps."""
+        """Change K of a region, to the bundle's or `max_stiffness_n_per_m` at most."""
         with core_errors(SceneError), core_settings(force_step="n", stiffness="n_per_m"):
             if not super().set_stiffness(stiffness_n_per_m, which):
                 raise SceneError(f"set_stiffness: {TOO_MANY_CHANGES}")

@@ -79,6 +79,23 @@ int main() {
     moved.reset(a);
     assert(holds.size() == 1 && moved.size() == 0 && moved.step(a).stop);
     assert(refused([&] { moved.add(wall); }) && refused([&] { moved.set_stiffness(500); }));
+    // What no arm has is refused, and a loop stops at a lost position whatever the caller chooses.
+    const auto with = [&](auto&& change) {
+        return refused([&] {
+            vfplan::ControllerSettings settings;
+            change(settings);
+            vfplan::Controller controller(wall, {}, settings);
+        });
+    };
+    assert(!with([](auto& s) { s.stop_at |= vfplan::Status::inside; }));
+    for (const int bits : {0, 1, 64, 255}) assert(with([&](auto& s) { s.stop_at = bits; }));
+    for (const double value : {-1.0, 1e9, vfplan::infinity}) {
+        assert(with([&](auto& s) { s.max_hip_step = value; }));
+        assert(with([&](auto& s) { s.governor.force_step = value; }));
+    }
+    assert(refused([&] { holds.set_stiffness(1001); }) && holds.set_stiffness(900));
+    vfplan::MovingFrame frame;
+    assert(!frame.pose(0, {{0, 500, 0}, 1, {}}) && frame.pose(0, {{0, 99, 0}, 1, {}}));
     // A rule that asks for a path which the format does not have is not answered that it is absent.
     const vfplan::bundle::Content empty;
     assert(!empty.has("/sigma") && !empty.has_group("/mesh"));

@@ -229,18 +229,6 @@ def motion(count=50):
     return stamps, rng.normal(0.4, 0.1, (count, 3)), turns, quats
 
 
-def pose_of(store, place, quat):
-    pose, point, quaternion = (
-        store.types[f"geometry_msgs/msg/{name}"] for name in ("Pose", "Point", "Quaternion")
-    )
-    return pose(point(*map(float, place)), quaternion(*map(float, quat)))
-
-
-def header_of(store, stamp, *sequence, frame="panda_link0"):
-    time = store.types["builtin_interfaces/msg/Time"](*divmod(int(stamp), 10**9))
-    return store.types["std_msgs/msg/Header"](*sequence, time, frame)
-
-
 def write_poses(path, extra_topic=False, length=1.0):
     store = get_typestore(Stores.ROS2_HUMBLE)
     stamps, places, turns, quats = motion()

@@ -52,11 +52,14 @@ class Status(IntFlag):
     STALE = 8
     # The fixture was exchanged or edited, and the force is on its way to K (proxy - HIP).
     CHANGING = 16
-    # With INSIDE: no way out was found on the side where the proxy was before the exchange.
+    # With INSIDE: no way out was found on the side where the proxy was before the exchange. Of a
+    # `Controller` also: a reset was beyond a wall from where the proxy was before.
     CROSSED = 32
     # The HIP was further than `max_hip_step` from the last good one. Proxy and force stay as they
     # are until it is back, or until a reset.
     JUMPED = 64
+    # Of a `Controller`: the fixtures' force is larger than the governor's limits let it be.
+    CAPPED = 128
 
 
 @dataclass(frozen=True, eq=False)

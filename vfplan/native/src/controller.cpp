@@ -49,7 +49,8 @@ void bind_controller(nb::module_& m) {
             "__init__",
             [](Controller* self, const nb::bytes& data, bool accept_unreviewed, bool accept_doubts,
                const std::optional<std::string>& tool, const vfplan::GovernorLimits& governor,
-               double max_hip_step, double hold_time, const std::optional<Row>& moving) {
+               double max_hip_step, double hold_time, double max_stiffness,
+               const std::optional<Row>& moving) {
                 vfplan::Demand demand;
                 demand.accept_unreviewed = accept_unreviewed;
                 demand.accept_doubts = accept_doubts;
@@ -58,13 +59,14 @@ void bind_controller(nb::module_& m) {
                 settings.governor = governor;
                 settings.max_hip_step = max_hip_step;
                 settings.hold_time = hold_time;
+                settings.max_stiffness = max_stiffness;
                 if (moving) settings.moving = {(*moving)(0), (*moving)(1), (*moving)(2), {}};
                 new (self) Controller(fixture_of(data, demand), demand, settings);
                 self->demand = demand;
             },
             "data"_a, nb::kw_only(), "accept_unreviewed"_a, "accept_doubts"_a, "tool"_a.none(),
             "governor"_a, "max_hip_step"_a = usual.max_hip_step, "hold_time"_a = usual.hold_time,
-            "moving"_a = nb::none())
+            "max_stiffness"_a = usual.max_stiffness, "moving"_a = nb::none())
         .def("add", [](Controller& c, const nb::bytes& data) { c.add(fixture_of(data, c.demand)); })
         .def("exchange",
              [](Controller& c, const nb::bytes& data, std::size_t which) {

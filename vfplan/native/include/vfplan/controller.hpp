@@ -53,13 +53,16 @@ VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, con
 
 struct ControllerSettings {
     GovernorLimits governor;  ///< its `period` is a tick's; its `stiffness` follows from the bundle
-    double max_stiffness = 0;            ///< of what the fixture may be exchanged for [N/m]
+    double max_stiffness = 0;  ///< K to which set_stiffness may raise that of the bundle, and of
+                               ///< what the fixture may be exchanged for [N/m]
     std::optional<MovingLimits> moving;  ///< of a fixture that moves
     std::optional<Rule> rule;            ///< without one, each fixture's best
     Search search = Search::automatic;
     double max_hip_step = 0.02;  ///< a tip further from the last one counts as no position [m]
-    double hold_time = 0.02;     ///< for which the force is held without a good position [s]
-    /// At which bits of a tick's status the loop stops: `bad_hip` and `jumped` after `hold_time`.
+    double hold_time = 0.02;     ///< for which the force is held without a good position [s]; ten
+                                 ///< good ticks make up for a bad one
+    /// At which bits of a tick's status the loop stops: `bad_hip` and `jumped`, which belong to any
+    /// choice, after `hold_time`.
     std::uint8_t stop_at =
         Status::bad_hip | Status::stale_pose | Status::other_side | Status::jumped;
     bool any_tick_time = false;  ///< for a replay or a study, which can wait
@@ -100,7 +103,9 @@ class Controller {
     void add(const std::filesystem::path& fixture);
     void add(const bundle::Fixture& fixture);
 
-    /// The loop begins, or goes on after a stop, with the tip here [m].
+    /// The loop begins, or goes on after a stop, with the tip here [m]. With a wall between this
+    /// place and the last one of the proxy, the first tick says `other_side`; where the tool may be
+    /// there, reset once more.
     void reset(const Vec3& tip) noexcept;
     /// One tick of an arm that takes forces, at a time of its clock [s]: needed for a fixture that
     /// moves, else ticks are one period apart.
@@ -111,7 +116,8 @@ class Controller {
                  int joints) noexcept;
     /// J^T F to command [N m].
     const double* torque() const noexcept;
-    /// From now on the force fades, and the loop stops; from any thread, or a signal's handler.
+    /// From the next tick on the force fades, and the loop stops; from any thread, or a signal's
+    /// handler. A reset does not forget a request that no tick has seen.
     void request_stop() noexcept;
 
     // For one other thread, while the loop runs.
@@ -123,7 +129,8 @@ class Controller {
     bool exchange(const std::filesystem::path& fixture, std::size_t which = 0);
     bool exchange(const bundle::Fixture& fixture, std::size_t which = 0);
     /// Changes K of a region [N/m]; false where too many changes wait. Throws std::invalid_argument
-    /// for one that is out of range, or with which the governor would not be passive.
+    /// for one that is out of range, that is larger than the bundle's and than max_stiffness, or
+    /// with which the governor would not be passive.
     bool set_stiffness(double stiffness, std::size_t which = 0);
 
     /// K of all springs together, at most [N/m].

@@ -83,6 +83,18 @@ class Rendered {
     double stiffness() const noexcept {
         return (region ? parameters.stiffest() : 0) + (guide ? guide->parameters().stiffness : 0);
     }
+    /// The bundle's K, which was reviewed and signed [N/m].
+    double stiffness_of_bundle() const noexcept {
+        return *std::ranges::max_element(fixture_.rendering->stiffness);
+    }
+    /// Renders what another one renders, whose engine takes the place of this one's; false where
+    /// too many changes wait.
+    bool exchange(Rendered&& other) {
+        if (!region->exchange(std::move(*other.region))) return false;
+        parameters = other.parameters;
+        fixture_ = std::move(other.fixture_);
+        return true;
+    }
     /// Whether the same is felt.
     bool is_same(const bundle::Fixture& other, const Parameters& p) const {
         return fixture_.points == other.points && fixture_.mesh == other.mesh &&
@@ -90,14 +102,38 @@ class Rendered {
                parameters == p;
     }
 
+    /// Whether a wall lies on the straight way from the proxy to this place: whether the way comes
+    /// nearer to it than its end is.
+    bool is_beyond(const Vec3& tip) const noexcept {
+        if (!last_proxy_ || !is_within_range(tip)) return false;
+        constexpr int max_places = 1000;
+        const double R = parameters.R();
+        const double nearest = std::min(free_distance(), region->distance(tip) - R / 8);
+        const double length = norm(tip - *last_proxy_);
+        const Vec3 way = along(tip - *last_proxy_, 1);
+        double t = 0;
+        for (int i = 0; i < max_places && t < length; ++i) {
+            const double distance = region->distance(*last_proxy_ + t * way);
+            if (distance < nearest) return true;
+            t += std::max(distance - free_distance(), R / 4);
+        }
+        return t < length;
+    }
     void reset(const Vec3& tip) noexcept {
-        if (region) region->reset(tip);
+        last_proxy_.reset();
+        if (region) {
+            region->reset(tip);
+            if (is_within_range(tip) && region->distance(tip) >= free_distance()) last_proxy_ = tip;
+        }
         if (guide) guide->reset(tip);
     }
     /// The region's answer with both forces; of a guide alone its own.
     Step step(const Vec3& tip) noexcept {
         Step step;
-        if (region) step = region->step(tip);
+        if (region) {
+            step = region->step(tip);
+            if (!(step.status & (Status::bad_hip | Status::inside))) last_proxy_ = step.proxy;
+        }
         if (!guide) return step;
         const GuideStep guided = guide->step(tip);
         if (region) {
@@ -120,7 +156,11 @@ class Rendered {
     Parameters parameters;
 
   private:
+    /// From the geometry to a proxy that is outside [m].
+    double free_distance() const noexcept { return parameters.R() - 2 * region->band(); }
+
     bundle::Fixture fixture_;
+    std::optional<Vec3> last_proxy_;  // of the region, outside
 };
 
 /// All fixtures together, in their frame: what a MovingFrame takes for an engine.
@@ -132,9 +172,11 @@ struct AllRendered {
     std::vector<Rendered> parts;
     double max_hip_step;
     HipGate gate;
+    bool is_beyond = false;  // the last reset was, from where the proxy had been
 
     void reset(const Vec3& tip) noexcept {
         gate.reset(tip);
+        is_beyond = std::ranges::any_of(parts, [&](auto& part) { return part.is_beyond(tip); });
         for (Rendered& part : parts) part.reset(tip);
     }
     /// Forces and bits of all; the rest is of the one that pushes most.
@@ -158,6 +200,7 @@ struct AllRendered {
             all.status = Status::jumped;
         else if (!(all.status & Status::bad_hip))
             gate.reset(tip);
+        if (is_beyond) all.status |= Status::other_side;
         return all;
     }
 };
@@ -170,7 +213,11 @@ struct ControllerImpl {
           all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
-        check_from("max_hip_step", settings.max_hip_step, 0, infinity, " m");
+        check_hip_step(settings.max_hip_step);
+        if ((settings.stop_at & no_position) != no_position || settings.stop_at & Status::capped)
+            reject(
+                "stop_at lacks bad_hip or jumped, at which every loop stops, or has capped, at "
+                "which none does");
         if (settings.moving) frame = std::make_unique<MovingFrame>(*settings.moving);
     }
 
@@ -206,10 +253,8 @@ struct ControllerImpl {
         return sum;
     }
 
-    /// No tip is further from the base than the format lets a fixture be; one in millimetres is.
     static Vec3 checked(const Vec3& tip) noexcept {
-        constexpr double farthest = 100;  // [m]
-        return norm(tip) <= farthest ? tip : HipGate::nowhere;
+        return norm(tip) <= largest_distance ? tip : HipGate::nowhere;
     }
     void reset(const Vec3& given) noexcept {
         const Vec3 tip = checked(given);
@@ -219,7 +264,6 @@ struct ControllerImpl {
         else
             all.reset(frame ? frame->now().in(tip) : tip);
         governor.reset();
-        is_asked.store(false, std::memory_order_relaxed);
         stopping = 0;
         bad_ticks = 0;
         has_torque = false;
@@ -234,23 +278,33 @@ struct ControllerImpl {
         const Governed governed = govern(stopping ? Vec3{} : s.force);
         stopping |= std::uint16_t(
             (governed.status & (GovernorStatus::bad_force | GovernorStatus::bad_jacobian)) << 8);
+        const std::uint8_t status = s.status | (governed.is_capped ? Status::capped : Status::ok);
         Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
-                    s.status,       governed.status, stopping, false};
+                    status,         governed.status, stopping, false};
         out.stop = stopping && governed.force == Vec3{} && !(has_torque && has_torque_left());
         return out;
     }
     void note_stops(std::uint8_t status) noexcept {
-        constexpr std::uint8_t no_position = Status::bad_hip | Status::jumped;
         const std::uint8_t bits = status & settings.stop_at;
-        bad_ticks = status & no_position ? bad_ticks + 1 : 0;
         stopping |= bits & ~no_position;
+        if (status & no_position)
+            bad_ticks += 1;
+        else
+            bad_ticks = std::max(bad_ticks - recovery, 0.0);
         if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
-        if (is_asked.load(std::memory_order_relaxed)) stopping |= Controller::asked;
+        if (is_asked.load(std::memory_order_relaxed)) {
+            is_asked.store(false, std::memory_order_relaxed);
+            stopping |= Controller::asked;
+        }
     }
     bool has_torque_left() const noexcept {
         const double* torque = governor.torque();
         return std::any_of(torque, torque + Governor::max_joints, [](double t) { return t != 0; });
     }
+
+    static constexpr std::uint8_t no_position = Status::bad_hip | Status::jumped;
+    /// Ticks without a position that a good one makes up for: more than one in eleven stops a loop.
+    static constexpr double recovery = 0.1;
 
     Demand demand;
     ControllerSettings settings;
@@ -259,7 +313,7 @@ struct ControllerImpl {
     Governor governor;
     std::atomic<bool> is_asked{false};
     double time = 0;             // [s]
-    double bad_ticks = 0;        // without a good position, in a row
+    double bad_ticks = 0;        // without a good position, less `recovery` for each good one
     std::uint16_t stopping = 0;  // as in Command
     bool has_torque = false;
 };
@@ -336,14 +390,16 @@ VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, s
         reject("a fixture that guides cannot be exchanged. Make a controller of each.");
     detail::Rendered made = impl_->make(fixture);
     impl_->governor_of(impl_->stiffness() - part.stiffness() + made.stiffness());
-    part.parameters = made.parameters;
-    return part.region->exchange(std::move(*made.region));
+    return part.exchange(std::move(made));
 }
 VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
     detail::Rendered& part = impl().all.parts.at(which);
     if (!part.region) reject("set_stiffness: the fixture guides, and has no region.");
     check_stiffness(k);
+    check_from("stiffness", stiffness, 0,
+               std::max(part.stiffness_of_bundle(), impl_->settings.max_stiffness), " N/m",
+               "at most the bundle's, or max_stiffness of the controller's settings");
     impl_->governor_of(impl_->stiffness() - part.parameters.stiffest() + stiffness);
     if (!part.region->set_stiffness(k)) return false;
     part.parameters.stiffness = k;

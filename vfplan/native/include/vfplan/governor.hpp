@@ -66,6 +66,7 @@ struct Governed {
     double held_back = 0;     ///< |force asked for - force to command| [N]
     std::uint8_t status = 0;  ///< bits of GovernorStatus
     std::uint8_t engine = 0;  ///< bits of Status, of a Step that was governed
+    bool is_capped = false;   ///< the force was shortened to force_max or torque_max
 };
 
 /// Throws OutOfRange on a value outside its range, and on a force_step that is not passive.
@@ -78,7 +79,8 @@ inline void check(const GovernorLimits& limits) {
     check_above("period", limits.period, 0, infinity, " s");
     const double least_step =
         std::max(limits.least_passive_step(), smallest_share * limits.force_max);
-    check_above("force_step", limits.force_step, 0, infinity, " N a tick");
+    check_above("force_step", limits.force_step, 0, 2 * limits.force_max, " N a tick",
+                "above 0 and at most 2 force_max, by which a force turns round");
     check_from("force_step", limits.force_step, least_step, infinity, " N a tick",
                "force_max * period * sqrt(stiffness / mass) / 2: slower, a released force gives "
                "more energy than the spring had stored");
@@ -213,6 +215,7 @@ class Governor {
         account_energy(target);
         if (given() > energy_tolerance * stored()) g.status |= GovernorStatus::overdrawn;
         g.force = force_;
+        g.is_capped = !(target == wanted);
         g.held_back = norm(wanted - force_);
         return g;
     }

@@ -109,8 +109,9 @@ class MovingFrame {
     }
 
     /// Hands over the fixture's frame at `stamp`, on the loop's clock [s]; for the thread of the
-    /// tracker. False, and counted, for a pose that is not rigid to 1e-3, that is not younger than
-    /// the last, or that finds `most_waiting` poses which the loop has not seen. One stray stamp
+    /// tracker. False, and counted, for a pose that is not rigid to 1e-3 or further than 100 m from
+    /// the base, that is not younger than the last, or that finds `most_waiting` poses which the
+    /// loop has not seen. One stray stamp
     /// does no harm for long: of poses that come younger and younger, but all older than the last
     /// one taken, the `resyncs_after`-th is taken; and one that lies ahead of the loop by more than
     /// max_age is dropped when another follows it.
@@ -118,7 +119,7 @@ class MovingFrame {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
         const bool is_rigid = std::abs(size - 1) < rigid_tolerance;
-        bool is_taken = std::isfinite(stamp) && is_within_range(p.place) && is_rigid;
+        bool is_taken = std::isfinite(stamp) && norm(p.place) <= largest_distance && is_rigid;
         if (is_taken) {
             p.w /= size;
             p.v = (1 / size) * p.v;

@@ -77,6 +77,11 @@ inline void check_stiffness(const Vec3& k) {
     for (int i = 0; i < 3; ++i) check_above("stiffness", k[i], 0, infinity, " N/m");
 }
 
+/// Throws OutOfRange where no hand moves so far in a tick.
+inline void check_hip_step(double step) {
+    check_from("max_hip_step", step, 0, 1, " m", "0, which means off, to 1 m");
+}
+
 /// Throws std::invalid_argument unless this is a unit vector.
 inline void check_axis(const Vec3& axis) {
     const double length = norm(axis);
@@ -101,7 +106,7 @@ inline void check(const Parameters& p) {
     check_above("gain", p.gain, 0, 1, "");
     check_stiffness(p.stiffness);
     if (p.ignore_axis) check_axis(*p.ignore_axis);
-    check_from("max_hip_step", p.max_hip_step, 0, infinity, " m");
+    check_hip_step(p.max_hip_step);
     check_from("period", p.period, 1e-6, 1, " s");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
@@ -137,9 +142,12 @@ struct Status {
         changing = 16,    ///< the fixture was exchanged or edited: the force is on its way to K
                           ///< (proxy - HIP)
         other_side = 32,  ///< with `inside`: no way out was found on the side where the proxy was
-                          ///< before the exchange
-        jumped = 64       ///< the HIP is further than max_hip_step from the last good one: as
+                          ///< before the exchange; of a Controller also: the reset was beyond a
+                          ///< wall from where the proxy was before
+        jumped = 64,      ///< the HIP is further than max_hip_step from the last good one: as
                           ///< bad_hip, until it is back or the engine is reset
+        capped = 128      ///< of a Controller: the fixtures' force is larger than the governor's
+                          ///< force_max or torque_max lets it be
     };
 };
 inline constexpr auto jumped = Status::jumped;

@@ -74,6 +74,9 @@ inline void check_above(const char* name, double value, double bound, double mos
 
 inline constexpr double infinity = std::numeric_limits<double>::infinity();
 inline constexpr double largest_coordinate = 1e6;  // [m]; beyond it float64 loses the nanometre
+/// Of a tip or a fixture from the robot's base [m]: one that is further away was given in
+/// millimetres.
+inline constexpr double largest_distance = 100;
 
 template <int D>
 struct Vec;
