@@ -454,6 +454,12 @@ def test_foxglove_and_rerun_see_the_ticks(made, tmp_path):
         assert np.array_equal(points, fixture.points)
     else:
         assert np.array_equal(shape.triangles[0].indices, fixture.mesh.ravel())
+    layout = json.loads((ROOT / "samples/foxglove/layout.json").read_text())["configById"]
+    plots = [path["value"] for panel in layout.values() for path in panel.get("paths", ())]
+    shown = layout["3D!vfplan"]["topics"]
+    assert {*shown, *(path.split(".")[0] for path in plots)} <= {*found}
+    assert all(hasattr(numbers[0], path.split(".")[1]) for path in plots)
+    assert all(topic["visible"] for topic in shown.values()), "a bare cloud has points alone"
     rerun = Path(sys.executable).with_name("rerun")
     if not rerun.exists():
         pytest.skip("Rerun's converter was not tried: needs rerun-sdk from PyPI")
