@@ -225,6 +225,13 @@ def test_an_address_that_is_none_is_refused(address):
         host_and_port(address)
 
 
+@pytest.mark.parametrize("device", ["", "/", "/PatientReferenceToTracker"])
+def test_a_device_whose_name_no_message_can_hold_is_refused(device):
+    with refuses(SettingError, "address-invalid"):
+        host_and_port(f"igtl://127.0.0.1:5{device}", "igtl")
+    assert host_and_port("igtl://127.0.0.1:5/StylusTipToReference", "igtl")[2][-3:] == "nce"
+
+
 def test_crc_and_header_as_the_protocol_has_them():
     assert igtl.crc64(b"123456789") == 0x6C40DF5F0B497347, "the catalogue's check value"
     data = igtl.transform("vfplan_hip", 1.5, np.array([1.0, -2.0, 3.0]))

@@ -144,10 +144,10 @@ def host_and_port(address: str, scheme: str = "udp") -> tuple[str, int, str]:
         host, port, device = parts.hostname, parts.port, unquote(parts.path.strip("/"))
     except ValueError:
         host = port = device = None
-    form = "igtl://HOST:PORT/DEVICE" if scheme == "igtl" else "udp://HOST:PORT"
+    form = {"udp": "udp://HOST:PORT", "igtl": "igtl://HOST:PORT/DEVICE, DEVICE of 1 to 20 bytes"}
     is_complete = address.startswith(f"{scheme}://") and host is not None and port is not None
-    if not is_complete or bool(device) != ("DEVICE" in form):
-        raise SettingError(f"source is {address!r}. Give {form}", code="address-invalid")
+    if not is_complete or len(device.encode()) not in (range(1, 21) if scheme == "igtl" else (0,)):
+        raise SettingError(f"source is {address!r}. Give {form[scheme]}", code="address-invalid")
     return host, port, device
 
 
