@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from vfplan.engine.moving import matrices
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.live import server as igtl
 from vfplan.live import sources
+from vfplan.live.command import pose_warnings
 from vfplan.live.server import Server, static_messages
 from vfplan.live.sources import PositionStream, decode, host_and_port, stream_udp
 from vfplan.session import bags as mcapfile
@@ -605,6 +607,24 @@ def test_a_damaged_transform_is_none():
             igtl.decode_transform(data, 1, igtl.crc64(whole))
     with refuses(InputError, "address-unusable"):
         igtl.PoseReceiver(f"igtl://127.0.0.1:{free_port(socket.SOCK_STREAM)}/Body")
+
+
+def test_poses_go_on_after_a_volume_after_what_is_no_message_and_after_a_break():
+    volume = igtl.HEADER.pack(1, b"IMAGE", b"Volume", 0, 2**26 + 5, 0) + bytes(2**26 + 5)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"igtl://127.0.0.1:{server.getsockname()[1]}/Body"
+        receiver = igtl.PoseReceiver(address)
+        for k, end in enumerate((volume, b"GET / HTTP/1.1\r\n" * 10, b"")):
+            with server.accept()[0] as client:
+                for more in (end, b""):
+                    with suppress(OSError):
+                        client.sendall(igtl.transform("Body", time.time(), np.full(3, k)) + more)
+                while len(receiver.poses) < (2, 3, 5)[k]:
+                    time.sleep(0.01)
+    receiver.close()
+    assert [pose[0, 3] * 1e3 for *_, pose in receiver.poses] == pytest.approx([0, 0, 1, 2, 2])
+    assert receiver.reconnected >= 2
+    assert "was made again" in pose_warnings(receiver)[-1]
 
 
 @needs_mcap

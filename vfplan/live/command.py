@@ -142,7 +142,7 @@ def vfplan_live(
         )
         return CommandResult(
             data, text, 1, warnings, missing, verdict="nothing to show",
-            next_step="check that the sender runs, and sends to this address",
+            next_step="check that the sender runs, and sends what the address names",
         )  # fmt: skip
     if writer is None:
         return CommandResult(
@@ -190,7 +190,10 @@ def pass_on(
 
 def pose_warnings(receiver: Any) -> list[str]:
     """What did not come as a pose, and why."""
-    warnings = ["the server of the poses ended the connection"] if receiver.has_ended else []
+    why = "the connection of the poses ended, or held no OpenIGTLink of version 1 or 2"
+    warnings = [f"{why}, and was not made again"] if receiver.has_ended else []
+    if receiver.reconnected:
+        warnings.append(f"{why}, and was made again {count(receiver.reconnected, 'time')}")
     for why, poses in receiver.left_out.items():
         warnings.append(f"{count(poses, 'pose')} left out: {why}")
     if not receiver.poses and receiver.other_devices:

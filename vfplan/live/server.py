@@ -283,9 +283,8 @@ def tick_messages(tick: NDArray[np.void]) -> bytes:
     )
 
 
-# Bytes of another device's message that is passed over: more than a picture of 4096 x 4096 in
-# colour. One that announces more is no message.
-MAX_SKIPPED_BYTES = 2**26
+# A message that announces more bytes is none. Long ones are passed over part by part.
+MAX_MESSAGE_BYTES, PART_BYTES = 2**32, 2**20
 
 
 class PoseReceiver:
@@ -309,54 +308,64 @@ class PoseReceiver:
         self.poses: list[tuple[float, float, Array]] = []
         # How many transforms of the device were not taken, by reason.
         self.left_out: Counter[str] = Counter()
-        # Names of other transforms that came, and whether the server ended the connection.
+        # Names of other transforms that came, and how the connection fared.
         self.other_devices: set[str] = set()
-        self.has_ended = False
+        self.has_ended, self.reconnected = False, 0
+        self._server, self._closing = (host, port), threading.Event()
         try:
-            self._socket = socket.create_connection((host, port), STALLED_S)
+            self._socket = socket.create_connection(self._server, STALLED_S)
         except OSError as error:
             raise InputError(
                 f"cannot be reached: {error}. Check that PLUS or Slicer serves there",
                 where=address, code="address-unusable",
             ) from None  # fmt: skip
-        self._socket.settimeout(None)
         self._thread = threading.Thread(target=self.receive, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Disconnect; what came stays in `poses`."""
-        self.has_ended = not self._thread.is_alive()
+        self.has_ended = self._socket.fileno() < 0
+        self._closing.set()
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._socket.close()
 
     def receive(self) -> None:
-        """Take messages until the connection ends, or holds what is no OpenIGTLink."""
-        with suppress(OSError), self._socket.makefile("rb") as stream:
-            while len(head := stream.read(HEADER.size)) == HEADER.size:
-                version, kind, device, stamp, size, crc = HEADER.unpack(head)
-                if version not in (1, 2) or size > MAX_SKIPPED_BYTES:
-                    return
-                body = stream.read(size)
-                name = device.rstrip(b"\0").decode("utf-8", "replace")
-                received = time.time()
-                if kind.rstrip(b"\0") != b"TRANSFORM":
-                    continue
-                if name != self._device:
-                    self.other_devices.add(name)
-                    continue
-                try:
-                    matrix = decode_transform(body, version, crc)
-                except InputError as error:
-                    self.left_out[error.message] += 1
-                    continue
-                if self._is_ras:
-                    signs = np.append(np.sign(TO_RAS), 1)
-                    matrix = signs[:, None] * matrix * signs
-                measured = stamp / 2**32 if stamp else received
-                self.poses.append((measured, received, matrix))
-                self._take(measured, matrix)
+        """Take messages; connect again when the connection ends, or holds what is no message."""
+        while not self._closing.is_set():
+            with suppress(OSError), self._socket, self._socket.makefile("rb") as stream:
+                self._socket.settimeout(None)
+                while len(head := stream.read(HEADER.size)) == HEADER.size:
+                    version, kind, device, stamp, size, crc = HEADER.unpack(head)
+                    if version not in (1, 2) or size > MAX_MESSAGE_BYTES:
+                        break
+                    for _ in range(size // PART_BYTES):
+                        stream.read(PART_BYTES)
+                    body = stream.read(size % PART_BYTES)
+                    name = device.rstrip(b"\0").decode("utf-8", "replace")
+                    received = time.time()
+                    if kind.rstrip(b"\0") != b"TRANSFORM":
+                        continue
+                    if name != self._device:
+                        self.other_devices.add(name)
+                        continue
+                    try:
+                        matrix = decode_transform(body, version, crc)
+                    except InputError as error:
+                        self.left_out[error.message] += 1
+                        continue
+                    if self._is_ras:
+                        signs = np.append(np.sign(TO_RAS), 1)
+                        matrix = signs[:, None] * matrix * signs
+                    measured = stamp / 2**32 if stamp else received
+                    self.poses.append((measured, received, matrix))
+                    self._take(measured, matrix)
+            if self._closing.wait(WAIT_S):
+                return
+            with suppress(OSError):
+                self._socket = socket.create_connection(self._server, STALLED_S)
+                self.reconnected += 1
 
 
 def decode_transform(body: bytes, version: int, crc: int) -> Array:
