@@ -303,7 +303,8 @@ class PoseReceiver:
         take: Callable[[float, Array], Any] = lambda time_s, pose: None,
     ) -> None:  # fmt: skip
         host, port, self._device = host_and_port(address, "igtl")
-        self._is_ras, self._take = is_ras, take
+        self._take = take
+        self._signs = np.append(np.sign(TO_RAS), 1) if is_ras else np.ones(4)
         # Each with its time, and the time of its receipt.
         self.poses: list[tuple[float, float, Array]] = []
         # How many transforms of the device were not taken, by reason.
@@ -329,7 +330,6 @@ class PoseReceiver:
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
-        self._socket.close()
 
     def receive(self) -> None:
         """Take messages; connect again when the connection ends, or holds what is no message."""
@@ -355,9 +355,7 @@ class PoseReceiver:
                     except InputError as error:
                         self.left_out[error.message] += 1
                         continue
-                    if self._is_ras:
-                        signs = np.append(np.sign(TO_RAS), 1)
-                        matrix = signs[:, None] * matrix * signs
+                    matrix = self._signs[:, None] * matrix * self._signs
                     measured = stamp / 2**32 if stamp else received
                     self.poses.append((measured, received, matrix))
                     self._take(measured, matrix)
