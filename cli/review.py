@@ -263,7 +263,7 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import Plan
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
     if arguments["slice_path"] is not None:
@@ -273,12 +273,12 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
         extracted = extract(source, settings, curve=curve)
-        return Shown(extracted.fixture, source.name, extracted.image)
+        return Plan.of(extracted.fixture, source.name, extracted.image)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return Shown(planned.fixture, source.name, planned.extracted.image)
+    return Plan.of(planned.fixture, source.name, planned.extracted.image)
 
 
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
@@ -288,8 +288,11 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
-    from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import (
+        Plan,
+        refuse_extraction_of_extracted,
+        refuse_planning_of_planned,
+    )
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]
@@ -304,7 +307,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)
-        return Shown(fixture, source.name, image)
+        return Plan.of(fixture, source.name, image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
@@ -312,4 +315,4 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     settings = planning_of(fixture, given)
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
     verdict = with_verdict_by(fixture.provenance.settings, planned.fixture)
-    return Shown(verdict, source.name, image)
+    return Plan.of(verdict, source.name, image)

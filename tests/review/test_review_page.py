@@ -743,7 +743,7 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     ways = [f"moveTo(review.push.inRobot({place}), 60)" for place in path.tolist()]
     calls = ", ".join(f"review.push.engine.{way}" for way in ways)
     answers = browser.run(f"[{calls}].map((answer) => [...answer.proxy, ...answer.force])")
-    shown = session.current.shown
+    shown = session.current
     path = np.array([row[0] * path[:, 0] + row[1] * path[:, 1] + row[2] for row in shown.plane]).T
     engine, before = vfplan.ProxyEngine.of(shown.fixture), path[0]
     engine.reset(before)
@@ -811,7 +811,7 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     # The folder is searched for the bundle's slice.
     again = Session.open(program.output, slice=tmp_path / "ct")
     assert again.source.slice_path == chosen
-    assert again.current.shown.fixture.provenance.settings == known.settings
+    assert again.current.fixture.provenance.settings == known.settings
     (tmp_path / "empty").mkdir()
     with pytest.raises(ImageError) as caught:
         Session.open(program.output, slice=tmp_path / "empty")

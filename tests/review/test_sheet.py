@@ -24,7 +24,8 @@ from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.review.paper import DPI, FOOT, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.rendered import Shown, check_slice
+from vfplan.review.plan import Plan
+from vfplan.review.rendered import check_slice
 from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
@@ -249,7 +250,7 @@ def planned_sheet():
     planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95"))
     other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
     return drawn_ends.with_values(
-        Shown(planned.fixture, "elbow.h5", planned.extracted.image), account=(other_ink,)
+        Plan.of(planned.fixture, "elbow.h5", planned.extracted.image), account=(other_ink,)
     )
 
 
@@ -271,7 +272,7 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
 @pytest.mark.parametrize("top", range(0, 400, 13))
 def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
     findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
-    shown = Shown(replace(bundles.minimal(), findings=findings), "f.h5")
+    shown = Plan.of(replace(bundles.minimal(), findings=findings), "f.h5")
     sheet = Paper()
     draw_lists(sheet, shown, FOOT - top)
     for number, box in enumerate(sheet.boxes[:-1]):
@@ -394,7 +395,7 @@ def test_bundle_without_a_slice_has_three_views(name):
     """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
     finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
-    sheet = checked(Shown(replace(fixture, findings=(finding,)), "f.h5"))
+    sheet = checked(Plan.of(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
@@ -402,7 +403,7 @@ def test_bundle_without_a_slice_has_three_views(name):
 
 
 def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
-    sheet = checked(Shown(bundles.guided(), "f.h5"))
+    sheet = checked(Plan.of(bundles.guided(), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     greens = [(drawn_part(sheet, view) == GUIDE_COLOUR).all(axis=2).any() for view in views]
     assert greens == [True, False, False]
@@ -410,16 +411,16 @@ def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
 
 
 def test_sheet_without_its_slice_says_so():
-    shown = Shown(bundles.whole(), "f.h5")
+    shown = Plan.of(bundles.whole(), "f.h5")
     assert shown.is_slice_missing
     assert "missing" in verdict_of(shown)
-    assert not Shown(bundles.sheet(), "f.h5").is_slice_missing
+    assert not Plan.of(bundles.sheet(), "f.h5").is_slice_missing
 
 
 def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     fixture = bundles.whole()
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
-    shown = Shown(fixture, "f.h5", image=image)
+    shown = Plan.of(fixture, "f.h5", image=image)
     arc, circle = shown.strokes
     turn = np.linspace(0, np.pi, 40)
     truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
@@ -440,19 +441,19 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
     with refuses(InputError, "slice-other"):
-        Shown(bundles.whole(), "f.h5", image=image)
+        Plan.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
 
 
 def test_side_is_said_in_words():
     # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert Shown(bundles.whole(), "f.h5").side == "above (robot +z)"
+    assert Plan.of(bundles.whole(), "f.h5").side == "above (robot +z)"
     record = bundles.whole().registration
     turned = record.T_robot_image * [[1], [-1], [1]]
     below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert Shown(below, "f.h5").side == "below (robot -z)"
-    assert Shown(bundles.patient(), "f.h5").side is None
+    assert Plan.of(below, "f.h5").side == "below (robot -z)"
+    assert Plan.of(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():

@@ -10,14 +10,17 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import cached_property
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
-from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink, sample
-from vfplan.curve.profiles import find_ends, places_across, read_profiles
+from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
+from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.fixture import Stroke
+from vfplan.geometry import filters
 from vfplan.geometry.lines import evenly, normals, runs, values_at
 
 # Points along a line whose median is what is usual there; longer than a branch's mouth.
@@ -27,14 +30,7 @@ NEARBY_POINTS = 41
 MAX_BRANCH_PX = 60
 
 
-def is_valley(coverage: NDArray) -> NDArray[np.bool_]:
-    """(M, K) bool: samples with stronger ink on both sides, as between two lines that touch."""
-    left = np.maximum.accumulate(coverage, axis=1)
-    right = np.maximum.accumulate(coverage[:, ::-1], axis=1)[:, ::-1]
-    return np.minimum(left, right) - coverage > tuned.RISE * coverage.max(axis=1, keepdims=True)
-
-
-def _median_nearby(values: NDArray) -> NDArray[np.float64]:
+def median_nearby(values: NDArray) -> NDArray[np.float64]:
     """The values' running median along the line."""
     from scipy.ndimage import median_filter
 
@@ -44,57 +40,39 @@ def _median_nearby(values: NDArray) -> NDArray[np.float64]:
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
     """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
     nearby = np.full(len(width), usual)
-    nearby[has_ink] = _median_nearby(width[has_ink])
+    nearby[has_ink] = median_nearby(width[has_ink])
     return np.maximum(nearby, usual)
-
-
-def is_strong(peak: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) bool: half as strong as the ink around, at least; where it is fainter, the line ends."""
-    strong = np.zeros(len(peak), bool)
-    if has_ink.any():
-        strong[has_ink] = peak[has_ink] >= tuned.HALF * _median_nearby(peak[has_ink])
-    return strong
 
 
 def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
     is_jump = np.zeros(len(offset), bool)
     if has_ink.sum() >= 5:
-        is_jump[has_ink] = np.abs(offset[has_ink] - _median_nearby(offset[has_ink])) > 1.5
+        is_jump[has_ink] = np.abs(offset[has_ink] - median_nearby(offset[has_ink])) > 1.5
     return is_jump
 
 
 def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
-    if has_ink.all():
-        return offset
-    # Steps to the nearest point with ink, and which that is; round a ring through its seam.
-    count = len(has_ink)
-    places = np.flatnonzero(has_ink)
-    if closed:
-        places = np.concatenate([places - count, places, places + count])
-    indices = np.arange(count)
-    after = np.clip(np.searchsorted(places, indices), 0, len(places) - 1)
-    before = np.clip(after - 1, 0, None)
-    is_before = np.abs(places[before] - indices) < np.abs(places[after] - indices)
-    nearest = np.where(is_before, places[before], places[after])
-    distance = np.abs(nearest - indices)
-    nearest %= count
-    fade = np.exp(-0.5 * (distance / 10.0) ** 2)
-    return np.where(has_ink, offset, offset[nearest] * fade)
+    from scipy.ndimage import distance_transform_edt
+
+    count = len(offset)
+    # Round a ring through its seam.
+    empty = np.tile(~has_ink, 3 if closed else 1)
+    distance, (nearest,) = distance_transform_edt(empty, return_indices=True)
+    part = slice(count, 2 * count) if closed else slice(None)
+    return offset[nearest[part] % count] * np.exp(-0.5 * (distance[part] / 10.0) ** 2)
 
 
 def past_branches(
     points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The points with a smooth way past every place where other ink joins the line.
+) -> NDArray[np.bool_]:
+    """Carry the points past every place where other ink joins the line; which were carried.
 
-    There the centre of the ink is not that of the line. The line goes on as on both sides. Also
-    returns which points were carried past.
+    There the centre of the ink is not that of the line. The line goes on as on both sides.
     """
     from scipy.interpolate import CubicSpline
 
-    points = points.copy()
     passed = np.zeros(len(points), bool)
     at = np.flatnonzero(alone)
     for run in runs(~alone, False):
@@ -104,7 +82,7 @@ def past_branches(
             known = np.r_[before, after]
             points[run] = CubicSpline(known, points[known])(run)
             passed[run] = True
-    return points, passed
+    return passed
 
 
 # Length [px] from which ink counts as a line that may be the curve.
@@ -165,6 +143,16 @@ class SliceInk:
         """The pen's coverage, as extraction has it."""
         return find_ink(self.rgb, Pen.of_colour(self.colour), self._region)
 
+    @cached_property
+    def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The pixels (N, 2) of the ink's skeleton, and how wide the ink is at each [px]."""
+        mask = self.found.mask.view(np.uint8)
+        left, top, width, height = cv2.boundingRect(mask)
+        part = np.pad(mask[top : top + height, left : left + width], 1)
+        v, u = np.nonzero(_core.thinned(part.view(bool)))
+        to_paper = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[v, u]
+        return np.column_stack([u + left - 1.0, v + top - 1.0]), 2.0 * to_paper - 0.25
+
     def nearest(
         self, path: NDArray, closed: bool, reach_px: float
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
@@ -185,26 +173,15 @@ class SliceInk:
             (M,) each: how far the middle of that ink lies off the path along its normal [px],
             whether there is any, and how wide it is there [px].
         """
-        half = int(np.ceil((2.0 * reach_px + 2.0 * tuned.FLANK_PX) / tuned.STEP_PX))
-        x = np.arange(-half, half + 1) * tuned.STEP_PX
-        places = places_across(path, normals(path, closed), x)
-        coverage = np.clip(sample(self.found.coverage, *places).astype(float), 0, None)
-        # Half of the strongest ink of each profile, as blur does not move a half-height edge.
-        threshold = np.maximum(tuned.HALF * coverage.max(axis=1), tuned.VISIBLE)
-        inked = (coverage > threshold[:, None]) & ~is_valley(coverage)
-        nearest = np.where(inked, np.abs(x), np.inf).argmin(axis=1)
-        row = np.arange(len(path))
-        has_ink = inked[row, nearest] & (np.abs(x[nearest]) <= reach_px)
-        # The run of ink that holds the nearest sample, between two samples without ink.
-        column = np.arange(len(x))
-        before = np.maximum.accumulate(np.where(inked, -1, column), axis=1)[row, nearest]
-        after = np.where(inked, len(x), column)[:, ::-1]
-        after = np.minimum.accumulate(after, axis=1)[:, ::-1][row, nearest]
-        has_ink &= (before >= 0) & (after < len(x))
-        has_ink &= is_strong(np.where(inked, coverage, 0.0).max(axis=1), has_ink)
-        offset = (x[np.maximum(before, 0)] + x[np.minimum(after, len(x) - 1)]) / 2
-        width = (after - before - 1) * tuned.STEP_PX
-        return np.where(has_ink, offset, 0.0), has_ink, width
+        places, width = self.bones
+        if not len(places):
+            return np.zeros(len(path)), np.zeros(len(path), bool), np.zeros(len(path))
+        distance, index = _core.nearest(places, path)
+        across = ((places[index] - path) * normals(path, closed)).sum(axis=1)
+        has_ink = distance <= reach_px
+        # Ink is a whole number of pixels wide at each place; its mean nearby is the pen's width.
+        width = filters.gaussian(width[index], tuned.SMOOTH_PX, "wrap" if closed else "edge")
+        return np.where(has_ink, across, 0.0), has_ink, width
 
     def measure(
         self, path: NDArray, closed: bool, reach_px: float, pen_px: float | None = None
@@ -231,22 +208,20 @@ class SliceInk:
             if not has_ink.any():
                 return drawn_by_hand(path, closed)
             usual = float(np.median(width[has_ink])) if pen_px is None else pen_px
+            noisy = is_noisy(self.found, points, usual)
+            smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
+            # Close to the ink it is measured as extraction measures.
+            normal, mass = normals(points, closed), np.ones(len(points))
+            if reach == CLOSE_PX:
+                profiles = read_profiles(self.found, points, normal, usual)
+                has_ink, mass = has_ink & profiles.valid, profiles.mass
+                width = usual * mass
+                offset = profiles.offset(self.found, points, normal, noisy)
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
             alone = has_ink & ~joined
             alone &= ~jumps(offset, alone)
-            noisy = is_noisy(self.found, points, usual)
-            smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
-            # Close to the ink it is measured as extraction measures.
-            normal, mass = normals(points, closed), np.ones(len(points))
-            if reach == CLOSE_PX and alone.sum() >= tuned.MIN_PROFILES:
-                at = np.flatnonzero(alone)
-                across = normal[at]
-                profiles = read_profiles(self.found, points[at], across, usual)
-                alone[at] = profiles.valid
-                mass[at] = profiles.mass
-                offset[at] = profiles.offset(self.found, points[at], across, noisy)
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.
@@ -254,7 +229,7 @@ class SliceInk:
             smooth = ((spline(np.arange(len(points))) - points) * normal).sum(axis=1)
             residual = np.where(alone, offset - smooth, 0.0)
             points = points + faded(smooth, alone, closed)[:, None] * normal
-            points, passed = past_branches(points, joined, alone)
+            passed = past_branches(points, joined, alone)
         mode = "wrap" if closed else "edge"
         sigma = np.hypot(deviation_of(residual, alone, smooth_px, noisy, mode), INK_SIGMA_PX)
         sigma[passed] = BRANCH_SIGMA_PX

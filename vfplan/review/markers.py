@@ -10,7 +10,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -91,8 +91,8 @@ class Fit:
         (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
     """
 
-    markers: tuple[Marker, ...]
-    settings: FixtureSettings
+    markers: tuple[Marker, ...] = ()
+    settings: FixtureSettings = field(default_factory=FixtureSettings)
     pixel_spacing_mm: tuple[float, float] | None = None
     T_patient_image: NDArray[np.float64] | None = None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import rendered_values
+from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import millimetres
+from vfplan.display import MM, millimetres
+from vfplan.engine.browser import bodies_of
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
-from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.geometry.lines import evenly
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
+from vfplan.geometry.lines import Array, evenly, plane_normal
 from vfplan.images.read import (
     MADE_FLAT_BY,
     MAX_BYTES,
@@ -33,6 +36,7 @@ from vfplan.images.read import (
     flat_findings,
     height_in_words,
     made_flat,
+    plane_of_slice,
     read_stack,
     slice_file,
 )
@@ -40,11 +44,30 @@ from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
-from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
+from vfplan.planning.settings import (
+    ExtractSettings,
+    FixtureSettings,
+    margin_length,
+    overridden,
+)
+from vfplan.registration.registration import Registration, describe_side
+from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
-from vfplan.review.markers import Fit, fit_of, fit_of_files
-from vfplan.review.rendered import Shown, sigma_of, strokes_on_slice
+from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
+from vfplan.review.rendered import (
+    Kind,
+    Outline,
+    check_slice,
+    kind_of,
+    labels_left_out,
+    onto_plane,
+    outlines_of,
+    place_in_patient,
+    registration_again,
+    sigma_of,
+    strokes_on_slice,
+)
 from vfplan.review.strokes import MendedStroke
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded
 from vfplan.stability.study import judge_of, with_verdict_by
@@ -96,14 +119,14 @@ class Source:
     path: Path
     slice_path: Path | None
     image: PlannedImage
-    extraction: ExtractSettings
-    planning: FixtureSettings
-    geometry: Geometry
-    fit: Fit
-    exclude: tuple[Box, ...]
-    inputs: dict[str, str]
-    sha256: dict[str, str]
-    recipe: dict[str, Any]
+    extraction: ExtractSettings = field(default_factory=ExtractSettings)
+    planning: FixtureSettings = field(default_factory=FixtureSettings)
+    geometry: Geometry = field(default_factory=Geometry)
+    fit: Fit = field(default_factory=Fit)
+    exclude: tuple[Box, ...] = ()
+    inputs: dict[str, str] = field(default_factory=dict)
+    sha256: dict[str, str] = field(default_factory=dict)
+    recipe: dict[str, Any] = field(default_factory=dict)
     pairs: Correspondences | None = None
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
@@ -113,11 +136,6 @@ class Source:
     # The slices among which one can be chosen, and the number of this one from 0.
     stack: tuple[StackedSlice, ...] = ()
     position: int = 0
-
-    @property
-    def is_slice_missing(self) -> bool:
-        """Whether the curve was drawn on a slice that was not given."""
-        return self.slice_path is None and self.inputs.get("image") is not None
 
     def describe(self) -> dict[str, Any]:
         """The slice as the page needs it."""
@@ -186,7 +204,9 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What the steps made of the source.
+    """A plan as the page, the sheet, the approval and the commands have it.
+
+    It is what the steps made of the source.
 
     Parameters
     ----------
@@ -208,6 +228,22 @@ class Plan:
     exclude: tuple[Box, ...] = ()
     is_shaped: bool = False
     answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, fixture: Fixture, name: str, image: PlannedImage | None = None) -> Plan:
+        """A fixture as it is, on its slice if that is given, to be shown and not mended.
+
+        Raises `InputError` where the image is not the one that the curve was drawn on.
+        """
+        path, geometry = Path(name), Geometry()
+        if image is not None:
+            check_slice(fixture, image)
+            geometry = geometry_of_bundle(fixture, image, extraction_of(fixture, ExtractSettings()))
+        source = Source(path, image and path, image, geometry=geometry,
+                        inputs=fixture.provenance.inputs)  # fmt: skip
+        plan = cls(source, geometry, source.fit)
+        plan.__dict__["outcome"] = Outcome(fixture, fixture.findings)
+        return plan
 
     def answered(self, answers: dict[str, tuple[str | None, str]]) -> Plan:
         """The plan with other answers, by which its outcome stays what it is."""
@@ -247,7 +283,7 @@ class Plan:
         outcome = self._outcome()
         # Whether this review shows the slice; an earlier one may have.
         findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
-        if self.source.is_slice_missing:
+        if self.is_slice_missing:
             text = (
                 "The slice is not shown, so neither the line's ends nor other ink can be seen. "
                 "Open the bundle with its slice: --slice IMAGE."
@@ -261,13 +297,155 @@ class Plan:
         return replace(outcome, findings=tuple(findings))
 
     @cached_property
-    def shown(self) -> Shown | None:
-        """What the page and the sheet show of it; `None` where there is no fixture."""
-        fixture, source = self.outcome.fixture, self.source
-        if fixture is None:
+    def fixture(self) -> Fixture | None:
+        """What would be written, with its findings and their answers; `None` if nothing would."""
+        fixture = self.outcome.fixture
+        return None if fixture is None else replace(fixture, findings=self.findings)
+
+    @property
+    def name(self) -> str:
+        """What it is called, such as a file's name."""
+        return self.source.path.name
+
+    @property
+    def image(self) -> PlannedImage | None:
+        """The slice that the curve was drawn on; `None` where it is not at hand."""
+        return None if self.source.slice_path is None else self.source.image
+
+    @property
+    def is_slice_missing(self) -> bool:
+        """Whether the curve was drawn on a slice that is not at hand."""
+        return self.image is None and "image" in self.source.inputs
+
+    @cached_property
+    def strokes(self) -> tuple[Stroke, ...]:
+        """The lines on the slice [px], with the pen's width where a pen drew them."""
+        return self.geometry.lines
+
+    @cached_property
+    def account(self) -> tuple[AccountEntry, ...]:
+        """Other ink, and where the line shows none, the largest first."""
+        return self.geometry.account
+
+    @cached_property
+    def registration(self) -> Registration | None:
+        """The one that the fixture was made with, if the bundle's own markers give it again."""
+        return registration_again(self.fixture)
+
+    @cached_property
+    def digest(self) -> str:
+        """By which it is accepted."""
+        return digest_of(self.fixture, slice_shown=self.image is not None)
+
+    @property
+    def kind(self) -> Kind | None:
+        """What the robot renders; `None` of a curve that it does not render yet."""
+        return None if self.fixture.rendering is None else kind_of(self.fixture)
+
+    @cached_property
+    def plane(self) -> Array | None:
+        """(3, 3) from (u, v, 1) of the slice to the fixture's frame [m]; `None` if unknown."""
+        return plane_of_slice(self.fixture, self.image)
+
+    @cached_property
+    def side(self) -> str | None:
+        """From where the robot sees the slice, such as "above (robot +z)"; `None` if unknown."""
+        if self.plane is None or self.fixture.registration is None:
             return None
-        image = source.image if source.slice_path is not None else None
-        return Shown(replace(fixture, findings=self.findings), source.path.name, image)
+        return describe_side(-plane_normal(self.plane))
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """What the robot renders, on the slice; none where it is unknown how that lies."""
+        source = self.image or self.fixture.image
+        if self.plane is None or source is None:
+            return ()
+        return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
+
+    def bodies(self) -> dict[str, Any]:
+        """What renders the fixture in a browser, and where that lies on the slice.
+
+        `plane` takes (u, v, 1) [px] to the fixture's frame [m], and `back` a way there [m] onto the
+        slice [px].
+
+        Raises `VfplanError` for what no engine takes.
+        """
+        fixture = self.fixture
+        if self.plane is None or fixture.rendering is None:
+            raise InputError("The curve has no markers yet.", code="not-rendered")
+        back = onto_plane(self.plane, fixture.ignore_axis)(np.eye(3) + self.plane[:, 2]).T
+        radius_m = 0.0 if fixture.region is None else fixture.contact_radius
+        return {
+            "bodies": bodies_of(fixture), "plane": self.plane.tolist(), "back": back.tolist(),
+            "radius_px": radius_m / self.metres_per_px,
+        }  # fmt: skip
+
+    @cached_property
+    def metres_per_px(self) -> float | None:
+        """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
+        if self.plane is not None:
+            return size_of(self.plane)
+        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
+        spacing_mm = next(filter(None, spacings), None)
+        return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
+
+    @cached_property
+    def tre95_m(self) -> Array | None:
+        """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
+        if self.registration is None or not self.strokes:
+            return None
+        place = None
+        if self.registration.source.shape[1] == 3:
+            place = place_in_patient(self.image)
+        return bound95_m(self.registration, self.strokes, place)
+
+    @cached_property
+    def other_ink(self) -> tuple[AccountEntry, ...]:
+        """The account without the gaps that a bridge of the line crosses."""
+        bridged = [stroke.points[stroke.bridged] for stroke in self.strokes]
+        places = np.vstack([np.full((1, 2), np.inf), *bridged])
+
+        def is_listed(entry: AccountEntry) -> bool:
+            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
+            return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
+
+        return tuple(filter(is_listed, self.account))
+
+    @cached_property
+    def margin_m(self) -> float | None:
+        """What the plan added to the radius around each point; `None` where it added nothing."""
+        margin = self.fixture.provenance.settings.get("margin")
+        bound_m = None if self.tre95_m is None else float(self.tre95_m.max())
+        return margin_length(margin, bound_m)
+
+    @cached_property
+    def markers(self) -> tuple[Marker, ...]:
+        """The markers on the slice, or where they lie in front of the robot if there is none."""
+        record, left_out = self.fixture.registration, labels_left_out(self.fixture)
+        if record is None or (self.image is not None and self.plane is None):
+            return ()
+        places, residuals_px = record.target, [None] * len(record.labels)
+        if self.image is not None:
+            T = record.T_robot_image
+            residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
+            residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
+            places = record.source
+            if record.source_frame != "image":
+                places = onto_plane(self.image.T_patient_image[:3])(places)
+        return tuple(
+            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
+                   residual_px=residual_px)
+            for label, place, residual_m, residual_px in zip(
+                record.labels, places, record.residuals_m, residuals_px, strict=True
+            )
+        )  # fmt: skip
+
+    @property
+    def bounds(self) -> Iterator[tuple[Stroke, Array]]:
+        """Each stroke with the 95 % bound of its points, (M,) [m]; none if that is unknown."""
+        if self.tre95_m is not None:
+            stops = np.cumsum([len(stroke.points) for stroke in self.strokes])[:-1]
+            yield from zip(self.strokes, np.split(self.tre95_m, stops), strict=True)
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings
@@ -304,16 +482,11 @@ class Plan:
             record = None if opened is None else opened.registration
             touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
             pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
-        image = source.image if source.slice_path is not None else None
         try:
-            planned = register(curve, pairs, None, self.fit.settings, image=image).fixture
+            planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
         except VfplanError as error:
-            # The page has no options; what is wrong with the markers is mended on it.
-            message = error.message.replace(", or give --markers-as-given", "")
-            message = message.replace(" with vfplan rectify", "")
-            message = message.replace(" (delete its row, and give --common)", "")
-            return Outcome(None, of_curve, _sentence(message), error.code)
+            return Outcome(None, of_curve, _sentence(error.message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
         provenance = replace(planned.provenance, settings=settings)
@@ -594,26 +767,19 @@ def _of_bundle(
             f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png"
         )
         raise InputError(text, where=str(path), code="no-slice-registration")
-    drawn = strokes_on_slice(fixture, slice_image)
+    geometry = geometry_of_bundle(fixture, slice_image, extraction)
+    geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
     image = slice_image
     if image is None:
         # A blank picture of the slice's size.
         spacing = None
-        points = np.concatenate([stroke.points for stroke in drawn])
+        points = np.concatenate([stroke.points for stroke in geometry.strokes])
         width, height = (points.max(axis=0) + 50).astype(int).tolist()
         if fixture.image is not None:
             width, height = fixture.image.width_px, fixture.image.height_px
             spacing = fixture.image.pixel_spacing_mm
         rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
         image = PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
-
-    # The curve on the slice, and the pen's ink if it was drawn by a pen.
-    ink = None
-    exclude = extraction.exclude or ()
-    if slice_image is not None and "curve" not in fixture.provenance.inputs:
-        ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-    strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
-    of_curve = tuple(f for f in fixture.findings if f.stage == "extract")
 
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
@@ -627,14 +793,26 @@ def _of_bundle(
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
-        path, slice_path, image, extraction, planning,
-        Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
+        path, slice_path, image, extraction, planning, geometry, fit, extraction.exclude or (),
+        dict(fixture.provenance.inputs), sha256,
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
         case=seal.get("case") or fixture.case or "",
         robot_serial=seal.get("robot_serial", ""),
     )  # fmt: skip
+
+
+def geometry_of_bundle(
+    fixture: Fixture, image: PlannedImage | None, extraction: ExtractSettings
+) -> Geometry:
+    """The curve of a bundle on its slice, and the pen's ink if a pen drew it."""
+    ink = None
+    if image is not None and "curve" not in fixture.provenance.inputs:
+        ink = SliceInk(image.rgb, extraction.colour, extraction.exclude or (), extraction.roi)
+    of_curve = tuple(finding for finding in fixture.findings if finding.stage == "extract")
+    strokes = strokes_on_slice(fixture, image)
+    return Geometry(strokes, ink, of_curve, max_gap_px=extraction.max_gap_px)
 
 
 def _slice_of(

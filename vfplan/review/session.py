@@ -30,10 +30,6 @@ from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 from vfplan.review.rendered import described, rendered_in_json
 
-# Steps of a review at most: a person makes some hundreds.
-MAX_STEPS = 20_000
-
-
 # No places.
 NOTHING = np.zeros(0, complex)
 
@@ -101,9 +97,6 @@ class Session:
         """
         if isinstance(step, dict) and step.get("do") == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
-        if len(self.steps) >= MAX_STEPS:
-            text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
-            raise SettingError(text, code="too-many-steps")
         plan = steps_of_a_plan.apply(self.current, step)
         kept = dict(step)
         if kept["do"] == "answer":
@@ -156,12 +149,12 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        why_not, shown = self.why_not(by), plan.shown
+        why_not = self.why_not(by)
         state |= {"rendered": None, "described": [], "outline_px": []}
-        if shown is not None:
-            lines = [line for outline in shown.outlines for line in outline.lines]
-            state["rendered"] = rendered_in_json(shown.fixture)
-            state["described"] = described(shown.fixture)
+        if plan.fixture is not None:
+            lines = [line for outline in plan.outlines for line in outline.lines]
+            state["rendered"] = rendered_in_json(plan.fixture)
+            state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
         return state | {
             "findings": [finding.as_dict() for finding in plan.findings],
@@ -170,11 +163,10 @@ class Session:
 
     def bodies(self) -> dict[str, Any]:
         """What renders the plan as it stands, for the page's own engine; else why nothing does."""
-        shown = self.current.shown
-        if shown is None:
+        if self.current.fixture is None:
             return {"why_not": self.current.why_not[0]}
         try:
-            return {"digest": self.digest, **shown.bodies()}
+            return {"digest": self.digest, **self.current.bodies()}
         except VfplanError as error:
             return {"why_not": error.message}
 
@@ -239,7 +231,7 @@ class Session:
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings
         )
-        fixture = self.current.outcome.fixture
+        fixture = self.current.fixture
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.as_opened
@@ -252,9 +244,9 @@ class Session:
     @property
     def digest(self) -> str | None:
         """The digest of the plan as it stands, which an approval names; `None` without a plan."""
-        if self.current.outcome.fixture is None:
+        if self.current.fixture is None:
             return None
-        return digest_of(self.with_review(), slice_shown=self.source.slice_path is not None)
+        return digest_of(self.with_review(), slice_shown=self.current.image is not None)
 
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""

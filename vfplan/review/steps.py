@@ -31,12 +31,6 @@ Step = dict[str, Any]
 # Points of a drawn line at most; a hand clicks some tens.
 MAX_CLICKS = 500
 
-# Excluded boxes at most.
-MAX_EXCLUDED = 100
-
-# Markers at most; layouts have 4 to 40.
-MAX_MARKERS = 200
-
 # How far a click may be from the mark that is meant [px]: a screen shows large slices small.
 MAX_SNAP_PX = 60
 
@@ -320,9 +314,6 @@ def exclude(plan: Plan, step: Step) -> Plan:
         )
         raise SettingError(text, code="box-empty")
     exclude = (*plan.exclude, (*low.tolist(), *size.tolist()))
-    if len(exclude) > MAX_EXCLUDED:
-        text = f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them."
-        raise SettingError(text, code="too-many-boxes")
     geometry = plan.geometry
     if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):
         extracted = plan.source.geometry_with(ink, exclude)
@@ -386,9 +377,6 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     fit = plan.fit
     label = _label(step, "label")
     fit.refuse_label(label)
-    if len(fit.markers) >= MAX_MARKERS:
-        text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
-        raise SettingError(text, code="too-many-markers")
     place = None if step.get("at") is None else _mark_place(plan, step, "at")
     target = None if step.get("target_m") is None else _numbers(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
@@ -424,17 +412,12 @@ def set_markers(plan: Plan, step: Step) -> Plan:
     table = step.get("table")
     if not isinstance(table, str):
         raise _malformed(step, "table", "a table as text")
-    fit = plan.fit
     try:
         pairs = pairs_of_table(table)
     except MarkerError as error:
         text = f"The table of markers cannot be read: {error.message}"
         raise SettingError(text, code=error.code) from None
-    fit = fit_of(pairs, plan.source.image, fit.settings)
-    if len(fit.markers) > MAX_MARKERS:
-        text = f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed."
-        raise SettingError(text, code="too-many-markers")
-    return replace(plan, fit=fit)
+    return replace(plan, fit=fit_of(pairs, plan.source.image, plan.fit.settings))
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
