@@ -192,7 +192,22 @@ class Stage:
             self._legend += [("tool (HIP)", HIP), ("proxy", PROXY)]
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
-        add_scale(pyvista, self.plotter, fixture.points)
+        # A bar of a round length along the longest side of the cloud, beside it at its top.
+        sides = np.ptp(fixture.points, axis=0)
+        across, along = np.argsort(sides)[1:]
+        start = fixture.points.max(axis=0)
+        start[along] = fixture.points[:, along].min()
+        start[across] = fixture.points[:, across].min() - 0.08 * sides[along]
+        length = nice_length(max(float(sides[along]), 1e-3) / 4)
+        stop = start + length * np.eye(3)[along]
+        bar = pyvista.Line(start, stop)
+        # A white edge shows the bar on a dark slice.
+        self.plotter.add_mesh(bar, color="white", line_width=10)
+        self.plotter.add_mesh(bar, color="black", line_width=6)
+        self.plotter.add_point_labels(
+            [stop], [f"{1e3 * length:g} mm"], font_size=18, shape_color="white", shape_opacity=0.8,
+            show_points=False, always_visible=True, text_color="black",
+        )  # fmt: skip
         self.plotter.camera_position = "iso"
         self.plotter.camera.zoom(1.2)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
@@ -282,23 +297,3 @@ class Stage:
             start=start, direction=vector, scale=length, shaft_radius=0.025, tip_radius=0.07
         )
         self.plotter.add_mesh(arrow, color=colour, name=name)
-
-
-def add_scale(pyvista: Any, plotter: Any, points: Array) -> None:
-    """A bar of a round length along the longest side of the cloud (N, 3), with that length."""
-    sides = np.ptp(points, axis=0)
-    across, along = np.argsort(sides)[1:]
-    # Beside the cloud, at the height of its top.
-    start = points.max(axis=0)
-    start[along] = points[:, along].min()
-    start[across] = points[:, across].min() - 0.08 * sides[along]
-    length = nice_length(max(float(sides[along]), 1e-3) / 4)
-    stop = start.copy()
-    stop[along] += length
-    bar = pyvista.Line(start, stop)
-    # A white edge shows the bar on a dark slice.
-    plotter.add_mesh(bar, color="white", line_width=10)
-    plotter.add_mesh(bar, color="black", line_width=6)
-    look = {"font_size": 18, "text_color": "black", "shape_color": "white", "shape_opacity": 0.8}
-    look |= {"show_points": False, "always_visible": True}
-    plotter.add_point_labels([stop], [f"{1e3 * length:g} mm"], **look)

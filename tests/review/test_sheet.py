@@ -22,11 +22,11 @@ from vfplan.curve.account import AccountEntry
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
-from vfplan.review.paper import DPI, FOOT, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
+from vfplan.review.paper import DPI, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import check_slice
-from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
+from vfplan.review.sheet import ZOOM, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -93,11 +93,6 @@ def line_of(points, *, closed=False, bridged=None, width=3.0):
     flags = np.zeros(len(points), bool) if bridged is None else bridged
     points = np.asarray(points, float)
     return Stroke(points, closed, np.full(len(points), 0.1), flags, width=width)
-
-
-def ring(shape, radius=60.0):
-    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    return np.array(shape[1::-1]) / 2 + radius * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 # ---- a covered end ----
@@ -175,20 +170,6 @@ def test_cover_of_the_grey_around_it_is_told_in_words(patch):
     for end in ("start", "end"):  # the ground at the start is even too
         assert f"One grey ahead of the {end}" in words
     assert words.count("one grey ahead: look twice") == 2
-
-
-def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
-    image, line = white_ground(patch=252)
-    sheet = draw_sheet(drawn_ends.shown_of(image, line_of(line)))
-    seen, u, v = seen_wider(sheet, "End")
-    inside = seen[105 - v : 135 - v, 141 - u : 145 - u].mean()
-    beside = seen[80 - v : 98 - v, 141 - u : 145 - u].mean()
-    assert abs(inside - beside) >= 25  # of 256 greys, where the file has 3
-
-
-def test_noise_ahead_of_an_end_is_not_called_one_grey():
-    sheet = draw_sheet(drawn_ends.shown(drawn_ends.draw(1, covered="")))
-    assert not [box for box in sheet.boxes if box.words.startswith("One grey")]
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -269,17 +250,6 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     assert {(box.page, box.x) for box in heads} <= {(heading.page, heading.x)}
 
 
-@pytest.mark.parametrize("top", range(0, 400, 13))
-def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
-    findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
-    shown = Plan.of(replace(bundles.minimal(), findings=findings), "f.h5")
-    sheet = Paper()
-    draw_lists(sheet, shown, FOOT - top)
-    for number, box in enumerate(sheet.boxes[:-1]):
-        if box.words.startswith("F"):
-            assert sheet.boxes[number + 1].page == box.page
-
-
 def test_open_line_has_both_ends_and_each_bridge_enlarged():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
     bridged = np.zeros(341, bool)
@@ -316,15 +286,6 @@ def test_stretch_that_something_hides_is_enlarged_too():
     assert [box.words for box in insets(sheet, "")][4:] == ["1: gap in the line, or line hidden"]
 
 
-def test_closed_line_shows_its_start_and_a_bridge_across_it():
-    points = ring((320, 380))
-    bridged = np.zeros(len(points), bool)
-    bridged[:8] = bridged[-8:] = True
-    sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
-    names = [box.words for box in insets(sheet, "")]
-    assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
-
-
 @pytest.mark.parametrize("size", [(40, 40), (4096, 4096), (60, 3000), (2500, 50)])
 def test_any_size_of_slice_fits(size):
     rng = np.random.default_rng(5)
@@ -336,15 +297,6 @@ def test_any_size_of_slice_fits(size):
     sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
-
-
-def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
-    image = np.zeros((50, 60, 3), np.uint16)
-    image[10:40, 10:50] = 4000
-    image[20:30, 20:30] = 2000
-    sheet = draw_sheet(drawn_ends.shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
-    [inset, _] = insets(sheet, "Start")
-    assert set(np.unique(drawn_part(sheet, inset))) >= {0, 128, 255}
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():
@@ -362,17 +314,6 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
     assert "100" in verdict_of(shown)
-
-
-def test_the_headline_counts_the_ends_to_look_at():
-    along = np.column_stack([np.linspace(20, 360, 341), np.full(341, 100.0)])
-    one, two = line_of(along), line_of(along + np.array([0, 90]))
-    closed = line_of(ring((320, 380)), closed=True)
-    for lines, counts in (((one,), (True, False)), ((one, two), (False, True)),
-                          ((closed,), (False, False))):  # fmt: skip
-        shown = drawn_ends.shown_of(BLANK, *lines)
-        assert ("both" in verdict_of(shown), "4" in verdict_of(shown)) == counts
-        checked(shown)
 
 
 def test_text_from_files_can_do_no_harm():
@@ -444,16 +385,6 @@ def test_another_slice_is_refused():
         Plan.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
-
-
-def test_side_is_said_in_words():
-    # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert Plan.of(bundles.whole(), "f.h5").side == "above (robot +z)"
-    record = bundles.whole().registration
-    turned = record.T_robot_image * [[1], [-1], [1]]
-    below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert Plan.of(below, "f.h5").side == "below (robot -z)"
-    assert Plan.of(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():

@@ -30,26 +30,13 @@ NEARBY_POINTS = 41
 MAX_BRANCH_PX = 60
 
 
-def median_nearby(values: NDArray) -> NDArray[np.float64]:
-    """The values' running median along the line."""
-    from scipy.ndimage import median_filter
-
-    return median_filter(values, size=NEARBY_POINTS, mode="nearest")
-
-
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
     """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
+    from scipy.ndimage import median_filter
+
     nearby = np.full(len(width), usual)
-    nearby[has_ink] = median_nearby(width[has_ink])
+    nearby[has_ink] = median_filter(width[has_ink], size=NEARBY_POINTS, mode="nearest")
     return np.maximum(nearby, usual)
-
-
-def jumps(offset: NDArray, has_ink: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(M,) bool: offsets that lie off their neighbours', where the nearest ink is another's."""
-    is_jump = np.zeros(len(offset), bool)
-    if has_ink.sum() >= 5:
-        is_jump[has_ink] = np.abs(offset[has_ink] - median_nearby(offset[has_ink])) > 1.5
-    return is_jump
 
 
 def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
@@ -221,7 +208,6 @@ class SliceInk:
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
             alone = has_ink & ~joined
-            alone &= ~jumps(offset, alone)
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
             # A spline through what was measured; without ink the path goes on beside it.

@@ -45,7 +45,7 @@ class Marker:
     label
         Its name.
     place
-        (u, v) on the slice [px]; on a sheet without a slice (x, y, z) in front of the robot [m].
+        (u, v) on the slice [px].
     target_m
         (x, y, z) in front of the robot.
     sigma_m

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
-from vfplan.fixture import Stroke
+from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import runs
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
@@ -93,43 +93,34 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
 
     Returns the corner of the quarter that they leave free, and where the next thing below begins.
     """
-    points = plan.fixture.points
-    markers = [(marker.label, marker.place) for marker in plan.markers]
-    findings = [
-        (f"F{number}", finding.place_m)
-        for number, finding in enumerate(plan.findings, 1) if finding.place_m is not None
-    ]  # fmt: skip
-    everything = np.vstack([points, *(place for _, place in markers)])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
+    low, high = plan.fixture.points.min(axis=0), plan.fixture.points.max(axis=0)
+    wall_m = plan.fixture.contact_radius + plan.fixture.point_radius if plan.kind == "wall" else 0.0
+    scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()) + 2 * wall_m, 1e-9)
     # Each view cuts what is rendered in its middle.
-    cut = (points.min(axis=0) + points.max(axis=0)) / 2
+    middle = (low + high) / 2
     outlines: list[Outline] = []
     axis = plan.fixture.ignore_axis if plan.kind else None
     for number, (words, axes, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * (VIEW_PX + 60)
-        view = View(np.array(turn), np.where(turn[2], cut, (low + high) / 2), scale)
+        view = View(np.array(turn), middle, scale)
         # A tube that is infinite along an axis has no outline where it is seen from the side.
         is_endless = plan.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = _geometry(view, plan)
+        canvas = draw_points(view, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, view.plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
-        # Markers stand in the view that spreads them most; from the side they lie on each other.
-        is_widest = turn[2][int((high - low).argmin())] != 0
-        _draw_marks(sheet, box, view, (markers if is_widest else []) + findings)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     rows = rendered_legend(outlines)
     if rows:
-        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", cut, strict=True))
+        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", middle, strict=True))
         heading = "In the middle of each view"
         free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
         words = f"Cut at {place} mm."
@@ -150,42 +141,18 @@ def draw_scale_bar(
     sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
 
 
-def _geometry(view: View, plan: Plan) -> paper.Pixels:
-    """The points, or the triangles, those in front over those behind."""
+def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
+    """The points, or the edges of the triangles."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    flat, mesh = view.project(plan.fixture.points), plan.fixture.mesh
+    flat, mesh = view.project(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
-        # Darker the more a triangle is turned away from the viewer.
-        corners = plan.fixture.points[mesh] @ view.turn.T
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        facing = np.abs(normals[:, 2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
-        light = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
-        for k in np.argsort(corners[..., 2].mean(axis=1)):
-            outline, colour = paper.fixed_point(flat[mesh[k]]), np.rint(light[k]).tolist()
-            cv2.fillConvexPoly(canvas, outline, colour, cv2.LINE_AA, paper.SHIFT)
+        paper.draw_line(canvas, flat[mesh], LINE_COLOUR, 1, closed=True)
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
     for place in drawn:
         paper.draw_disc(canvas, place, radius, LINE_COLOUR)
     return canvas
-
-
-def _draw_marks(
-    sheet: paper.Paper, box: paper.Box, view: View, marks: list[tuple[str, Any]]
-) -> None:
-    """Draw a ring with a caption at each place."""
-    part = sheet.part(box)
-    keep = np.zeros((VIEW_PX, VIEW_PX), np.uint8)
-    keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # The scale stands here.
-    drawn = [view.project(np.array([place]))[0] for _, place in marks]
-    for place in drawn:
-        paper.draw_disc(part, place, 11, WHITE, 5)
-        paper.draw_disc(part, place, 11, BLACK, 2)
-        paper.draw_disc(keep, place, 14, 1)
-    labeller = paper.Labeller(keep)
-    for (words, _), place in zip(marks, drawn, strict=True):
-        draw_tag(sheet, box, labeller, place, words)
 
 
 def draw_tag(

@@ -420,18 +420,15 @@ class Plan:
 
     @cached_property
     def markers(self) -> tuple[Marker, ...]:
-        """The markers on the slice, or where they lie in front of the robot if there is none."""
+        """The markers on the slice."""
         record, left_out = self.fixture.registration, labels_left_out(self.fixture)
-        if record is None or (self.image is not None and self.plane is None):
+        if record is None or self.image is None or self.plane is None:
             return ()
-        places, residuals_px = record.target, [None] * len(record.labels)
-        if self.image is not None:
-            T = record.T_robot_image
-            residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
-            residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
-            places = record.source
-            if record.source_frame != "image":
-                places = onto_plane(self.image.T_patient_image[:3])(places)
+        T, places = record.T_robot_image, record.source
+        residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
+        residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
+        if record.source_frame != "image":
+            places = onto_plane(self.image.T_patient_image[:3])(places)
         return tuple(
             Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
                    residual_px=residual_px)
@@ -529,31 +526,30 @@ def _sentence(text: str) -> str:
 def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
     """A doubt for each rendered value that is not that of the opened bundle; one for the line."""
     before, after = rendered_values(opened), rendered_values(fixture)
-    names = [
-        name for name in before | after if not np.array_equal(before.get(name), after.get(name))
-    ]
-    of_line = [name for name in names if re.match("/(points|curve|pieces|mesh)", name)]
-    values = {
-        name: [in_words(values.get(name)) for values in (after, before)]
-        for name in names if name not in of_line
-    }  # fmt: skip
+    texts, of_line = [], []
+    for name in before | after:
+        if np.array_equal(before.get(name), after.get(name)):
+            continue
+        if re.match("/(points|curve|pieces|mesh)", name):
+            of_line.append(name)
+            continue
+        now, was = in_words(after.get(name)), in_words(before.get(name))
+        texts.append(f"{name} is {now}; in the opened bundle it is {was}.")
     if of_line and fixture.frame == opened.frame:
         from scipy.spatial import cKDTree
 
         # Both lines with a point every hundredth of a millimetre.
-        fine = [
+        now, was = (
             np.vstack([evenly(1e5 * stroke.points, stroke.closed) for stroke in one.strokes])
             for one in (fixture, opened)
-        ]
-        apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in (fine, fine[::-1]))
-        lengths = [millimetres(1e-5 * len(points)) for points in fine]
-        values[f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off,"] = [
-            f"{length} long" for length in lengths
-        ]
-    return [
-        doubt("differs-from-opened", "plan", f"{name} is {now}; in the opened bundle it is {was}.")
-        for name, (now, was) in values.items()
-    ]
+        )
+        apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in ((now, was), (was, now)))
+        texts.append(
+            f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off, is "
+            f"{millimetres(1e-5 * len(now))} long; in the opened bundle it is "
+            f"{millimetres(1e-5 * len(was))} long."
+        )
+    return [doubt("differs-from-opened", "plan", text) for text in texts]
 
 
 def in_words(value: Any) -> str:

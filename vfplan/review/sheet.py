@@ -417,7 +417,7 @@ def draw_inset(
     pixels = rgb[rows.clip(0, rgb.shape[0] - 1)][:, columns.clip(0, rgb.shape[1] - 1)]
     pixels[is_outside] = 255
     if inset.is_raised:
-        pixels = _spread(pixels, is_outside)
+        pixels = spread_greys(pixels)
     enlarged, outside = (
         picture.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
         for picture in (pixels, is_outside)
@@ -444,20 +444,14 @@ def draw_inset(
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
 
 
-def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def spread_greys(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
-    Each grey becomes as bright as the share of pixels that are darker, and half of those that are
-    as dark (histogram equalisation). So greys that differ by one are told apart, and a box of one
-    grey stands out of the noise around it.
+    So greys that differ by one are told apart, and a box of one grey stands out of the noise
+    around it.
     """
     grey = pixels.min(axis=2)
-    inside = grey[~is_outside]
-    if inside.size == 0:
-        return pixels
-    count = np.bincount(inside, minlength=256)
-    brightness = np.rint(255 * (count.cumsum() - count / 2) / inside.size)
-    shift = brightness[grey].astype(np.int16) - grey
+    shift = cv2.equalizeHist(grey).astype(np.int16) - grey
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 

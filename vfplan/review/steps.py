@@ -6,7 +6,6 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -67,10 +66,16 @@ def _whole(step: Step, name: str, default: int | None = None) -> int:
     return value
 
 
-def _share(step: Step, name: str, default: float) -> float:
+def is_number(value: Any) -> bool:
+    """Whether a value of a step is a number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def number_within(step: Step, name: str, default: float, largest: float) -> float:
+    """A number of a step from 0 to the largest that is allowed."""
     value = step.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
-        raise _malformed(step, name, "a number from 0 to 1")
+    if not is_number(value) or not 0 <= value <= largest:
+        raise _malformed(step, name, f"a number from 0 to {largest}")
     return float(value)
 
 
@@ -78,10 +83,8 @@ def _numbers(step: Step, name: str, count: int) -> tuple[float, ...]:
     value = step.get(name)
     if not isinstance(value, (list, tuple)) or len(value) != count:
         raise _malformed(step, name, f"a list of {count} numbers")
-    for number in value:
-        usable = isinstance(number, (int, float)) and not isinstance(number, bool)
-        if not usable or not math.isfinite(number) or abs(number) > 1e9:
-            raise _malformed(step, name, f"a list of {count} finite numbers")
+    if not all(is_number(number) and abs(number) <= 1e9 for number in value):
+        raise _malformed(step, name, f"a list of {count} finite numbers")
     return tuple(float(number) for number in value)
 
 
@@ -349,10 +352,7 @@ def leave(plan: Plan, step: Step) -> Plan:
 
 def _mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
     """A place for a marker; `snap` [px] says how far the mark drawn there may be from it."""
-    reach_px = step.get("snap", 0)
-    usable = isinstance(reach_px, (int, float)) and not isinstance(reach_px, bool)
-    if not usable or not 0 <= reach_px <= MAX_SNAP_PX:
-        raise _malformed(step, "snap", f"a number from 0 to {MAX_SNAP_PX}")
+    reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
     place = _place(plan, step, name)
     if plan.source.slice_path is not None:
         place = snapped(plan.source.image, place, reach_px)
@@ -531,7 +531,7 @@ def points_in_view(plan: Plan, step: Step) -> np.ndarray:
     """(M, 2) the points of a stroke from one share of its length to another, which were in view."""
     _, stroke = _stroke_of(plan, step)
     arc = arc_lengths(stroke.points, False)
-    first, last = _share(step, "from", 0.0), _share(step, "to", 1.0)
+    first, last = number_within(step, "from", 0.0, 1), number_within(step, "to", 1.0, 1)
     is_in = (arc >= (first - 1e-9) * arc[-1]) & (arc <= (last + 1e-9) * arc[-1])
     return stroke.points[is_in]
 

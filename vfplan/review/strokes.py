@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import arc_lengths, evenly, ring_of, runs
-from vfplan.review.ink import HAND_SIGMA_PX, SliceInk, measured
+from vfplan.review.ink import SliceInk, measured
 
 Array = NDArray[np.float64]
 
@@ -250,21 +250,11 @@ class MendedStroke(Stroke):
         first = self.reversed() if end == 0 else self
         second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
-        around = np.vstack([first.points[[-1 - reach, -1]], second.points[[0, reach]]])
-        spline = path_through(around, False)
-        start, _ = nearest_point(spline, first.points[-1])
-        stop, _ = nearest_point(spline, second.points[0])
-        gap = spline[start + 1 : stop]
-        count = len(gap)
-        between = MendedStroke(points=gap, closed=False, sigma=np.full(count, HAND_SIGMA_PX),
-                               edited=np.ones(count, bool), knots=first.knots[:0])  # fmt: skip
-        knots = np.r_[first.knots, len(first.points) + count + second.knots]
-        whole = _concatenated([first, between, second], False, knots)
-        if count < 2:
-            return whole
-        last = len(first.points) - 1
-        drawn = whole.points[last : last + count + 2]
-        return whole._with_stretch(last, last + count + 1, drawn, ink)
+        last, count = len(first.points) - 1, len(first.points)
+        whole = _concatenated([first, second], False, np.r_[first.knots, count + second.knots])
+        # A smooth stretch over the gap, from a little before it to a little behind it.
+        around = whole.points[[last - reach, last, count, count + reach]]
+        return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
 
     def measured_in(self, box: tuple[int, int, int, int], ink: SliceInk) -> MendedStroke:
         """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
