@@ -1,4 +1,4 @@
-"""`vfplan review`: a slice, a curve or a fixture on a page to mend and approve, or as a sheet."""
+"""`vfplan review`: a plan on a page to mend and approve, or as a sheet; `vfplan view`: in space."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ from vfplan.cli.next_commands import (
 )
 from vfplan.cli.options import (
     FILE,
+    FIXTURE,
     HDF5,
+    OVERWRITE,
     PNG,
     OutputFile,
     WholeNumber,
@@ -72,7 +74,7 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
     option("--no-browser", is_flag=True, help="Print the address, and open no browser."),
     option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
            help="Port of the page on 127.0.0.1; 0 takes any free one."),
-    options.OVERWRITE,
+    OVERWRITE,
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
@@ -316,3 +318,52 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
     verdict = with_verdict_by(fixture.provenance.settings, planned.fixture)
     return Plan.of(verdict, source.name, image)
+
+
+@command("view")
+@FIXTURE
+@click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
+@options_in_order(
+    option("--screenshot", type=PNG, metavar="PNG",
+           help="Write one view to this picture. It needs no screen."),
+    option("--slice", "slice_path", type=FILE, metavar="IMAGE",
+           help="Show this slice, on which the curve was drawn (checked by its SHA-256).  "
+                "[default: its border only]"),
+    OVERWRITE,
+)  # fmt: skip
+def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
+    """Show FIXTURE.h5 in three dimensions.
+
+    With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The
+    window has a time slider. --screenshot needs an OpenGL library (Debian: libosmesa6).
+    """
+    from vfplan.bundle.read import read_sealed
+    from vfplan.images.read import read_slice_of
+    from vfplan.review.rendered import check_slice
+    from vfplan.session.result import read_result, require_fixture
+
+    planned, seal = read_sealed(fixture)
+    ticks = None
+    if result is not None:
+        ticks, attributes = read_result(result)
+        require_fixture(attributes, seal["sha256"], result.name)
+    image = None if slice_path is None else read_slice_of(planned, slice_path)
+    if image is not None:
+        check_slice(planned, image)
+
+    from vfplan import view3d
+
+    with announce_if_slow("trying how pictures can be drawn here"):
+        view3d.ready_pyvista(screen=screenshot is None)
+    data: dict[str, Any] = {"points": len(planned.points), "files": []}
+    if ticks is not None:
+        data["ticks"] = len(ticks)
+    next_step = shlex.join(["vfplan", "replay", str(fixture), "SESSION"])
+    if screenshot is None:
+        view3d.show(planned, ticks, image)
+        return CommandResult(data, verdict="seen and closed", next_step=next_step)
+    with outputs(screenshot) as (picture,):
+        view3d.draw_view(planned, picture, ticks=ticks, image=image)
+    data["files"] = [str(screenshot)]
+    look = f"look at {screenshot}"
+    return CommandResult(data, f"wrote {screenshot}", verdict="drawn", next_step=look)

@@ -38,8 +38,14 @@ from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.registration.registration import own_bound
-from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
-from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
+from vfplan.review.strokes import (
+    CLOSE_PX,
+    JOIN_PX,
+    MIN_LINE_PX,
+    MendedStroke,
+    SliceInk,
+    nearest_point,
+)
 from vfplan.settings import recalled
 
 Array = NDArray[np.float64]

@@ -53,7 +53,6 @@ from vfplan.planning.settings import (
 from vfplan.registration.registration import Registration, describe_side
 from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
-from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
     Kind,
@@ -68,7 +67,7 @@ from vfplan.review.rendered import (
     sigma_of,
     strokes_on_slice,
 )
-from vfplan.review.strokes import MendedStroke
+from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded
 from vfplan.stability.study import judge_of, with_verdict_by
 

@@ -312,8 +312,7 @@ class ReviewServer:
                 return connection.respond(400, "low and high are no greys of the slice")
             # 8 bits, as browsers show them, with the slice's full depth between the two greys.
             if (int(low), int(high)) != (0, 255) or rgb.dtype != np.uint8:
-                greys = np.arange(grey_max + 1)
-                shown = np.clip((greys - int(low)) * (255.0 / (int(high) - int(low))), 0, 255)
+                shown = np.interp(np.arange(grey_max + 1), (int(low), int(high)), (0, 255))
                 rgb = np.rint(shown).astype(np.uint8)[rgb]
             # A low compression: the bytes do not leave this computer.
             is_encoded, data = cv2.imencode(

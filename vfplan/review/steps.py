@@ -21,10 +21,9 @@ from vfplan.planning.match import Record, match
 from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
-from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Marker, fit_of, pairs_of_table, snapped
 from vfplan.review.plan import Plan, key_of, made_flat_plan
-from vfplan.review.strokes import MendedStroke, path_through
+from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
 # Points of a drawn line at most; a hand clicks some tens.
