@@ -306,14 +306,14 @@ class Geometry:
         for one, other in ((before, stroke), (stroke, before)):
             distance, _ = cKDTree(other.points).query(one.points)
             changed.append(one.points[distance > MOVED_PX])
-        findings = _unmended(self.findings, np.vstack(changed))
+        findings = unmended(self.findings, np.vstack(changed))
         return replace(self, strokes=tuple(strokes), findings=findings)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
         findings = self.findings
         if strokes:
-            findings = _unmended(findings, np.vstack([stroke.points for stroke in strokes]))
+            findings = unmended(findings, np.vstack([stroke.points for stroke in strokes]))
         return replace(self, strokes=strokes, findings=findings, refusal=None)
 
 
@@ -322,9 +322,9 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
     try:
         extracted = extract(image, settings)
     except CurveError as error:
-        candidates = _candidates(error, ink, settings)
+        candidates = candidates_of(error, ink, settings)
         return Geometry(
-            ink=ink, refusal=_refusal_of(error), candidates=candidates,
+            ink=ink, refusal=refusal_of(error), candidates=candidates,
             max_gap_px=settings.max_gap_px,
         )  # fmt: skip
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
@@ -394,9 +394,9 @@ def with_chosen(
     try:
         extracted = extract(image, replace(settings, stroke=number))
     except CurveError as error:
-        branches = _branches(geometry, route)
+        branches = branches_of(geometry, route)
         if branches:
-            return replace(geometry, refusal=_refusal_of(error), candidates=branches)
+            return replace(geometry, refusal=refusal_of(error), candidates=branches)
     else:
         strokes = extracted.extraction.strokes
         to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
@@ -407,7 +407,7 @@ def with_chosen(
     return replace(settled, strokes=(MendedStroke.of(line),), findings=())
 
 
-def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
+def branches_of(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     """The routes through the forked ink of a candidate; none if the candidate is one of them."""
     for entry in ink_at(geometry.ink, route.points[len(route.points) // 2]):
         routes, forks = routes_over(entry)
@@ -434,7 +434,7 @@ def route_over(entry: AccountEntry) -> Stroke:
     return routes[0]
 
 
-def _refusal_of(error: CurveError) -> dict[str, Any]:
+def refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
     # The page has a button for the other pen.
@@ -448,7 +448,9 @@ def _refusal_of(error: CurveError) -> dict[str, Any]:
             "other_pen": other_pen}  # fmt: skip
 
 
-def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:
+def candidates_of(
+    error: CurveError, ink: SliceInk, settings: ExtractSettings
+) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink.
 
     Behind them, lines joined over longer pen lifts, and a dotted line.
@@ -481,7 +483,7 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
     return tuple(filter(is_offered, routes))[:MAX_ROUTES]
 
 
-def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
+def unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
     """The findings without those whose place lies on what was changed."""
     if not len(changed):
         return findings

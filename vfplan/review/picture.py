@@ -242,10 +242,10 @@ def draw_picture(
     # The casings first: outline and line may lie close together.
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends)
-    region = _draw_outline(plan, panel, ends)
+    region = draw_ink_outline(plan, panel, ends)
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends, is_cased=False)
-    has_bound = _draw_bound(plan, panel)
+    has_bound = draw_bands(plan, panel)
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
@@ -254,8 +254,8 @@ def draw_picture(
             paper.draw_disc(keep, place, FREE_RADIUS + 8, 255)
             if end.direction is not None:
                 paper.draw_disc(keep, place + AHEAD_RADIUS * end.direction, AHEAD_RADIUS, 255)
-    enlargement = _draw_markers(plan, panel, keep)
-    omitted = _draw_captions(sheet, plan, panel, paper.Labeller(keep))
+    enlargement = draw_markers(plan, panel, keep)
+    omitted = draw_captions(sheet, plan, panel, paper.Labeller(keep))
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
@@ -265,10 +265,10 @@ def draw_picture(
     if omitted:
         words = f"There was no place for {omitted} captions; the lists below name all."
         bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
-    return bottom, _draw_legend(sheet, plan, enlargement, has_bound, y)
+    return bottom, draw_legend(sheet, plan, enlargement, has_bound, y)
 
 
-def _draw_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
+def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
     region, bridges = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(2))
     for stroke in plan.strokes:
@@ -343,7 +343,7 @@ def draw_rendered(
         paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 
 
-def _draw_bound(plan: Plan, panel: Panel) -> bool:
+def draw_bands(plan: Plan, panel: Panel) -> bool:
     """Draw the 95 % band where it reaches beyond the outline; whether it does."""
     is_drawn = False
     for stroke, half_m in plan.bounds:
@@ -354,7 +354,7 @@ def _draw_bound(plan: Plan, panel: Panel) -> bool:
     return is_drawn
 
 
-def _draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
+def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     """Draw each marker where it was given, and its residual as an arrow; `keep` gets both.
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
@@ -383,7 +383,7 @@ def _draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     return enlargement
 
 
-def _draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.Labeller) -> int:
+def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.Labeller) -> int:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
     Returns how many have no place.
@@ -410,7 +410,7 @@ def _draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper
     return labeller.omitted
 
 
-def _draw_legend(
+def draw_legend(
     sheet: paper.Paper, plan: Plan, enlargement: float | None, has_bound: bool, y: float
 ) -> float:
     """What the lines on the picture mean."""

@@ -142,8 +142,8 @@ class Source:
         sides = None
         if self.image.T_patient_image is not None:
             right, down, _ = self.image.T_patient_image[:3].T
-            sides = {"left": _side(-right), "right": _side(right), "top": _side(-down),
-                     "bottom": _side(down)}  # fmt: skip
+            directions = {"left": -right, "right": right, "top": -down, "bottom": down}
+            sides = {name: side_of_patient(towards) for name, towards in directions.items()}
         return {
             "name": self.path.name, "width_px": self.image.width_px,
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
@@ -161,7 +161,7 @@ class Source:
         """
         chosen = self.stack[position]
         extraction = replace(self.extraction, frame=chosen.frame)
-        source = _of_slice(chosen.path, None, extraction, self.planning)
+        source = source_of_slice(chosen.path, None, extraction, self.planning)
         on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
         if pairs is not None:
             on_slice = fit_of(pairs, source.image, self.planning)
@@ -458,7 +458,7 @@ class Plan:
         if not self.fit.markers:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
-            return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
+            return Outcome(None, of_curve, sentence(self.fit.why_not), "markers")
         margin, opened = self.fit.settings.margin, source.bundle
         is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
         # A margin from the bound is made anew; a number cannot be.
@@ -482,7 +482,7 @@ class Plan:
             planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
         except VfplanError as error:
-            return Outcome(None, of_curve, _sentence(error.message), error.code)
+            return Outcome(None, of_curve, sentence(error.message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
         provenance = replace(planned.provenance, settings=settings)
@@ -517,7 +517,7 @@ def key_of(finding: Finding) -> str:
     return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
     """A message as a sentence."""
     return text[:1].upper() + text[1:].removesuffix(".") + "."
 
@@ -573,7 +573,7 @@ def open_source(
         if curve_path is not None:
             text = "A bundle has its curve. Leave --curve out."
             raise SettingError(text, code="curve-given-twice")
-        source = _of_bundle(path, slice_path, of_extraction, of_planning)
+        source = source_of_bundle(path, slice_path, of_extraction, of_planning)
     else:
         if slice_path is not None:
             text = f"{path} is a slice itself. Leave --slice out; it belongs to a bundle."
@@ -582,8 +582,8 @@ def open_source(
         extraction, planning = ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
         stack = read_stack(path)
         if extraction.frame is not None or curve_path is not None or len(stack) < 2:
-            source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
-                               planning)  # fmt: skip
+            first = stack[0].path if path.is_dir() else path
+            source = source_of_slice(first, curve_path, extraction, planning)
             numbers = [k for k, one in enumerate(stack) if one.frame == extraction.frame]
             if len(stack) > 1 and len(numbers) == 1:
                 source = replace(source.in_stack(stack, numbers[0]), stack=(), position=0)
@@ -593,7 +593,7 @@ def open_source(
             numbers = [k for k, one in enumerate(stack) if one.series == longest]
             middle = numbers[len(numbers) // 2]
             chosen = replace(extraction, frame=stack[middle].frame)
-            source = _of_slice(stack[middle].path, None, chosen, planning)
+            source = source_of_slice(stack[middle].path, None, chosen, planning)
             source = source.in_stack(stack, middle)
     if markers is None:
         if source.as_opened is not None:
@@ -704,9 +704,10 @@ def is_bundle(path: Path) -> bool:
         return False
 
 
-def _of_slice(
+def source_of_slice(
     path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
+    """What a review of a slice begins with."""
     image = read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
@@ -728,9 +729,10 @@ def _of_slice(
     )  # fmt: skip
 
 
-def _of_bundle(
+def source_of_bundle(
     path: Path, slice_path: Path | None, of_extraction: dict[str, Any], of_planning: dict[str, Any]
 ) -> Source:
+    """What a review of a bundle begins with."""
     from vfplan.bundle.read import read_sealed
     from vfplan.bundle.seal import naming_bundle
 
@@ -751,7 +753,7 @@ def _of_bundle(
     slice_image = None
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
-        slice_image = _slice_of(fixture, slice_path, path, extraction)
+        slice_image = slice_of_bundle(fixture, slice_path, path, extraction)
         sha256["slice"] = slice_image.sha256
     record = fixture.registration
     is_planar = record is not None and record.source_frame == "image"
@@ -810,7 +812,7 @@ def geometry_of_bundle(
     return Geometry(strokes, ink, of_curve, max_gap_px=extraction.max_gap_px)
 
 
-def _slice_of(
+def slice_of_bundle(
     fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
@@ -828,7 +830,7 @@ def _slice_of(
     return image
 
 
-def _side(direction: np.ndarray) -> str:
+def side_of_patient(direction: np.ndarray) -> str:
     """The letter of the patient's side to which a direction of LPS leads most."""
     # Each pair of letters stands for the negative and the positive direction of an axis.
     axis = int(np.abs(direction).argmax())

@@ -186,15 +186,15 @@ def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[
     outlines: list[Outline] = []
     try:
         if fixture.region is not None:
-            outlines.append(_of_wall(fixture.region, plane, size))
+            outlines.append(wall_outline(fixture.region, plane, size))
         if fixture.guidance is not None:
-            outlines += _of_guide(fixture, plane)
+            outlines += guide_outlines(fixture, plane)
     except VfplanError:
         return ()
     return tuple(outlines)
 
 
-def _of_wall(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
+def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
     """Where the tool's centre is as far from the region as the engine lets it come."""
     from skimage.measure import find_contours
 
@@ -218,7 +218,7 @@ def _of_wall(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
     return Outline("wall", tuple(contour[:, ::-1] * step for contour in contours))
 
 
-def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
+def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
     """Where the guide brings a tip back that lies just outside of its tube."""
     with warnings.catch_warnings():
         # The bend that it warns of is a finding of the plan.
@@ -245,13 +245,13 @@ def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
             around = [np.repeat(places[[k]], END_DIRECTIONS, axis=0) for k in (-1, 0)]
             paths = [(np.vstack([places, around[0], places[::-1], around[1], places[:1]]),
                       np.vstack([side, end, -side[::-1], start, side[:1]]))]  # fmt: skip
-        pull = _pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
+        pull = pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
         tips = [at + (1 + BEYOND_TUBE) * guide.radius * away for at, away in paths]
-        lines = tuple(onto_picture(line) for path in tips for line in _held(guide, path))
+        lines = tuple(onto_picture(line) for path in tips for line in held_lines(guide, path))
         yield Outline("guide", lines, pull)
 
 
-def _held(guide: Guide, tips: Array) -> Iterator[Array]:
+def held_lines(guide: Guide, tips: Array) -> Iterator[Array]:
     """To where the guide brings each tip, in lines without the tips that it leaves free."""
     answers = []
     for tip in tips:
@@ -264,7 +264,7 @@ def _held(guide: Guide, tips: Array) -> Iterator[Array]:
             yield proxies[run]
 
 
-def _pull_of(
+def pull_of(
     guide: Guide, place: Array, onto_picture: Callable[[Array], Array]
 ) -> tuple[Array, Array] | None:
     """A place of a picture and the direction in which the guide pulls a tip that rests there."""
@@ -294,10 +294,10 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
 
 def rendered_in_json(fixture: Fixture) -> dict[str, Any]:
     """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
-    return {name: _plain(value) for name, value in rendered_values(fixture).items()}
+    return {name: in_json(value) for name, value in rendered_values(fixture).items()}
 
 
-def _plain(value: Any) -> Any:
+def in_json(value: Any) -> Any:
     """A value as JSON holds it."""
     if not isinstance(value, np.ndarray):
         return value
@@ -312,15 +312,15 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     if fixture.rendering is None:
         return ()
     rendering = fixture.rendering
-    rows = [_wall_in_words(fixture, rendering), _guide_in_words(fixture)]
+    rows = [wall_in_words(fixture, rendering), guide_in_words(fixture)]
     axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
         numbers = ", ".join(f"{number:.4f}" for number in axis)
         name = axis_in_words(axis)
         name = f"{name} " if name in "xyz" else ""
         infinite = f"along {name}({numbers}), where it gives no force"
-    rows += [("Infinite", infinite), ("Rule", _rule_in_words(fixture, rendering)),
-             ("Robot", _robot_in_words(fixture)), ("Place", _place_in_words(fixture))]  # fmt: skip
+    rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
+             ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration
     if record is not None:
         markers = [f"{label} {' '.join(f'{MM * x:.1f}' for x in place)}"
@@ -329,7 +329,8 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     return tuple(row for row in rows if row is not None)
 
 
-def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
+def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
+    """How far and how stiffly the robot keeps the tool off."""
     drawn = "line" if fixture.curve is not None else "points"
     what = drawn if fixture.mesh is None else "surface"
     if fixture.guidance is not None:
@@ -344,7 +345,8 @@ def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
     return "Wall", f"{words}; {stiffness}"
 
 
-def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
+def guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
+    """How the robot holds the tip; `None` where it does not."""
     guidance = fixture.guidance
     if guidance is None:
         return None
@@ -362,7 +364,7 @@ def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
     return "Guide", words
 
 
-def _rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
+def rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
     """Which rule moves the proxy over what, and how exactly."""
     count = f"{len(fixture.points)} points"
     if fixture.pieces is not None and rendering.ignore_axis is not None:
@@ -381,7 +383,8 @@ def _rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
     return f"{rule}, {count}; band {1e6 * rendering.band:.4g} µm; {most}"
 
 
-def _robot_in_words(fixture: Fixture) -> str:
+def robot_in_words(fixture: Fixture) -> str:
+    """Whether the stiffness is stable, and with which robot."""
     verdict = fixture.stability
     if verdict is None:
         return "none: the stiffness was checked with no robot"
@@ -392,7 +395,7 @@ def _robot_in_words(fixture: Fixture) -> str:
     )
 
 
-def _place_in_words(fixture: Fixture) -> str:
+def place_in_words(fixture: Fixture) -> str:
     """The frame, and the box around what is rendered."""
     places = fixture.points
     if fixture.pieces is not None and fixture.ignore_axis is not None:

@@ -107,7 +107,7 @@ class Session:
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
-        places = _complex(steps_of_a_plan.points_in_view(self.current, step))
+        places = as_complex(steps_of_a_plan.points_in_view(self.current, step))
         return self.with_seen(who, places)
 
     def with_seen(self, who: Any, places: np.ndarray) -> Session:
@@ -173,7 +173,7 @@ class Session:
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [_title(step) for step in self.steps]
+        titles = [title_of(step) for step in self.steps]
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {
@@ -188,9 +188,9 @@ class Session:
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
-            "edited": [_first_and_last(stroke.edited) for stroke in strokes],
-            "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
-            "unseen": [_first_and_last(flags) for flags in self.unseen(by)],
+            "edited": [first_and_last(stroke.edited) for stroke in strokes],
+            "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
+            "unseen": [first_and_last(flags) for flags in self.unseen(by)],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
@@ -252,7 +252,7 @@ class Session:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""
         seen = np.r_[self.seen.get(by, NOTHING), self.seen.get("", NOTHING)]
         strokes = self.current.geometry.strokes
-        return [~np.isin(_complex(stroke.points), seen) for stroke in strokes]
+        return [~np.isin(as_complex(stroke.points), seen) for stroke in strokes]
 
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
@@ -293,17 +293,17 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
     }
 
 
-def _complex(points: np.ndarray) -> np.ndarray:
+def as_complex(points: np.ndarray) -> np.ndarray:
     """(M,) u + iv of points (M, 2)."""
     return points[:, 0] + 1j * points[:, 1]
 
 
-def _first_and_last(flags: np.ndarray) -> list[list[int]]:
+def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
 
 
-def _title(step: dict[str, Any]) -> str:
+def title_of(step: dict[str, Any]) -> str:
     """A step in the list of steps."""
     words = step["do"].replace("_", " ")
     for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):

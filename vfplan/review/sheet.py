@@ -102,17 +102,18 @@ def facts_of(plan: Plan) -> list[tuple[str, str]]:
     elif "margin" in recipe:
         margin = "the 95 % bound"
     facts = [
-        ("Line" if plan.strokes else "Geometry", _geometry_in_words(plan)),
+        ("Line" if plan.strokes else "Geometry", geometry_in_words(plan)),
         ("Slice", slice_in_words),
         ("Pixel", pixel),
-        ("Markers", _markers_in_words(plan.fixture)),
-        ("Place of the line", _error_in_words(plan)),
+        ("Markers", markers_in_words(plan.fixture)),
+        ("Place of the line", error_in_words(plan)),
         ("Margin", margin),
     ]
     return [(heading, words) for heading, words in facts if words]
 
 
-def _geometry_in_words(plan: Plan) -> str:
+def geometry_in_words(plan: Plan) -> str:
+    """The length of each line and the width of its pen, or how many points there are."""
     parts = []
     for stroke in plan.strokes:
         if not stroke.is_ordered:
@@ -132,7 +133,8 @@ def _geometry_in_words(plan: Plan) -> str:
     return ". ".join(parts)
 
 
-def _markers_in_words(fixture: Fixture) -> str:
+def markers_in_words(fixture: Fixture) -> str:
+    """How many markers there are, and how well they fit; empty without any."""
     registration = fixture.registration
     if registration is None:
         return ""
@@ -146,7 +148,8 @@ def _markers_in_words(fixture: Fixture) -> str:
     )
 
 
-def _error_in_words(plan: Plan) -> str:
+def error_in_words(plan: Plan) -> str:
+    """How far the line may lie off its place."""
     fixture = plan.fixture
     if fixture.frame == "image":
         return "not registered yet"
@@ -167,7 +170,7 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
 
     Where there is room, a number stands beside its heading.
     """
-    of_ends = [] if plan.image is None else _facts_of_ends(plan)
+    of_ends = [] if plan.image is None else facts_of_ends(plan)
     for heading, words in (*of_ends, *facts_of(plan)):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
@@ -180,7 +183,7 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
     return y
 
 
-def _facts_of_ends(plan: Plan) -> list[tuple[str, str]]:
+def facts_of_ends(plan: Plan) -> list[tuple[str, str]]:
     """What to look for at an end, and at which end a cover would not show."""
     facts = []
     for number, stroke in enumerate(plan.strokes, 1):
@@ -432,7 +435,7 @@ def draw_inset(
     if inset.bridge is not None:
         paper.draw_line(enlarged, inset.within(inset.bridge), paper.BRIDGE_COLOUR, 2)
     if inset.has_band:
-        _draw_band(enlarged, inset, plan)
+        draw_band(enlarged, inset, plan)
     sheet.picture(
         x, y, enlarged, kind="inset", words=inset.caption, window=inset.window, zoom=inset.zoom
     )
@@ -455,7 +458,7 @@ def spread_greys(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
+def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
     """Draw line, 95 % band and what the robot renders at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
@@ -479,12 +482,12 @@ class Sheet:
 
     def png(self) -> bytes:
         """The sheet as a PNG file that prints at its own size, 200 dots an inch."""
-        return _png(self.pixels)
+        return png_of(self.pixels)
 
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
         count = len(self.pixels) // paper.PAGE_HEIGHT
-        return [_png(page) for page in np.split(self.pixels, count)]
+        return [png_of(page) for page in np.split(self.pixels, count)]
 
 
 def write_sheet(plan: Plan, path: Path) -> None:
@@ -534,7 +537,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     return Sheet(sheet.image(), tuple(sheet.boxes))
 
 
-def _png(pixels: NDArray[np.uint8]) -> bytes:
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
     """A PNG file with its size in print."""
     from PIL import Image
 

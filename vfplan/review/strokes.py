@@ -374,10 +374,10 @@ class MendedStroke(Stroke):
         arc = arc_lengths(points, False)
         share = np.ones(len(points))
         if middle > 0:
-            share[: middle + 1] = _eased(arc[: middle + 1] / arc[middle])
+            share[: middle + 1] = eased(arc[: middle + 1] / arc[middle])
         if middle < len(points) - 1:
             behind = arc[middle:] - arc[middle]
-            share[middle:] = _eased(1.0 - behind / behind[-1])
+            share[middle:] = eased(1.0 - behind / behind[-1])
         drawn = points + share[:, None] * (to - self.points[moved])
         return self._with_stretch(before, after, drawn, ink, knot_at=drawn[middle])
 
@@ -515,7 +515,7 @@ class MendedStroke(Stroke):
         second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         last, count = len(first.points) - 1, len(first.points)
-        whole = _concatenated([first, second], False, np.r_[first.knots, count + second.knots])
+        whole = concatenated([first, second], False, np.r_[first.knots, count + second.knots])
         # A smooth stretch over the gap, from a little before it to a little behind it.
         around = whole.points[[last - reach, last, count, count + reach]]
         return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
@@ -623,10 +623,10 @@ class MendedStroke(Stroke):
         knots = np.unique(np.r_[before, border, first + inner, behind]).astype(np.int64)
         head = self._selected(np.arange(first), before)
         tail = self._selected(np.arange(last + 1, count), behind)
-        return _concatenated([head, stretch, tail], self.closed, knots)
+        return concatenated([head, stretch, tail], self.closed, knots)
 
 
-def _concatenated(parts: list[MendedStroke], closed: bool, knots: NDArray) -> MendedStroke:
+def concatenated(parts: list[MendedStroke], closed: bool, knots: NDArray) -> MendedStroke:
     """Strokes as one, one behind the other, with these knots."""
     values = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_POINT}
     return replace(parts[0], **values, closed=closed, knots=knots)
@@ -643,6 +643,6 @@ def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None)
     return np.unique(np.clip(index, 0, len(points) - 1)).astype(np.int64)
 
 
-def _eased(share: NDArray) -> NDArray[np.float64]:
+def eased(share: NDArray) -> NDArray[np.float64]:
     """From 0 to 1 with no slope and no bend at either end (the quintic smooth step)."""
     return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
