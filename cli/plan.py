@@ -114,10 +114,10 @@ def vfplan_plan(
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
         write_fixture(planned.fixture, path)
         if sheet is not None:
-            from vfplan.review.rendered import Shown
+            from vfplan.review.plan import Plan
             from vfplan.review.sheet import write_sheet
 
-            shown = Shown(planned.fixture, output.name, planned.extracted.image)
+            shown = Plan.of(planned.fixture, output.name, planned.extracted.image)
             write_sheet(shown, sheet)
             data |= {"sheet": str(sheet_path), "digest": shown.digest}
         write_pictures(planned.extracted, mask, overlay)

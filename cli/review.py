@@ -1,4 +1,4 @@
-"""`vfplan review`: a slice, a curve or a fixture on a page to mend and approve, or as a sheet."""
+"""`vfplan review`: a plan on a page to mend and approve, or as a sheet; `vfplan view`: in space."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ from vfplan.cli.next_commands import (
 )
 from vfplan.cli.options import (
     FILE,
+    FIXTURE,
     HDF5,
+    OVERWRITE,
     PNG,
     OutputFile,
     WholeNumber,
@@ -72,7 +74,7 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
     option("--no-browser", is_flag=True, help="Print the address, and open no browser."),
     option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
            help="Port of the page on 127.0.0.1; 0 takes any free one."),
-    options.OVERWRITE,
+    OVERWRITE,
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,
 )  # fmt: skip
@@ -265,7 +267,7 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import Plan
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
     if arguments["slice_path"] is not None:
@@ -275,12 +277,12 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
     settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
         extracted = extract(source, settings, curve=curve)
-        return Shown(extracted.fixture, source.name, extracted.image)
+        return Plan.of(extracted.fixture, source.name, extracted.image)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
         settings=options.fixture_settings(arguments),
     )  # fmt: skip
-    return Shown(planned.fixture, source.name, planned.extracted.image)
+    return Plan.of(planned.fixture, source.name, planned.extracted.image)
 
 
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
@@ -290,8 +292,11 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
-    from vfplan.review.plan import refuse_extraction_of_extracted, refuse_planning_of_planned
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import (
+        Plan,
+        refuse_extraction_of_extracted,
+        refuse_planning_of_planned,
+    )
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]
@@ -306,7 +311,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)
-        return Shown(fixture, source.name, image)
+        return Plan.of(fixture, source.name, image)
     if fixture.frame == "robot_base":
         raise click.UsageError(
             "MARKERS have no effect on a fixture, which is registered already. Leave them out"
@@ -314,4 +319,52 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     settings = planning_of(fixture, given)
     planned = register(fixture, markers, arguments["markers2"], settings, image=image)
     verdict = with_verdict_by(fixture.provenance.settings, planned.fixture)
-    return Shown(verdict, source.name, image)
+    return Plan.of(verdict, source.name, image)
+
+
+@command("view")
+@FIXTURE
+@click.argument("result", type=FILE, required=False, metavar="[RESULT.h5]")
+@options_in_order(
+    option("--screenshot", type=PNG, metavar="PNG",
+           help="Write one view to this picture. It needs no screen."),
+    option("--slice", "slice_path", type=FILE, metavar="IMAGE",
+           help="Show this slice, on which the curve was drawn (checked by its SHA-256).  "
+                "[default: its border only]"),
+    OVERWRITE,
+)  # fmt: skip
+def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
+    """Show FIXTURE.h5 in three dimensions.
+
+    With RESULT.h5 (from `vfplan replay -o`) it also shows HIP, proxy, contact sphere and force. The
+    window has a time slider. --screenshot needs an OpenGL library (Debian: libosmesa6).
+    """
+    from vfplan.bundle.read import read_sealed
+    from vfplan.images.read import read_slice_of
+    from vfplan.review.rendered import check_slice
+    from vfplan.session.result import read_result
+
+    planned, seal = read_sealed(fixture)
+    ticks = None
+    if result is not None:
+        ticks, _ = read_result(result, seal["sha256"])
+    image = None if slice_path is None else read_slice_of(planned, slice_path)
+    if image is not None:
+        check_slice(planned, image)
+
+    from vfplan import view3d
+
+    with announce_if_slow("trying how pictures can be drawn here"):
+        view3d.ready_pyvista(screen=screenshot is None)
+    data: dict[str, Any] = {"points": len(planned.points), "files": []}
+    if ticks is not None:
+        data["ticks"] = len(ticks)
+    next_step = command_of("replay", fixture, "SESSION")
+    if screenshot is None:
+        view3d.show(planned, ticks, image)
+        return CommandResult(data, verdict="seen and closed", next_step=next_step)
+    with outputs(screenshot) as (picture,):
+        view3d.draw_view(planned, picture, ticks=ticks, image=image)
+    data["files"] = [str(screenshot)]
+    look = f"look at {screenshot}"
+    return CommandResult(data, f"wrote {screenshot}", verdict="drawn", next_step=look)

@@ -17,7 +17,7 @@ import numpy as np
 import vfplan
 from vfplan.camera.overlay import Overlay
 from vfplan.camera.sheet import draw_print, plan_of, printed_tags
-from vfplan.review.rendered import Shown
+from vfplan.review.plan import Plan
 from vfplan.session.bags import TICK
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,7 +40,7 @@ def main() -> None:
         half = Path(folder) / "half.csv"
         np.savetxt(half, places, "%s", ",")
         planned = vfplan.plan(slice_file, image, half)
-    shown = Shown(planned.fixture, "elbow.h5", planned.extracted.image)
+    shown = Plan.of(planned.fixture, "elbow.h5", planned.extracted.image)
     page = camera_scene.page(draw_print(shown, "a4"))
     plan = plan_of(planned.fixture)
     overlay = Overlay(plan, printed_tags(plan), camera_scene.CAMERA)

@@ -107,8 +107,6 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
 
     Returns the numbers of each experiment.
     """
-    from vfplan import view3d
-    from vfplan import view3d as opengl
     from vfplan.figures.replay import scene, slice_depth, timeline
     from vfplan.figures.style import save_png
     from vfplan.images.read import read_image
@@ -122,13 +120,7 @@ def draw(folder: Path) -> dict[str, dict[str, float]]:
         replayed = replay(fixture, session)
         metrics = replayed.metrics
         save_png(timeline(replayed), folder / f"{name}-force.png")
-        scene_file = folder / f"{name}-scene.png"
-        if fixture.ignore_axis is None and opengl.offscreen_window() is not None:
-            view3d.draw_view(
-                fixture, scene_file, ticks=replayed.ticks, mark_hz=10.0, size=(1000, 750)
-            )
-        else:
-            save_png(scene(replayed), scene_file)
+        save_png(scene(replayed), folder / f"{name}-scene.png")
         # Adding 0 turns a rounded -0.0 into 0.0.
         clearance_min_um = round(1e6 * metrics["clearance_min_m"], 2) + 0.0
         numbers[name] = {

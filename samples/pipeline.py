@@ -30,7 +30,7 @@ def draw(folder: Path) -> dict[str, Any]:
     from vfplan.planning.plan import plan
     from vfplan.planning.settings import ExtractSettings
     from vfplan.replaying.replay import replay
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import Plan
     from vfplan.review.sheet import write_sheet
     from vfplan.session.read import read_session
     from vfplan.session.result import write_result
@@ -44,7 +44,7 @@ def draw(folder: Path) -> dict[str, Any]:
     )
     fixture = result.fixture
     write_fixture(fixture, folder / "fixture.h5")
-    shown = Shown(fixture, "fixture.h5", result.extracted.image)
+    shown = Plan.of(fixture, "fixture.h5", result.extracted.image)
     write_sheet(shown, folder / "fixture-sheet.png")
 
     replayed = replay(fixture, read_session(str(sample / "elbow_session.csv")))

@@ -21,7 +21,6 @@ from conftest import ROOT
 from layouts import solid
 from refusals import refuses
 from replays import probing
-from review_slices import clear
 from rosbags import rosbag2
 from rosbags.typesys import Stores, get_typestore
 from vfplan.cli.extract import write_pictures
@@ -62,7 +61,6 @@ from vfplan.session.read import _NpzMember
 from vfplan.session.result import ResultWriter, read_result
 from vfplan.surface import mesh, outline, sources, volumes
 from vfplan.surface.build import read_contours
-from vfplan.view3d import Stage
 
 SMALL, SOLID = bundles.small(), bundles.patient()
 
@@ -108,10 +106,6 @@ def taken_up(draft):
     """A draft with a step that there is not."""
     draft.keep(as_is(steps=[{"do": "fly"}], undone=[]))
     return draft.take_up(as_is(apply=named))
-
-
-def on_clear_slice(folder, step):
-    return Session.open(clear(folder / "s.png")[0]).apply(step)
 
 
 def two_slices(folder):
@@ -187,7 +181,6 @@ CALLS = {
     "exchange-guides": lambda d: load_exchange(Event(0, bundles.guided()), "robust", None),
     "nothing-to-burr": lambda d: burr(bundles.guided(), probing(), 1e-3),
     "address-unusable": lambda d: stream_udp("udp://192.0.2.1:5005"),
-    "time-without-result": lambda d: Stage.tick_at(as_is(_ticks=None), 1.0),
     "no-hue": lambda d: thin_hue_mask(np.zeros((5, 5, 3), np.uint8)),
     # Settings of a plan.
     "gate-range": lambda d: FixtureSettings(max_tre_m=-1.0),
@@ -271,15 +264,6 @@ PATCHED = {
     "peer-not-built": (
         "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
     "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
-    "too-many-boxes": (
-        "vfplan.review.steps.MAX_EXCLUDED", 0,
-        lambda d: on_clear_slice(d, {"do": "exclude", "box": [0, 0, 5, 5]})),
-    "too-many-markers": (
-        "vfplan.review.steps.MAX_MARKERS", 0,
-        lambda d: on_clear_slice(d, {"do": "add_marker", "label": "x1"})),
-    "too-many-steps": (
-        "vfplan.review.session.MAX_STEPS", 0,
-        lambda d: on_clear_slice(d, {"do": "reverse", "stroke": 0})),
 }
 # fmt: on
 

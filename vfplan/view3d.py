@@ -19,14 +19,13 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vfplan.display import MAX_DRAWN, nice_length
-from vfplan.errors import MissingExtra, SettingError
+from vfplan.errors import MissingExtra
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import ring_of
-from vfplan.images.read import PlannedImage, as_uint8
+from vfplan.images.read import PlannedImage, as_uint8, plane_of_slice
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.replay import contact_marks
 from vfplan.session.result import TickBlock
 
 # What VTK may render into without a screen, and the Debian package that each of them needs.
@@ -106,41 +105,28 @@ def ready_pyvista(*, screen: bool) -> Any:
 
 Array = NDArray[np.float64]
 
+# Width and height of a view.
+SIZE_PX = (1200, 900)
+
 # Grey of the slice's border, and of the slice in the legend.
 SLICE = "#8a8a8a"
 
 
 def draw_view(
-    fixture: Fixture,
-    path: Path,
-    *,
-    ticks: TickBlock | None = None,
-    at_s: float | None = None,
-    mark_hz: float | None = None,
-    image: PlannedImage | None = None,
-    size: tuple[int, int] = (1200, 900),
+    fixture: Fixture, path: Path, ticks: TickBlock | None = None, image: PlannedImage | None = None
 ) -> None:
-    """Write one view as a PNG, without a screen.
+    """Write one view as a PNG, without a screen; of a replay, its deepest tick.
 
     fixture: its cloud
     ticks: a replay's ticks; `None`: the cloud alone
-    at_s: the time shown [s]; `None`: the deepest tick
-    mark_hz: instead of one tick, contact circles and normals so often a second (the paper's Fig.
-        4b).
     image: the slice that the curve was drawn on; `None`: its border alone
-    size: (width, height) [px]
     Raises MissingExtra: nothing here can render; the message names the package that helps
-    Raises SettingError: a time outside the replay
     """
-    stage = Stage(fixture, ticks, size, image)
-    if mark_hz is not None and ticks is not None:
-        stage.show_marks(contact_marks(ticks, mark_hz))
-    else:
-        stage.show_tick(stage.tick_at(at_s))
-    image = Image.fromarray(stage.plotter.screenshot(return_img=True))
+    stage = Stage(fixture, ticks, image)
+    picture = Image.fromarray(stage.plotter.screenshot(return_img=True))
     stage.plotter.close()
     data = io.BytesIO()
-    image.save(data, format="PNG")
+    picture.save(data, format="PNG")
     write_whole(path, [data.getvalue()], overwrite=True)
 
 
@@ -151,13 +137,12 @@ def show(
 
     Raises `MissingExtra` where there is no screen or no OpenGL.
     """
-    stage = Stage(fixture, ticks, (1200, 900), image, screen=True)
-    stage.show_tick(stage.tick_at(None))
+    stage = Stage(fixture, ticks, image, screen=True)
     if ticks is not None:
         stage.plotter.add_slider_widget(
-            lambda time: stage.show_tick(stage.tick_at(time)),
+            lambda time: stage.show_tick(int(np.searchsorted(ticks.time, time, "right")) - 1),
             (float(ticks.time[0]), float(ticks.time[-1])),
-            value=float(ticks.time[stage.tick_at(None)]),
+            value=float(ticks.time[ticks.penetration.argmax()]),
             title="time [s]",
         )
     stage.plotter.show(interactive_update=True)
@@ -182,19 +167,21 @@ def handle_events(plotter: Any) -> None:
 class Stage:
     """The slice, the cloud and paths with a scale and a legend, and the parts that move with time.
 
-    fixture, ticks, size, image: as for `draw_view`
+    It begins with the deepest tick.
+
+    fixture, ticks, image: as for `draw_view`
     screen: whether to open a window; without one the plotter's screenshot shows the view
     Raises MissingExtra: nothing here can render
     """
 
     def __init__(
-        self, fixture: Fixture, ticks: TickBlock | None, size: tuple[int, int],
-        image: PlannedImage | None = None, screen: bool = False,
+        self, fixture: Fixture, ticks: TickBlock | None, image: PlannedImage | None,
+        screen: bool = False,
     ) -> None:  # fmt: skip
         self._pv = pyvista = ready_pyvista(screen=screen)
         self._fixture, self._ticks = fixture, ticks
         self._legend = []
-        self.plotter = pyvista.Plotter(off_screen=not screen, window_size=size)
+        self.plotter = pyvista.Plotter(off_screen=not screen, window_size=SIZE_PX)
         self.plotter.set_background("white")
         self._add_cloud()
         if ticks is not None:
@@ -205,9 +192,24 @@ class Stage:
             self._legend += [("tool (HIP)", HIP), ("proxy", PROXY)]
             self._legend += [("contact sphere", CONTACT), ("force", FORCE)]
         self.plotter.add_axes()
-        add_scale(pyvista, self.plotter, fixture.points)
-        hip = ticks.hip if ticks is not None else None
-        place_camera(self.plotter, fixture.points, hip)
+        # A bar of a round length along the longest side of the cloud, beside it at its top.
+        sides = np.ptp(fixture.points, axis=0)
+        across, along = np.argsort(sides)[1:]
+        start = fixture.points.max(axis=0)
+        start[along] = fixture.points[:, along].min()
+        start[across] = fixture.points[:, across].min() - 0.08 * sides[along]
+        length = nice_length(max(float(sides[along]), 1e-3) / 4)
+        stop = start + length * np.eye(3)[along]
+        bar = pyvista.Line(start, stop)
+        # A white edge shows the bar on a dark slice.
+        self.plotter.add_mesh(bar, color="white", line_width=10)
+        self.plotter.add_mesh(bar, color="black", line_width=6)
+        self.plotter.add_point_labels(
+            [stop], [f"{1e3 * length:g} mm"], font_size=18, shape_color="white", shape_opacity=0.8,
+            show_points=False, always_visible=True, text_color="black",
+        )  # fmt: skip
+        self.plotter.camera_position = "iso"
+        self.plotter.camera.zoom(1.2)
         # The slice is far larger than the curve: the camera shows the curve, and what of the slice
         # lies around it.
         self._add_slice(image)
@@ -215,6 +217,8 @@ class Stage:
         self.plotter.add_legend(
             self._legend, bcolor="white", face="circle", loc="upper right", size=(0.26, height)
         )
+        if ticks is not None:
+            self.show_tick(int(ticks.penetration.argmax()))
 
     def _add_cloud(self) -> None:
         fixture = self._fixture
@@ -250,43 +254,26 @@ class Stage:
         A bundle that was not drawn on a slice, or does not say where the slice lies, shows none.
         """
         size = image or self._fixture.image
-        T_frame_image = place_of_slice(self._fixture, image)
-        if size is None or T_frame_image is None:
+        plane = plane_of_slice(self._fixture, image)
+        if size is None or plane is None:
             return
         right, bottom = size.width_px - 0.5, size.height_px - 0.5
         pixels = [[-0.5, -0.5, 1], [right, -0.5, 1], [right, bottom, 1], [-0.5, bottom, 1]]
-        corners = np.array(pixels) @ T_frame_image[:3].T
+        corners = np.array(pixels) @ plane.T
         if image is None:
             border = self._pv.lines_from_points(np.vstack([corners, corners[:1]]))
             self.plotter.add_mesh(border, color=SLICE, line_width=2)
         else:
-            plane = self._pv.PolyData(corners, faces=[4, 0, 1, 2, 3])
+            square = self._pv.PolyData(corners, faces=[4, 0, 1, 2, 3])
             # A texture's v counts upwards from the last row.
             places = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
-            plane.active_texture_coordinates = places
+            square.active_texture_coordinates = places
             texture = self._pv.Texture(np.ascontiguousarray(as_uint8(image.rgb)))
-            self.plotter.add_mesh(plane, texture=texture, lighting=False, opacity=0.8)
+            self.plotter.add_mesh(square, texture=texture, lighting=False, opacity=0.8)
         self._legend.append(("slice", SLICE))
-
-    def tick_at(self, time: float | None) -> int:
-        """The tick at a time, or the deepest one."""
-        if self._ticks is None:
-            if time is not None:
-                message = "a time needs a result to show. Give one, or leave the time out"
-                raise SettingError(message, code="time-without-result")
-            return 0
-        if time is None:
-            return int(np.argmax(self._ticks.penetration))
-        first, last = self._ticks.time[0], self._ticks.time[-1]
-        if not first <= time <= last:
-            message = f"time is {time:g} s. Give {first:g} to {last:g} s"
-            raise SettingError(message, code="time-outside-result", numbers={"time_s": time})
-        return int(np.searchsorted(self._ticks.time, time, "right")) - 1
 
     def show_tick(self, tick: int) -> None:
         """Put HIP, proxy, contact sphere, normal and force where they were."""
-        if self._ticks is None:
-            return
         ticks, radius = self._ticks, self._fixture.contact_radius
         hip, proxy = ticks.hip[tick], ticks.proxy[tick]
         pv, add = self._pv, self.plotter.add_mesh
@@ -301,21 +288,6 @@ class Stage:
         text = f"t = {ticks.time[tick]:.3f} s   force {force:.3f} N   depth {depth:.3f} mm"
         self.plotter.add_text(text, font_size=10, color="black", name="readout")
 
-    def show_marks(self, marks: NDArray[np.intp]) -> None:
-        """Contact circles, in the plane of normal and motion, and normals at some ticks."""
-        ticks, radius = self._ticks, self._fixture.contact_radius
-        for k in marks:
-            normal, proxy = ticks.normal[k], ticks.proxy[k]
-            if not normal.any():
-                continue
-            motion = ticks.proxy[min(k + 50, len(ticks) - 1)] - proxy
-            if np.abs(motion).max() <= 1e-6:
-                motion = np.eye(3)[0]
-            axis = np.cross(normal, motion)
-            ring = self._pv.Polygon(center=proxy, radius=radius, normal=axis, n_sides=48)
-            self.plotter.add_mesh(ring.extract_feature_edges(), color=CONTACT, line_width=2.5)
-            self._arrow(f"normal {k}", proxy, 1.4 * radius * normal, PROXY)
-
     def _arrow(self, name: str, start: Array, vector: Array, colour: str) -> None:
         length = float(np.sqrt((vector**2).sum()))
         if length < 1e-9:
@@ -325,58 +297,3 @@ class Stage:
             start=start, direction=vector, scale=length, shaft_radius=0.025, tip_radius=0.07
         )
         self.plotter.add_mesh(arrow, color=colour, name=name)
-
-
-def place_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | None:
-    """(3 or 4, 3) from [u v 1] to the fixture's frame; `None` where nobody knows."""
-    record = fixture.registration
-    if record is not None and record.source_frame == "image":
-        return record.T_robot_image
-    if image is None or image.T_patient_image is None:
-        return None
-    if fixture.frame == "patient_lps":
-        return image.T_patient_image
-    if record is not None and record.source_frame == "patient_lps":
-        return record.T_robot_image @ image.T_patient_image
-    return None
-
-
-def add_scale(pyvista: Any, plotter: Any, points: Array) -> None:
-    """A bar of a round length along the longest side of the cloud (N, 3), with that length."""
-    sides = np.ptp(points, axis=0)
-    across, along = np.argsort(sides)[1:]
-    # Beside the cloud, at the height of its top.
-    start = points.max(axis=0)
-    start[along] = points[:, along].min()
-    start[across] = points[:, across].min() - 0.08 * sides[along]
-    length = nice_length(max(float(sides[along]), 1e-3) / 4)
-    stop = start.copy()
-    stop[along] += length
-    bar = pyvista.Line(start, stop)
-    # A white edge shows the bar on a dark slice.
-    plotter.add_mesh(bar, color="white", line_width=10)
-    plotter.add_mesh(bar, color="black", line_width=6)
-    look = {"font_size": 18, "text_color": "black", "shape_color": "white", "shape_opacity": 0.8}
-    look |= {"show_points": False, "always_visible": True}
-    plotter.add_point_labels([stop], [f"{1e3 * length:g} mm"], **look)
-
-
-def place_camera(plotter: Any, points: Array, hip: Array | None) -> None:
-    """Look obliquely along the direction in which the cloud is thinnest, from the tool's side.
-
-    points: the cloud (N, 3)
-    hip: the tool's path (T, 3); `None`: from either side
-
-    That direction is the eigenvector of the smallest eigenvalue of the points' covariance.
-    """
-    middle = points.mean(axis=0)
-    spread = max(float(np.ptp(points, axis=0).max()), 1e-3)
-    normal = np.linalg.eigh(np.cov((points - middle).T + 1e-12))[1][:, 0]
-    if hip is not None and (hip - middle).mean(axis=0) @ normal < 0:
-        normal = -normal
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    direction = 0.75 * normal + 0.55 * side + 0.35 * np.cross(normal, side)
-    camera = middle + 2.0 * spread * direction
-    plotter.camera_position = [tuple(camera), tuple(middle), tuple(normal)]
-    plotter.reset_camera()
-    plotter.camera.zoom(1.05)

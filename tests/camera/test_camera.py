@@ -37,7 +37,7 @@ from vfplan.camera.sheet import (
 from vfplan.errors import InputError, MarkerError, VfplanError
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
-from vfplan.review.rendered import Shown
+from vfplan.review.plan import Plan
 from vfplan.session.bags import TICK
 from vfplan.session.result import ResultWriter
 
@@ -50,7 +50,7 @@ PLACES = PLAN.place(LINE)
 
 
 def printed(fixture):
-    return scene.page(draw_print(Shown(fixture, "plan.h5"), "a4"))
+    return scene.page(draw_print(Plan.of(fixture, "plan.h5"), "a4"))
 
 
 @pytest.fixture(scope="module")

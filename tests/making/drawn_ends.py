@@ -14,7 +14,7 @@ from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
 from vfplan.fixture import Fixture, Provenance, Stroke
 from vfplan.review.markers import Marker
-from vfplan.review.rendered import Shown
+from vfplan.review.plan import Outcome, Plan
 
 
 @dataclass
@@ -57,7 +57,7 @@ def shown_of(image, *strokes, **values):
     sha256 = "ab" * 32
     provenance = Provenance("2026-01-02T03:04:05Z", "vfplan", {"image": sha256})
     fixture = Fixture("image", points, provenance)
-    shown = Shown(fixture, "slice.png", PlannedImage(image, None, sha256))
+    shown = Plan.of(fixture, "slice.png", PlannedImage(image, None, sha256))
     return with_values(shown, **{"strokes": strokes, "account": (), **values})
 
 
@@ -65,7 +65,8 @@ def with_values(shown, **values):
     """The same with values in place of those that follow from the plan."""
     other = copy(shown)
     if "findings" in values:
-        values["fixture"] = replace(shown.fixture, findings=values.pop("findings"))
+        fixture = replace(shown.fixture, findings=values.pop("findings"))
+        values |= {"fixture": fixture, "outcome": Outcome(fixture, fixture.findings)}
     vars(other).update(values)
     return other
 

@@ -8,8 +8,7 @@ import slices
 from drawing import jpeg, normal_errors
 
 from vfplan.review.geometry import routes_through
-from vfplan.review.ink import SliceInk
-from vfplan.review.strokes import path_through
+from vfplan.review.strokes import SliceInk, path_through
 
 
 def drawn(truth, closed, seed):

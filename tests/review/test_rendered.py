@@ -13,7 +13,8 @@ from scipy.spatial import cKDTree
 import vfplan
 from vfplan.fixture import Guidance, StabilityVerdict
 from vfplan.planning.settings import FixtureSettings
-from vfplan.review.rendered import Shown, described, in_one_line, outlines_of, rendered_in_json
+from vfplan.review.plan import Plan
+from vfplan.review.rendered import described, in_one_line, outlines_of, rendered_in_json
 from vfplan.review.session import Session
 from vfplan.review.sheet import draw_sheet, facts_of, verdict_of
 
@@ -109,12 +110,12 @@ def test_each_rendered_value_shows_on_the_sheet(name, has_slice, made):
     if has_slice and name not in ("curve", "guide"):
         pytest.skip("it was not drawn on a slice")
     fixture, image = made[name], vfplan.read_image(SLICE) if has_slice else None
-    before = Shown(fixture, "f.h5", image=image)
+    before = Plan.of(fixture, "f.h5", image=image)
     changed = {change: make(fixture) for change, make in CHANGES.items()}
     changed = {change: after for change, after in changed.items() if after is not None}
     assert len(changed) >= 10
     for change, after in changed.items():
-        shown = Shown(after, "f.h5", image=image)
+        shown = Plan.of(after, "f.h5", image=image)
         # The picture where the words may stay what they are.
         show = drawn if change == "straight pieces" else words
         assert not np.array_equal(show(shown), show(before)), change

@@ -20,7 +20,6 @@ from review_slices import (
     fork,
     hidden_end,
     miss,
-    photographed,
     shifted,
     two_candidates,
 )
@@ -187,45 +186,6 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
 
 
-@pytest.mark.slow
-def test_a_knot_is_dragged_nudged_and_deleted(browser, opened):
-    _, hand = opened(SLICE)
-    first = hand.state("review.state.curve_px")
-    knot = hand.state("review.state.knots_px[0][12]")
-    hand.drag(knot, (knot[0] + 30, knot[1] + 50))
-    hand.until_steps(1)
-    assert hand.state("review.state.edited[0].length") > 0
-    assert hand.state("document.getElementById('context').hidden") is False
-    browser.key("ArrowUp", modifiers=SHIFT)
-    browser.key("ArrowUp", modifiers=SHIFT)
-    hand.until_steps(2)
-    browser.key("Delete")
-    hand.until_steps(3)
-    for _ in range(3):
-        browser.key("z", modifiers=CTRL)
-    hand.until_steps(0)
-    assert hand.state("review.state.curve_px") == first
-    browser.key("Z", modifiers=CTRL | SHIFT)
-    hand.until_steps(1)
-
-
-@pytest.mark.slow
-def test_ink_is_excluded_by_a_box_and_left_out_by_its_button(browser, opened, tmp_path):
-    path, truth = two_candidates(tmp_path / "slice.png")
-    _, hand = opened(path)
-    browser.key("x")
-    hand.drag((20, 30), (360, 130))
-    browser.until("review.state.curve_px.length === 1")
-    assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.3
-    hand.press("undo")
-    browser.until("review.state.curve_px.length === 0")
-    hand.click(truth[300])
-    browser.until("review.state.curve_px.length === 1 && review.state.account.length === 1")
-    browser.run("document.querySelector('#account button').click()")
-    hand.press("Leave out")
-    browser.until("review.state.account[0].left_out")
-
-
 def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opened, tmp_path):
     """The bound on the screen follows the drag within 150 ms, as the page itself measures."""
     wrong, home = shifted(tmp_path / "wrong.csv", 4)
@@ -320,27 +280,6 @@ def test_presets_set_the_window_of_a_ct(button, window, browser, opened, tmp_pat
     assert browser.run(WINDOW) == pytest.approx(wanted, abs=1)
 
 
-def test_two_fingers_zoom_and_move_the_slice(browser, opened):
-    _, hand = opened(SLICE)
-    middle = hand.at((400, 300))
-
-    def fingers(kind, distance, shift=0.0):
-        x, y = middle[0] + shift, middle[1]
-        points = [{"x": x - distance, "y": y, "id": 1}, {"x": x + distance, "y": y, "id": 2}]
-        browser.do("Input.dispatchTouchEvent", type=kind, touchPoints=points)
-
-    before = hand.state("review.view.zoom")
-    fingers("touchStart", 50)
-    for distance in (60, 80, 100):
-        fingers("touchMove", distance)
-    fingers("touchMove", 100, shift=40)
-    browser.do("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
-    assert hand.state("review.view.zoom") == pytest.approx(2 * before, rel=0.02)
-    # The place between the fingers went with them.
-    assert np.allclose(hand.at((400, 300)), (middle[0] + 40, middle[1]), atol=2.0)
-    assert hand.state("review.state.steps.length") == 0
-
-
 @pytest.mark.slow
 def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
     _, hand = opened(SLICE, "--pixel-spacing", 0.5)
@@ -380,44 +319,6 @@ def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
         browser.key("z", modifiers=CTRL)
     hand.until_steps(0)
     assert hand.state("review.state.markers.length") == 0
-
-
-@pytest.mark.slow
-def test_a_knot_is_inserted_and_the_line_is_cut_and_turned(browser, opened, tmp_path):
-    _, hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
-    assert hand.state("review.state.curve_px.length") == 2
-    for _ in range(4):
-        browser.key("k")
-    count = hand.state("review.state.knots_px[0].length")
-    browser.key("i")
-    browser.until(f"review.state.knots_px[0].length === {count + 1}")
-    knot = hand.state("review.selected.key")
-    place = hand.state(f"review.state.knots_px[0][{knot.split('/')[1]}]")
-    browser.key("[")
-    hand.until_steps(2)
-    assert np.allclose(hand.state("review.state.curve_px[0][0]"), place, atol=0.1)
-    browser.key("k")
-    hand.press("Turn round")
-    hand.until_steps(3)
-    stop = hand.state("review.state.curve_px[0][review.state.curve_px[0].length - 1]")
-    assert np.allclose(stop, place, atol=0.1)
-
-
-def test_a_stroke_can_be_joined_with_every_other_open_one(browser, opened, tmp_path):
-    _, hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
-    browser.run("review.step({do: 'draw', points: [[20, 20], [60, 22], [100, 20]], add: true})")
-    browser.until("review.state.curve_px.length === 3")
-    ring = "[[200, 20], [230, 20], [230, 50], [200, 50]]"
-    browser.run(f"review.step({{do: 'draw', points: {ring}, closed: true, add: true}})")
-    browser.until("review.state.curve_px.length === 4")
-    first, third = hand.state("[0, 2].map((k) => review.state.curve_px[k].length)")
-    browser.key("k")
-    buttons = "[...document.querySelectorAll('#context button')]"
-    joins = [x for x in hand.state(f"{buttons}.map((b) => b.textContent)") if x[:4] == "Join"]
-    assert joins == ["Join with stroke 2", "Join with stroke 3"]
-    hand.press("Join with stroke 3")
-    browser.until("review.state.curve_px.length === 3")
-    assert hand.state("review.state.curve_px[0].length") >= first + third
 
 
 RENEW = "review.receive({state: review.state, version: review.version})"
@@ -568,37 +469,6 @@ def test_reload_second_tab_and_killed_server(browser, opened, run, tmp_path):
     assert (tmp_path / "o.h5.draft.json").exists()
 
 
-@pytest.mark.slow
-def test_in_two_browsers_of_two_tabs_each_looks_alone(browser, opened, tmp_path):
-    program, hand = opened(SLICE)
-    with Page(need_program("chromium", "chromium"), tmp_path / "other") as second:
-        other = Hand(second, program.address)
-        tabs = {page: page.tab() for page in (browser, second)}
-        for page, (first, _) in tabs.items():
-            page.do("Page.navigate", url=program.address)
-            page.until(READY)
-            page.turn_to(first)
-        other.name("B. Planner")
-        hand.name()
-        hand.look_along()
-        second.run("review.step({do: 'reverse', stroke: 0})")
-        browser.until("review.state.steps.length === 1 && review.state.approvable")
-        assert not other.state("review.state.approvable")
-        assert other.state("review.state.unseen.map((runs) => runs.length)") == [1]
-        assert second.run("document.getElementById('approve').disabled")
-        # Whoever comes after another on the same tab has looked at nothing.
-        for name, is_approvable in (("C. Planner", "!"), ("A. Planner", "")):
-            hand.fill("#name", name)
-            browser.until(f"{is_approvable}review.state.approvable && {READY}")
-        hand.approve()
-        for page, both in tabs.items():
-            for tab in both:
-                page.turn_to(tab)
-                page.until("document.getElementById('done').open")
-    assert program.end()[0] == 0
-    assert vfplan.read_fixture(program.output).reviewed.by == "A. Planner"
-
-
 def test_every_control_has_a_name_and_the_page_fits_its_window(browser, opened):
     opened(SLICE, *MARKERS)
     unnamed = browser.run(
@@ -672,22 +542,6 @@ def frames(browser, hand, place):
 
 
 @pytest.mark.slow
-def test_a_photograph_is_made_flat_by_a_button(browser, opened, tmp_path):
-    photo, marks, _ = photographed(tmp_path)
-    program, hand = opened(photo, marks, MARKERS[1])
-    hand.press("Make the picture flat")
-    browser.until("document.getElementById('toast').textContent.includes('being made flat')")
-    hand.until_steps(1)
-    assert browser.run("document.getElementById('toast').hidden")
-    size = "document.getElementById('slice').naturalWidth === review.state.image.width_px"
-    browser.until(f"review.state.image.is_flat && {size}")
-    hand.finish()
-    assert program.end()[0] == 0
-    again = Session.open(program.output, slice=photo).current.source.image
-    assert vfplan.read_fixture(program.output).image.width_px == again.width_px
-
-
-@pytest.mark.slow
 def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     browser, opened, tmp_path
 ):
@@ -743,7 +597,7 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     ways = [f"moveTo(review.push.inRobot({place}), 60)" for place in path.tolist()]
     calls = ", ".join(f"review.push.engine.{way}" for way in ways)
     answers = browser.run(f"[{calls}].map((answer) => [...answer.proxy, ...answer.force])")
-    shown = session.current.shown
+    shown = session.current
     path = np.array([row[0] * path[:, 0] + row[1] * path[:, 1] + row[2] for row in shown.plane]).T
     engine, before = vfplan.ProxyEngine.of(shown.fixture), path[0]
     engine.reset(before)
@@ -811,7 +665,7 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     # The folder is searched for the bundle's slice.
     again = Session.open(program.output, slice=tmp_path / "ct")
     assert again.source.slice_path == chosen
-    assert again.current.shown.fixture.provenance.settings == known.settings
+    assert again.current.fixture.provenance.settings == known.settings
     (tmp_path / "empty").mkdir()
     with pytest.raises(ImageError) as caught:
         Session.open(program.output, slice=tmp_path / "empty")

@@ -37,9 +37,10 @@ from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.registration import Registration
-from vfplan.review.rendered import Shown
+from vfplan.review.plan import Plan
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
+from vfplan.review.sheet import facts_of
 
 TRUTH = np.array(json.loads((SAMPLES / "elbow_truth.json").read_text())["curve_px"])
 
@@ -219,16 +220,21 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     except vfplan.errors.CurveError:
         pytest.skip("this drawing is refused, so it has no account")
     session = Session.open(path)
-    names = ("number", "u", "v", "pixels", "share")
-    wanted = [[getattr(entry, name) for name in names] for entry in extracted.extraction.account]
-    account = [[entry[name] for name in names] for entry in session.state()["account"]]
-    assert account == wanted
-    # The sheet of the bundle measures the pen's width anew, so that specks beside the line differ.
+    # What the page shows, and the sheet of the bundle, which does not hold the pen's width.
     bundle = tmp_path / "curve.h5"
     vfplan.write_fixture(extracted.fixture, bundle)
-    content = Shown(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
-    large = [entry.pixels for entry in content.account if entry.pixels >= 12]
-    assert large == [row[3] for row in wanted if row[3] >= 12]
+    of_bundle = Plan.of(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
+    names = ("number", "u", "v", "pixels", "share")
+    for plan in (session.current, of_bundle):
+        assert [line.width for line in plan.strokes] == [
+            stroke.width for stroke in extracted.extraction.strokes
+        ]
+        for entry, wanted in zip(plan.account, extracted.extraction.account, strict=True):
+            assert [getattr(entry, name) for name in names] == [
+                getattr(wanted, name) for name in names
+            ]
+    width_px = extracted.report["strokes"][0]["width_px"]
+    assert f"the pen is {width_px:.1f} px wide" in dict(facts_of(of_bundle))["Line"]
 
 
 def spatial_markers(folder, image, planar):

@@ -25,10 +25,11 @@ from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.planning.extraction import extract
-from vfplan.review.paper import DPI, FOOT, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH, Paper
+from vfplan.review.paper import DPI, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
-from vfplan.review.rendered import Shown, check_slice
-from vfplan.review.sheet import ZOOM, draw_lists, draw_sheet, verdict_of
+from vfplan.review.plan import Plan
+from vfplan.review.rendered import check_slice
+from vfplan.review.sheet import ZOOM, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -95,11 +96,6 @@ def line_of(points, *, closed=False, bridged=None, width=3.0):
     flags = np.zeros(len(points), bool) if bridged is None else bridged
     points = np.asarray(points, float)
     return Stroke(points, closed, np.full(len(points), 0.1), flags, width=width)
-
-
-def ring(shape, radius=60.0):
-    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    return np.array(shape[1::-1]) / 2 + radius * np.column_stack([np.cos(turn), np.sin(turn)])
 
 
 # ---- a covered end ----
@@ -179,20 +175,6 @@ def test_cover_of_the_grey_around_it_is_told_in_words(patch):
     assert words.count("one grey ahead: look twice") == 2
 
 
-def test_white_cover_on_bone_that_is_not_quite_white_shows_in_the_wider_view():
-    image, line = white_ground(patch=252)
-    sheet = draw_sheet(drawn_ends.shown_of(image, line_of(line)))
-    seen, u, v = seen_wider(sheet, "End")
-    inside = seen[105 - v : 135 - v, 141 - u : 145 - u].mean()
-    beside = seen[80 - v : 98 - v, 141 - u : 145 - u].mean()
-    assert abs(inside - beside) >= 25  # of 256 greys, where the file has 3
-
-
-def test_noise_ahead_of_an_end_is_not_called_one_grey():
-    sheet = draw_sheet(drawn_ends.shown(drawn_ends.draw(1, covered="")))
-    assert not [box for box in sheet.boxes if box.words.startswith("One grey")]
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_no_caption_lies_on_a_cover_at_an_end(seed):
     drawn = drawn_ends.draw(seed, covered=("start", "end")[seed % 2])
@@ -252,7 +234,7 @@ def planned_sheet():
     planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95"))
     other_ink = AccountEntry(1, 239.0, 296.0, 412, 0.175, 30.0, "ink")
     return drawn_ends.with_values(
-        Shown(planned.fixture, "elbow.h5", planned.extracted.image), account=(other_ink,)
+        Plan.of(planned.fixture, "elbow.h5", planned.extracted.image), account=(other_ink,)
     )
 
 
@@ -269,17 +251,6 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     heads = [box for box in texts if box.words.startswith("F") and "wants an answer" in box.words]
     assert len(heads) == count
     assert {(box.page, box.x) for box in heads} <= {(heading.page, heading.x)}
-
-
-@pytest.mark.parametrize("top", range(0, 400, 13))
-def test_no_heading_of_the_lists_stands_alone_at_the_foot(top):
-    findings = tuple(doubt("a-code", "plan", "Look here.") for _ in range(3))
-    shown = Shown(replace(bundles.minimal(), findings=findings), "f.h5")
-    sheet = Paper()
-    draw_lists(sheet, shown, FOOT - top)
-    for number, box in enumerate(sheet.boxes[:-1]):
-        if box.words.startswith("F"):
-            assert sheet.boxes[number + 1].page == box.page
 
 
 def test_open_line_has_both_ends_and_each_bridge_enlarged():
@@ -318,15 +289,6 @@ def test_stretch_that_something_hides_is_enlarged_too():
     assert [box.words for box in insets(sheet, "")][4:] == ["1: gap in the line, or line hidden"]
 
 
-def test_closed_line_shows_its_start_and_a_bridge_across_it():
-    points = ring((320, 380))
-    bridged = np.zeros(len(points), bool)
-    bridged[:8] = bridged[-8:] = True
-    sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, closed=True, bridged=bridged)))
-    names = [box.words for box in insets(sheet, "")]
-    assert names == ["Start of the line", "Start of the line, wider", "Bridge 1, 14 px"]
-
-
 @pytest.mark.parametrize("size", [(40, 40), (4096, 4096), (60, 3000), (2500, 50)])
 def test_any_size_of_slice_fits(size):
     rng = np.random.default_rng(5)
@@ -338,15 +300,6 @@ def test_any_size_of_slice_fits(size):
     sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
-
-
-def test_slice_of_16_bits_is_shown_with_its_brightest_value_white():
-    image = np.zeros((50, 60, 3), np.uint16)
-    image[10:40, 10:50] = 4000
-    image[20:30, 20:30] = 2000
-    sheet = draw_sheet(drawn_ends.shown_of(image, line_of([[25, 25], [30, 25], [35, 25]])))
-    [inset, _] = insets(sheet, "Start")
-    assert set(np.unique(drawn_part(sheet, inset))) >= {0, 128, 255}
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():
@@ -364,17 +317,6 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     for number in range(1, 101):
         assert f"F{number}  wants an answer" in words
     assert "100" in verdict_of(shown)
-
-
-def test_the_headline_counts_the_ends_to_look_at():
-    along = np.column_stack([np.linspace(20, 360, 341), np.full(341, 100.0)])
-    one, two = line_of(along), line_of(along + np.array([0, 90]))
-    closed = line_of(ring((320, 380)), closed=True)
-    for lines, counts in (((one,), (True, False)), ((one, two), (False, True)),
-                          ((closed,), (False, False))):  # fmt: skip
-        shown = drawn_ends.shown_of(BLANK, *lines)
-        assert ("both" in verdict_of(shown), "4" in verdict_of(shown)) == counts
-        checked(shown)
 
 
 def test_text_from_files_can_do_no_harm():
@@ -397,7 +339,7 @@ def test_bundle_without_a_slice_has_three_views(name):
     """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
     finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
-    sheet = checked(Shown(replace(fixture, findings=(finding,)), "f.h5"))
+    sheet = checked(Plan.of(replace(fixture, findings=(finding,)), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:
@@ -405,7 +347,7 @@ def test_bundle_without_a_slice_has_three_views(name):
 
 
 def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
-    sheet = checked(Shown(bundles.guided(), "f.h5"))
+    sheet = checked(Plan.of(bundles.guided(), "f.h5"))
     views = [box for box in sheet.boxes if box.kind == "picture"]
     greens = [(drawn_part(sheet, view) == GUIDE_COLOUR).all(axis=2).any() for view in views]
     assert greens == [True, False, False]
@@ -413,16 +355,16 @@ def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
 
 
 def test_sheet_without_its_slice_says_so():
-    shown = Shown(bundles.whole(), "f.h5")
+    shown = Plan.of(bundles.whole(), "f.h5")
     assert shown.is_slice_missing
     assert "missing" in verdict_of(shown)
-    assert not Shown(bundles.sheet(), "f.h5").is_slice_missing
+    assert not Plan.of(bundles.sheet(), "f.h5").is_slice_missing
 
 
 def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     fixture = bundles.whole()
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
-    shown = Shown(fixture, "f.h5", image=image)
+    shown = Plan.of(fixture, "f.h5", image=image)
     arc, circle = shown.strokes
     turn = np.linspace(0, np.pi, 40)
     truth = np.column_stack([300 + 60 * np.cos(turn), 400 - 60 * np.sin(turn)])
@@ -443,19 +385,9 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
     with refuses(InputError, "slice-other"):
-        Shown(bundles.whole(), "f.h5", image=image)
+        Plan.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
-
-
-def test_side_is_said_in_words():
-    # The whole bundle's v axis points to -y, so its slice is seen from above.
-    assert Shown(bundles.whole(), "f.h5").side == "above (robot +z)"
-    record = bundles.whole().registration
-    turned = record.T_robot_image * [[1], [-1], [1]]
-    below = replace(bundles.whole(), registration=replace(record, T_robot_image=turned))
-    assert Shown(below, "f.h5").side == "below (robot -z)"
-    assert Shown(bundles.patient(), "f.h5").side is None
 
 
 def test_png_prints_at_its_own_size():
@@ -475,7 +407,7 @@ def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
     curve = slicer(tmp_path, RING_MM[::3], "ClosedCurve")
     vfplan.write_fixture(extract(slice_file, curve=curve).fixture, tmp_path / "c.h5")
     # From the bundle, so that every view shows them.
-    marked = Shown(vfplan.read_fixture(tmp_path / "c.h5"), "c", vfplan.read_image(slice_file))
+    marked = Plan.of(vfplan.read_fixture(tmp_path / "c.h5"), "c", vfplan.read_image(slice_file))
     assert np.allclose(marked.slicer_points, points_px, atol=0.05)
     others = {k: v for k, v in marked.fixture.provenance.settings.items() if "slicer_" not in k}
     provenance = replace(marked.fixture.provenance, settings=others)
@@ -493,4 +425,4 @@ def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
     assert (away.min(axis=0) < 5).all()
     assert away.min() > 1
     drawn = extract(slice_file, curve=polyline(tmp_path, points_px)).fixture
-    assert not Shown(drawn, "c").slicer_points.size
+    assert not Plan.of(drawn, "c").slicer_points.size

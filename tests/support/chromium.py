@@ -54,17 +54,6 @@ class Page:
         )
         self.attach(target["targetId"])
 
-    def tab(self):
-        """Open a further tab and turn to it; the names of the tab before and of this one."""
-        before = self._session
-        self.attach(self._call("Target.createTarget", url="about:blank")["targetId"])
-        return before, self._session
-
-    def turn_to(self, tab):
-        """Act in another tab from now on, which comes to the front."""
-        self._session = tab
-        self.do("Page.bringToFront")
-
     def attach(self, target):
         arguments = {"targetId": target, "flatten": True}
         self._session = self._call("Target.attachToTarget", **arguments)["sessionId"]

@@ -28,11 +28,12 @@ from vfplan.figures.style import style
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import plane as across
 from vfplan.geometry.lines import ring_of
-from vfplan.images.read import as_uint8
+from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
 from vfplan.markers.correspondences import read_sides
 from vfplan.palette import CLOUD, CONTACT, HIP
-from vfplan.review.rendered import Shown, outlines_of, plane_of
+from vfplan.review.plan import Plan as ReviewedPlan
+from vfplan.review.rendered import outlines_of
 
 Array = NDArray[np.float64]
 
@@ -116,7 +117,7 @@ def plan_of(fixture: Fixture) -> Plan:
     InputError
         No robot renders it, or it lies in no plane.
     """
-    plane, axis = plane_of(fixture, None), fixture.ignore_axis if fixture.rendering else None
+    plane, axis = plane_of_slice(fixture, None), fixture.ignore_axis if fixture.rendering else None
     if plane is not None:
         right, down = np.linalg.qr(plane[:, :2])[0].T
         right, down = right * np.sign(right @ plane[:, 0]), down * np.sign(down @ plane[:, 1])
@@ -189,7 +190,7 @@ def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
         ) from None  # fmt: skip
 
 
-def draw_print(shown: Shown, paper: str) -> Figure:
+def draw_print(shown: ReviewedPlan, paper: str) -> Figure:
     """A page with the plan, its slice where that is given, the tags and the scale."""
     plan = plan_of(shown.fixture)
     width, height = whole_of(plan)

@@ -315,6 +315,20 @@ def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
     return flat_as_planned(image, chosen)
 
 
+def plane_of_slice(fixture: Fixture, image: PlannedImage | None) -> NDArray[np.float64] | None:
+    """(3, 3) from (u, v, 1) of the slice to the frame of the fixture [m]; `None` if unknown."""
+    record = fixture.registration
+    if record is not None and record.source_frame == "image":
+        return record.T_robot_image
+    if image is None or image.T_patient_image is None:
+        return None
+    plane = image.T_patient_image[:3]
+    if record is not None:
+        plane = record.T_robot_image[:3, :3] @ plane
+        plane[:, 2] += record.T_robot_image[:3, 3]
+    return plane
+
+
 def height_in_words(image: PlannedImage) -> str:
     """Where a slice lies along the patient."""
     middle = [image.width_px / 2 - 0.5, image.height_px / 2 - 0.5, 1]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import tempfile
 from collections.abc import Callable
 from html import escape
 from importlib.metadata import version
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_DRAWN, MM
 from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import (
-    MARK_HZ,
     axis_names,
     depth_plot,
     guide_plot,
@@ -220,7 +218,8 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>", identity(replayed.fixture)]
 
     # What a reader wants first: where it happened, and with what force.
-    in_space = section("In space", _in_space(replayed, image))
+    words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
+    in_space = section("In space", picture(scene(replayed), words, "tall"))
     is_on_slice = image is not None and _has_depth(replayed)
     if is_on_slice:
         on_slice = slice_depth(replayed, read_slice_of(replayed.fixture, image))
@@ -319,7 +318,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
 
 def review_sheet(replayed: Replay, image: Path | None) -> str:
     """The review sheet of the fixture, or how to get it if its slice was not given."""
-    from vfplan.review.rendered import Shown
+    from vfplan.review.plan import Plan
     from vfplan.review.sheet import draw_sheet
 
     fixture, planned_slice = replayed.fixture, None
@@ -328,27 +327,8 @@ def review_sheet(replayed: Replay, image: Path | None) -> str:
             return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
         planned_slice = read_slice_of(fixture, image)
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
-    pages = draw_sheet(Shown(fixture, name, planned_slice)).page_pngs()
+    pages = draw_sheet(Plan.of(fixture, name, planned_slice)).page_pngs()
     return "".join(_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
-
-
-def _in_space(replayed: Replay, image: Path | None) -> str:
-    """In its plane, or by PyVista; by Matplotlib if PyVista cannot render."""
-    words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
-    if replayed.fixture.ignore_axis is None:
-        from vfplan import view3d
-        from vfplan.view3d import offscreen_window
-
-        if offscreen_window() is not None:
-            with tempfile.TemporaryDirectory() as folder:
-                path = Path(folder) / "view.png"
-                planned_slice = read_slice_of(replayed.fixture, image) if image else None
-                view3d.draw_view(
-                    replayed.fixture, path, ticks=replayed.ticks, mark_hz=MARK_HZ,
-                    image=planned_slice,
-                )  # fmt: skip
-                return _embedded(path.read_bytes(), words, "tall")
-    return picture(scene(replayed), words, "tall")
 
 
 def section(title: str, content: str) -> str:

@@ -4,8 +4,7 @@ plan         a plan under review: what it begins with, and what the steps made o
 session      the steps of a review, the way back, what the page shows, and the approval
 steps        each step, from one plan to the next
 geometry     the curve on its slice, or why there is none; the account and the routes over its ink
-strokes      a line that can be mended by its knots
-ink          the pen's ink near a path that a person drew
+strokes      the pen's ink near a path, and a line that can be mended by its knots
 markers      the markers, and what the registration says of them
 server       the page's server and the draft; the page itself is in `page`
 rendered     what a review shows, and what the robot renders of it: by its engine and in words

@@ -9,8 +9,9 @@ that a curve may take over it: from each free end to each other one.
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import cv2
@@ -21,6 +22,7 @@ from vfplan import _core
 from vfplan.curve import account, tuned
 from vfplan.curve.account import AccountEntry, Leftover, find_leftover, list_account
 from vfplan.curve.candidates import (
+    Candidate,
     dotted_line,
     find_candidates,
     find_groups,
@@ -36,8 +38,14 @@ from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.registration.registration import own_bound
-from vfplan.review.ink import CLOSE_PX, MIN_LINE_PX, SliceInk
-from vfplan.review.strokes import JOIN_PX, MendedStroke, nearest_point
+from vfplan.review.strokes import (
+    CLOSE_PX,
+    JOIN_PX,
+    MIN_LINE_PX,
+    MendedStroke,
+    SliceInk,
+    nearest_point,
+)
 from vfplan.settings import recalled
 
 Array = NDArray[np.float64]
@@ -78,17 +86,18 @@ def routes_through(
     free ends, and one around its largest hole, as its ends may overlap or cross. `corner` is where
     (0, 0) of the mask lies on the slice.
     """
+    from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
 
-    padded = np.pad(mask, 2)
-    pixels, edges = skeleton_graph(_core.thinned(padded).astype(bool))
+    pixels, edges = skeleton_graph(_core.thinned(np.pad(mask, 2)).astype(bool))
     pixels = pixels + np.array(corner) - 2.0
     degree = np.bincount(edges.ravel(), minlength=len(pixels))
     forks = [tuple(place) for place in pixels[degree > 2].tolist()]
-    routes = _around(padded, corner)
+    routes = around_hole(mask, corner)
     ends = np.flatnonzero(degree == 1)
     if len(ends) > 1:
-        graph = _graph(pixels, edges)
+        lengths = np.hypot(*(pixels[edges[:, 0]] - pixels[edges[:, 1]]).T)
+        graph = coo_matrix((lengths, edges.T), shape=(len(pixels),) * 2).tocsr()
         if len(ends) > MAX_FREE_ENDS:
             # Letters on the line have many short branches; the line's own ends are the longest.
             at_forks = np.flatnonzero(degree > 2)
@@ -106,40 +115,22 @@ def routes_through(
     return routes[:MAX_ROUTES], forks
 
 
-def _graph(pixels: Array, edges: NDArray[np.int64]) -> Any:
-    """The sparse matrix of the distances of neighbouring pixels."""
-    from scipy.sparse import coo_matrix
-
-    lengths = np.hypot(*(pixels[edges[:, 0]] - pixels[edges[:, 1]]).T)
-    return coo_matrix((lengths, edges.T), shape=(len(pixels),) * 2).tocsr()
-
-
-def _around(padded: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
+def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     """The one route around the largest hole in the ink, if that is larger than a letter's."""
-    from scipy.sparse.csgraph import dijkstra
-
-    paper = 1 - padded.view(np.uint8)
-    _, labels, holes, _ = cv2.connectedComponentsWithStats(paper, connectivity=4)
-    areas = holes[:, cv2.CC_STAT_AREA].copy()
-    areas[[0, labels[0, 0]]] = 0
-    ring = (labels != labels[0, 0]) & (labels != areas.argmax())
-    pixels, edges = skeleton_graph(_core.thinned(ring).astype(bool))
-    # Without its branches a ring is left.
-    is_branch = np.ones(len(edges), bool)
-    while areas.any() and is_branch.any():
-        degree = np.bincount(edges.ravel(), minlength=len(pixels))
-        is_branch = degree[edges].min(axis=1) == 1
-        edges = edges[~is_branch]
-    if not areas.any() or len(edges) < MIN_RING_PX:
+    if not mask.any():
         return []
-    # Cut beside a pixel, and walked the other way round.
-    start, stop = edges[0]
-    graph = _graph(pixels, edges[1:])
-    distance, before = dijkstra(graph, directed=False, indices=start, return_predecessors=True)
-    if not np.isfinite(distance[stop]):
+    contours, relations = cv2.findContours(
+        mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+    )
+    # The ink at a hole has the outline of a piece as its parent.
+    holes = [
+        contour[:, 0]
+        for contour, (*_, parent) in zip(contours, relations[0], strict=True)
+        if parent >= 0 and len(contour) >= MIN_RING_PX
+    ]
+    if not holes:
         return []
-    path = pixels[walked_back(before, start, stop)] + np.array(corner) - 2.0
-    return [route_along(path, True)]
+    return [route_along(max(holes, key=cv2.contourArea) + np.array(corner, float), True)]
 
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
@@ -189,9 +180,16 @@ class Geometry:
         for stroke in self.strokes:
             width = stroke.width if stroke.is_ordered else 0.0
             if width is None and self.ink is not None:
-                width = self.ink.width_along(stroke.points, stroke.closed)
+                width = self._pen_width(stroke)
             lines.append(replace(stroke, width=width))
         return tuple(lines)
+
+    def _pen_width(self, stroke: Stroke) -> float:
+        """The width of the line that extraction finds where a stroke runs, else of its ink [px]."""
+        for line in lines_of(self.ink, self.max_gap_px):
+            if np.median(_core.nearest(line.path, stroke.points)[0]) <= CLOSE_PX:
+                return line.width
+        return self.ink.width_along(stroke.points, stroke.closed)
 
     @cached_property
     def leftover(self) -> list[Leftover]:
@@ -308,14 +306,14 @@ class Geometry:
         for one, other in ((before, stroke), (stroke, before)):
             distance, _ = cKDTree(other.points).query(one.points)
             changed.append(one.points[distance > MOVED_PX])
-        findings = _unmended(self.findings, np.vstack(changed))
+        findings = unmended(self.findings, np.vstack(changed))
         return replace(self, strokes=tuple(strokes), findings=findings)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
         findings = self.findings
         if strokes:
-            findings = _unmended(findings, np.vstack([stroke.points for stroke in strokes]))
+            findings = unmended(findings, np.vstack([stroke.points for stroke in strokes]))
         return replace(self, strokes=strokes, findings=findings, refusal=None)
 
 
@@ -324,13 +322,23 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
     try:
         extracted = extract(image, settings)
     except CurveError as error:
-        candidates = _candidates(error, ink, settings)
+        candidates = candidates_of(error, ink, settings)
         return Geometry(
-            ink=ink, refusal=_refusal_of(error), candidates=candidates,
+            ink=ink, refusal=refusal_of(error), candidates=candidates,
             max_gap_px=settings.max_gap_px,
         )  # fmt: skip
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
     return Geometry(strokes, ink, extracted.findings, max_gap_px=settings.max_gap_px)
+
+
+@lru_cache(maxsize=8)
+def lines_of(ink: SliceInk, max_gap_px: float) -> list[Candidate]:
+    """The lines of the ink as extraction finds them; none among too many pieces."""
+    try:
+        pieces = find_pieces(ink.found, find_groups(ink.found))
+    except CurveError:
+        return []
+    return find_candidates(pieces, max_gap_px)
 
 
 def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
@@ -386,9 +394,9 @@ def with_chosen(
     try:
         extracted = extract(image, replace(settings, stroke=number))
     except CurveError as error:
-        branches = _branches(geometry, route)
+        branches = branches_of(geometry, route)
         if branches:
-            return replace(geometry, refusal=_refusal_of(error), candidates=branches)
+            return replace(geometry, refusal=refusal_of(error), candidates=branches)
     else:
         strokes = extracted.extraction.strokes
         to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
@@ -399,7 +407,7 @@ def with_chosen(
     return replace(settled, strokes=(MendedStroke.of(line),), findings=())
 
 
-def _branches(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
+def branches_of(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
     """The routes through the forked ink of a candidate; none if the candidate is one of them."""
     for entry in ink_at(geometry.ink, route.points[len(route.points) // 2]):
         routes, forks = routes_over(entry)
@@ -426,7 +434,7 @@ def route_over(entry: AccountEntry) -> Stroke:
     return routes[0]
 
 
-def _refusal_of(error: CurveError) -> dict[str, Any]:
+def refusal_of(error: CurveError) -> dict[str, Any]:
     """The refusal without its advice to open the page, since it stands on that page."""
     other_pen = error.numbers.get("other_colour", "")
     # The page has a button for the other pen.
@@ -440,7 +448,9 @@ def _refusal_of(error: CurveError) -> dict[str, Any]:
             "other_pen": other_pen}  # fmt: skip
 
 
-def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> tuple[Stroke, ...]:
+def candidates_of(
+    error: CurveError, ink: SliceInk, settings: ExtractSettings
+) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink.
 
     Behind them, lines joined over longer pen lifts, and a dotted line.
@@ -455,18 +465,13 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
             if max(entry.box[2:]) >= MIN_LINE_PX:
                 routes += routes_over(entry)[0]
         routes.sort(key=lambda route: -route.length)
-    try:
-        groups = find_groups(ink.found)
-        pieces = find_pieces(ink.found, groups)
-        for line in find_candidates(pieces, JOINED_GAPS * settings.max_gap_px):
-            is_new = not any(np.array_equal(line.path, path) for path in named)
-            if is_new and line.bridged.any():
-                routes.append(route_along(line.path, line.closed))
-        dotted = dotted_line(ink.found, groups)
-        if dotted is not None:
-            routes.append(dotted)
-    except CurveError:  # Too many pieces.
-        pass
+    for line in lines_of(ink, JOINED_GAPS * settings.max_gap_px):
+        is_new = not any(np.array_equal(line.path, path) for path in named)
+        if is_new and line.bridged.any():
+            routes.append(route_along(line.path, line.closed))
+    with suppress(CurveError):  # Too many pieces.
+        dotted = dotted_line(ink.found, find_groups(ink.found))
+        routes += [] if dotted is None else [dotted]
     if named:
         return tuple(routes)
     u, v, width, height = settings.roi or (0, 0, np.inf, np.inf)
@@ -478,7 +483,7 @@ def _candidates(error: CurveError, ink: SliceInk, settings: ExtractSettings) -> 
     return tuple(filter(is_offered, routes))[:MAX_ROUTES]
 
 
-def _unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
+def unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
     """The findings without those whose place lies on what was changed."""
     if not len(changed):
         return findings

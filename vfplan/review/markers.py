@@ -10,7 +10,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,7 @@ class Marker:
     label
         Its name.
     place
-        (u, v) on the slice [px]; on a sheet without a slice (x, y, z) in front of the robot [m].
+        (u, v) on the slice [px].
     target_m
         (x, y, z) in front of the robot.
     sigma_m
@@ -91,8 +91,8 @@ class Fit:
         (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
     """
 
-    markers: tuple[Marker, ...]
-    settings: FixtureSettings
+    markers: tuple[Marker, ...] = ()
+    settings: FixtureSettings = field(default_factory=FixtureSettings)
     pixel_spacing_mm: tuple[float, float] | None = None
     T_patient_image: NDArray[np.float64] | None = None
 
@@ -155,7 +155,7 @@ class Fit:
             return places
         on_slice = np.column_stack([places, np.ones(len(places))]) @ self.T_patient_image.T
         depths = np.broadcast_to(depth_m, len(places))
-        return on_slice + depths[:, None] * _unit_normal(self.T_patient_image)
+        return on_slice + depths[:, None] * unit_normal(self.T_patient_image)
 
     @property
     def metres_per_step(self) -> NDArray[np.float64] | None:
@@ -285,7 +285,7 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
                 code="slice-without-place",
             )
         place = image.T_patient_image[:3]
-        depths = (pairs.source - place[:, 2]) @ _unit_normal(place)
+        depths = (pairs.source - place[:, 2]) @ unit_normal(place)
         places = (pairs.source - place[:, 2]) @ np.linalg.pinv(place[:, :2]).T
     markers = []
     for k, label in enumerate(pairs.labels):
@@ -330,7 +330,8 @@ def snapped(image: PlannedImage, place: NDArray, reach_px: float) -> NDArray[np.
     return place if mark is None else np.array(mark.position_px)
 
 
-def _unit_normal(axes: NDArray) -> NDArray[np.float64]:
+def unit_normal(axes: NDArray) -> NDArray[np.float64]:
+    """The direction of length 1 across the first two columns of a plane."""
     normal = plane_normal(axes)
     return normal / np.linalg.norm(normal)
 

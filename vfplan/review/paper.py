@@ -267,8 +267,10 @@ def fixed_point(points: Array) -> NDArray[np.int32]:
 def draw_line(
     canvas: Pixels, points: Array, colour: Any, thickness: int, closed: bool = False
 ) -> None:
-    """Draw a line along (N, 2) points with smooth edges."""
-    cv2.polylines(canvas, [fixed_point(points)], closed, colour, thickness, cv2.LINE_AA, SHIFT)
+    """Draw a line along (N, 2) points with smooth edges; several along (L, N, 2)."""
+    lines = np.reshape(points, (-1, *np.shape(points)[-2:]))
+    lines = np.rint(lines * (1 << SHIFT)).astype(np.int32)
+    cv2.polylines(canvas, list(lines), closed, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def draw_cased(

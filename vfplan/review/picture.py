@@ -13,12 +13,13 @@ import cv2
 import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
-from vfplan.fixture import Stroke
+from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
 from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
-from vfplan.review.rendered import Outline, Shown, outlines_of
+from vfplan.review.plan import Plan
+from vfplan.review.rendered import Outline, outlines_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,52 +88,43 @@ SIDES = (
 )
 
 
-def draw_views(sheet: paper.Paper, shown: Shown, y: float) -> tuple[float, float, float]:
+def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, float]:
     """Draw the three views.
 
     Returns the corner of the quarter that they leave free, and where the next thing below begins.
     """
-    points = shown.fixture.points
-    markers = [(marker.label, marker.place) for marker in shown.markers]
-    findings = [
-        (f"F{number}", finding.place_m)
-        for number, finding in enumerate(shown.findings, 1) if finding.place_m is not None
-    ]  # fmt: skip
-    everything = np.vstack([points, *(place for _, place in markers)])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()), 1e-9)
+    low, high = plan.fixture.points.min(axis=0), plan.fixture.points.max(axis=0)
+    wall_m = plan.fixture.contact_radius + plan.fixture.point_radius if plan.kind == "wall" else 0.0
+    scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()) + 2 * wall_m, 1e-9)
     # Each view cuts what is rendered in its middle.
-    cut = (points.min(axis=0) + points.max(axis=0)) / 2
+    middle = (low + high) / 2
     outlines: list[Outline] = []
-    axis = shown.fixture.ignore_axis
+    axis = plan.fixture.ignore_axis if plan.kind else None
     for number, (words, axes, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * (VIEW_PX + 60)
-        view = View(np.array(turn), np.where(turn[2], cut, (low + high) / 2), scale)
+        view = View(np.array(turn), middle, scale)
         # A tube that is infinite along an axis has no outline where it is seen from the side.
-        is_endless = shown.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
+        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = _geometry(view, shown)
+        canvas = draw_points(view, plan.fixture)
         if not is_endless:
-            for outline in outlines_of(shown.fixture, view.plane, (VIEW_PX, VIEW_PX)):
+            for outline in outlines_of(plan.fixture, view.plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
-        # Markers stand in the view that spreads them most; from the side they lie on each other.
-        is_widest = turn[2][int((high - low).argmin())] != 0
-        _draw_marks(sheet, box, view, (markers if is_widest else []) + findings)
-        unit, per_metre = ("px", 1.0) if shown.fixture.frame == "image" else ("mm", MM)
+        unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     rows = rendered_legend(outlines)
     if rows:
-        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", cut, strict=True))
+        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", middle, strict=True))
         heading = "In the middle of each view"
         free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
         words = f"Cut at {place} mm."
-        if shown.kind == "guide":
+        if plan.kind == "guide":
             words = "The tube has no end along its axis, so it is not drawn from the side."
             words = "" if axis is None else words
         free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
@@ -149,42 +141,18 @@ def draw_scale_bar(
     sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
 
 
-def _geometry(view: View, shown: Shown) -> paper.Pixels:
-    """The points, or the triangles, those in front over those behind."""
+def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
+    """The points, or the edges of the triangles."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    flat, mesh = view.project(shown.fixture.points), shown.fixture.mesh
+    flat, mesh = view.project(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
-        # Darker the more a triangle is turned away from the viewer.
-        corners = shown.fixture.points[mesh] @ view.turn.T
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        facing = np.abs(normals[:, 2]) / np.maximum(np.linalg.norm(normals, axis=1), 1e-30)
-        light = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
-        for k in np.argsort(corners[..., 2].mean(axis=1)):
-            outline, colour = paper.fixed_point(flat[mesh[k]]), np.rint(light[k]).tolist()
-            cv2.fillConvexPoly(canvas, outline, colour, cv2.LINE_AA, paper.SHIFT)
+        paper.draw_line(canvas, flat[mesh], LINE_COLOUR, 1, closed=True)
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
     for place in drawn:
         paper.draw_disc(canvas, place, radius, LINE_COLOUR)
     return canvas
-
-
-def _draw_marks(
-    sheet: paper.Paper, box: paper.Box, view: View, marks: list[tuple[str, Any]]
-) -> None:
-    """Draw a ring with a caption at each place."""
-    part = sheet.part(box)
-    keep = np.zeros((VIEW_PX, VIEW_PX), np.uint8)
-    keep[VIEW_PX - 70 :, : VIEW_PX // 2] = 1  # The scale stands here.
-    drawn = [view.project(np.array([place]))[0] for _, place in marks]
-    for place in drawn:
-        paper.draw_disc(part, place, 11, WHITE, 5)
-        paper.draw_disc(part, place, 11, BLACK, 2)
-        paper.draw_disc(keep, place, 14, 1)
-    labeller = paper.Labeller(keep)
-    for (words, _), place in zip(marks, drawn, strict=True):
-        draw_tag(sheet, box, labeller, place, words)
 
 
 def draw_tag(
@@ -256,7 +224,7 @@ class Panel:
 
 
 def draw_picture(
-    sheet: paper.Paper, shown: Shown, rgb: paper.Pixels, y: float
+    sheet: paper.Paper, plan: Plan, rgb: paper.Pixels, y: float
 ) -> tuple[float, float]:
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
 
@@ -270,41 +238,41 @@ def draw_picture(
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
     panel = Panel(box, sheet.part(box), zoom)
 
-    ends = [panel.place(end.place) for stroke in shown.strokes for end in ends_of(stroke)]
+    ends = [panel.place(end.place) for stroke in plan.strokes for end in ends_of(stroke)]
     # The casings first: outline and line may lie close together.
-    for outline in shown.outlines:
+    for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends)
-    region = _draw_outline(shown, panel, ends)
-    for outline in shown.outlines:
+    region = draw_ink_outline(plan, panel, ends)
+    for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends, is_cased=False)
-    has_bound = _draw_bound(shown, panel)
+    has_bound = draw_bands(plan, panel)
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
-    for stroke in shown.strokes:
+    for stroke in plan.strokes:
         for end in ends_of(stroke):
             place = panel.place(end.place)
             paper.draw_disc(keep, place, FREE_RADIUS + 8, 255)
             if end.direction is not None:
                 paper.draw_disc(keep, place + AHEAD_RADIUS * end.direction, AHEAD_RADIUS, 255)
-    enlargement = _draw_markers(shown, panel, keep)
-    _draw_slicer_points(shown, panel, ends, keep)
-    omitted = _draw_captions(sheet, shown, panel, paper.Labeller(keep))
+    enlargement = draw_markers(plan, panel, keep)
+    draw_slicer_points(plan, panel, ends, keep)
+    omitted = draw_captions(sheet, plan, panel, paper.Labeller(keep))
 
     unit_px, unit = zoom, "px"
-    if shown.metres_per_px is not None:
-        unit_px, unit = zoom / (MM * shown.metres_per_px), "mm"
+    if plan.metres_per_px is not None:
+        unit_px, unit = zoom / (MM * plan.metres_per_px), "mm"
     draw_scale_bar(sheet, box.x + 2, box.bottom + 8, 0.2 * box.width, unit_px, unit)
     bottom = box.bottom + 8.0 + BODY.line_height
     if omitted:
         words = f"There was no place for {omitted} captions; the lists below name all."
         bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
-    return bottom, _draw_legend(sheet, shown, enlargement, has_bound, y)
+    return bottom, draw_legend(sheet, plan, enlargement, has_bound, y)
 
 
-def _draw_outline(shown: Shown, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
+def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
     region, bridges = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(2))
-    for stroke in shown.strokes:
+    for stroke in plan.strokes:
         distance, points = panel.outline_distance(stroke), panel.place(stroke.points)
         thickness = max(1, round(2 * distance))
         if stroke.is_ordered:
@@ -379,29 +347,29 @@ def draw_rendered(
         paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 
 
-def _draw_bound(shown: Shown, panel: Panel) -> bool:
+def draw_bands(plan: Plan, panel: Panel) -> bool:
     """Draw the 95 % band where it reaches beyond the outline; whether it does."""
     is_drawn = False
-    for stroke, half_m in shown.bounds:
-        reach = half_m * panel.zoom / shown.metres_per_px
+    for stroke, half_m in plan.bounds:
+        reach = half_m * panel.zoom / plan.metres_per_px
         if reach.max() > panel.outline_distance(stroke) + 3:
             paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
             is_drawn = True
     return is_drawn
 
 
-def _draw_markers(shown: Shown, panel: Panel, keep: paper.Pixels) -> float | None:
+def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     """Draw each marker where it was given, and its residual as an arrow; `keep` gets both.
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
-    moved = [marker.residual_px for marker in shown.markers if marker.residual_px is not None]
-    longest, arrow_px = max((np.hypot(*by) for by in moved), default=0.0), shown.image.width_px
+    moved = [marker.residual_px for marker in plan.markers if marker.residual_px is not None]
+    longest, arrow_px = max((np.hypot(*by) for by in moved), default=0.0), plan.image.width_px
     arrow_px = max(arrow_px, 300) / 10
     enlargement = 1.0 if moved else None
     if 0 < longest < arrow_px:
         enlargement = min(nice_length(arrow_px / longest), 500.0)
-    for marker in shown.markers:
+    for marker in plan.markers:
         centre = panel.place(marker.place)
         paper.draw_disc(keep, centre, 24, 255)
         # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
@@ -419,15 +387,15 @@ def _draw_markers(shown: Shown, panel: Panel, keep: paper.Pixels) -> float | Non
     return enlargement
 
 
-def _draw_slicer_points(
-    shown: Shown, panel: Panel, ends: list[paper.Array], keep: paper.Pixels
+def draw_slicer_points(
+    plan: Plan, panel: Panel, ends: list[paper.Array], keep: paper.Pixels
 ) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
-    for point in panel.place(shown.slicer_points):
-        lines = [panel.place(stroke.points) for stroke in shown.strokes]
+    for point in panel.place(plan.slicer_points):
+        lines = [panel.place(stroke.points) for stroke in plan.strokes]
         away = [np.hypot(*(line - point).T) for line in lines]
         number = int(np.argmin([distance.min() for distance in away]))
-        stroke = shown.strokes[number]
+        stroke = plan.strokes[number]
         across = normals(stroke.points, stroke.closed)[away[number].argmin()]
         gap = panel.outline_distance(stroke) + 3
         if min((np.hypot(*(end - point)) for end in ends), default=np.inf) < FREE_RADIUS:
@@ -437,7 +405,7 @@ def _draw_slicer_points(
         paper.draw_line(keep, tick, 255, 8)
 
 
-def _draw_captions(sheet: paper.Paper, shown: Shown, panel: Panel, labeller: paper.Labeller) -> int:
+def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.Labeller) -> int:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
     Returns how many have no place.
@@ -446,41 +414,41 @@ def _draw_captions(sheet: paper.Paper, shown: Shown, panel: Panel, labeller: pap
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
         draw_tag(sheet, panel.box, labeller, panel.place(place), words, ground)
 
-    for number, stroke in enumerate(shown.strokes, 1):
-        is_single = len(shown.strokes) == 1
+    for number, stroke in enumerate(plan.strokes, 1):
+        is_single = len(plan.strokes) == 1
         of_line, of_bridge = ("", "") if is_single else (f" {number}", f" of {number}")
         for end in ends_of(stroke):
             tag(end.place, end.name + of_line, ground=LINE_COLOUR)
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
-    for number, finding in enumerate(shown.findings, 1):
+    for number, finding in enumerate(plan.findings, 1):
         if finding.place_px is not None:
             tag(finding.place_px, f"F{number}", ground=BLACK)
-    for marker in shown.markers:
+    for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
         tag(marker.place, f"{marker.label} {residual}")
-    for entry in shown.other_ink[:MAX_NUMBERED]:
+    for entry in plan.other_ink[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
     return labeller.omitted
 
 
-def _draw_legend(
-    sheet: paper.Paper, shown: Shown, enlargement: float | None, has_bound: bool, y: float
+def draw_legend(
+    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_bound: bool, y: float
 ) -> float:
     """What the lines on the picture mean."""
-    made, line = shown.fixture.provenance, "the curve that was taken"
+    made, line = plan.fixture.provenance, "the curve that was taken"
     if "image" in made.inputs and "curve" not in made.inputs:
         pen = made.settings.get("colour", ExtractSettings().colour)
         line = f"the line of the pen ({pen}) that was taken"
-    if shown.strokes and all(stroke.edited.all() for stroke in shown.strokes):
+    if plan.strokes and all(stroke.edited.all() for stroke in plan.strokes):
         line = "the line, which was drawn by hand"
     rows: list[LegendRow] = [(f"Blue outline: beside {line}", LINE_COLOUR, False)]
-    rows += rendered_legend(shown.outlines)
-    if len(shown.slicer_points):
+    rows += rendered_legend(plan.outlines)
+    if len(plan.slicer_points):
         rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, False))
-    if any(stroke.bridged.any() for stroke in shown.strokes):
+    if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
-    if shown.tre95_m is not None:
+    if plan.tre95_m is not None:
         where = "true scale" if has_bound else "see the last enlargement"
         words = f"Purple dashes: 95 % band of markers and drawing, {where}"
         rows.append((words, paper.BAND_COLOUR, True))
@@ -488,7 +456,7 @@ def _draw_legend(
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
-    if shown.other_ink:
+    if plan.other_ink:
         words = "Plain numbers: other ink, listed below."
         y = sheet.paragraph(COLUMN_X, y, words, COLUMN_WIDTH)
     return y + 10

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -16,12 +17,14 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import rendered_values
+from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import millimetres
+from vfplan.display import MM, millimetres
+from vfplan.engine.browser import bodies_of
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
-from vfplan.fixture import Curve, Fixture, Provenance, SourceImage
-from vfplan.geometry.lines import evenly
+from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
+from vfplan.geometry.lines import Array, evenly, plane_normal
 from vfplan.images.read import (
     MADE_FLAT_BY,
     MAX_BYTES,
@@ -33,6 +36,7 @@ from vfplan.images.read import (
     flat_findings,
     height_in_words,
     made_flat,
+    plane_of_slice,
     read_stack,
     slice_file,
 )
@@ -44,14 +48,28 @@ from vfplan.planning.settings import (
     SLICER_POINTS,
     ExtractSettings,
     FixtureSettings,
+    margin_length,
     overridden,
 )
+from vfplan.registration.registration import Registration, describe_side
+from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
-from vfplan.review.ink import SliceInk
-from vfplan.review.markers import Fit, fit_of, fit_of_files
-from vfplan.review.rendered import Shown, sigma_of, strokes_on_slice
-from vfplan.review.strokes import MendedStroke
-from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded
+from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
+from vfplan.review.rendered import (
+    Kind,
+    Outline,
+    check_slice,
+    kind_of,
+    labels_left_out,
+    onto_plane,
+    outlines_of,
+    place_in_patient,
+    registration_again,
+    sigma_of,
+    strokes_on_slice,
+)
+from vfplan.review.strokes import MendedStroke, SliceInk
+from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
 from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
@@ -101,14 +119,14 @@ class Source:
     path: Path
     slice_path: Path | None
     image: PlannedImage
-    extraction: ExtractSettings
-    planning: FixtureSettings
-    geometry: Geometry
-    fit: Fit
-    exclude: tuple[Box, ...]
-    inputs: dict[str, str]
-    sha256: dict[str, str]
-    recipe: dict[str, Any]
+    extraction: ExtractSettings = field(default_factory=ExtractSettings)
+    planning: FixtureSettings = field(default_factory=FixtureSettings)
+    geometry: Geometry = field(default_factory=Geometry)
+    fit: Fit = field(default_factory=Fit)
+    exclude: tuple[Box, ...] = ()
+    inputs: dict[str, str] = field(default_factory=dict)
+    sha256: dict[str, str] = field(default_factory=dict)
+    recipe: dict[str, Any] = field(default_factory=dict)
     pairs: Correspondences | None = None
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
@@ -119,19 +137,14 @@ class Source:
     stack: tuple[StackedSlice, ...] = ()
     position: int = 0
 
-    @property
-    def is_slice_missing(self) -> bool:
-        """Whether the curve was drawn on a slice that was not given."""
-        return self.slice_path is None and self.inputs.get("image") is not None
-
     def describe(self) -> dict[str, Any]:
         """The slice as the page needs it."""
         # The patient's sides at the borders of a DICOM slice.
         sides = None
         if self.image.T_patient_image is not None:
             right, down, _ = self.image.T_patient_image[:3].T
-            sides = {"left": _side(-right), "right": _side(right), "top": _side(-down),
-                     "bottom": _side(down)}  # fmt: skip
+            directions = {"left": -right, "right": right, "top": -down, "bottom": down}
+            sides = {name: side_of_patient(towards) for name, towards in directions.items()}
         return {
             "name": self.path.name, "width_px": self.image.width_px,
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
@@ -149,7 +162,7 @@ class Source:
         """
         chosen = self.stack[position]
         extraction = replace(self.extraction, frame=chosen.frame)
-        source = _of_slice(chosen.path, None, extraction, self.planning)
+        source = source_of_slice(chosen.path, None, extraction, self.planning)
         on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
         if pairs is not None:
             on_slice = fit_of(pairs, source.image, self.planning)
@@ -191,7 +204,9 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What the steps made of the source.
+    """A plan as the page, the sheet, the approval and the commands have it.
+
+    It is what the steps made of the source.
 
     Parameters
     ----------
@@ -213,6 +228,22 @@ class Plan:
     exclude: tuple[Box, ...] = ()
     is_shaped: bool = False
     answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, fixture: Fixture, name: str, image: PlannedImage | None = None) -> Plan:
+        """A fixture as it is, on its slice if that is given, to be shown and not mended.
+
+        Raises `InputError` where the image is not the one that the curve was drawn on.
+        """
+        path, geometry = Path(name), Geometry()
+        if image is not None:
+            check_slice(fixture, image)
+            geometry = geometry_of_bundle(fixture, image, extraction_of(fixture, ExtractSettings()))
+        source = Source(path, image and path, image, geometry=geometry,
+                        inputs=fixture.provenance.inputs)  # fmt: skip
+        plan = cls(source, geometry, source.fit)
+        plan.__dict__["outcome"] = Outcome(fixture, fixture.findings)
+        return plan
 
     def answered(self, answers: dict[str, tuple[str | None, str]]) -> Plan:
         """The plan with other answers, by which its outcome stays what it is."""
@@ -252,7 +283,7 @@ class Plan:
         outcome = self._outcome()
         # Whether this review shows the slice; an earlier one may have.
         findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
-        if self.source.is_slice_missing:
+        if self.is_slice_missing:
             text = (
                 "The slice is not shown, so neither the line's ends nor other ink can be seen. "
                 "Open the bundle with its slice: --slice IMAGE."
@@ -266,13 +297,159 @@ class Plan:
         return replace(outcome, findings=tuple(findings))
 
     @cached_property
-    def shown(self) -> Shown | None:
-        """What the page and the sheet show of it; `None` where there is no fixture."""
-        fixture, source = self.outcome.fixture, self.source
-        if fixture is None:
+    def fixture(self) -> Fixture | None:
+        """What would be written, with its findings and their answers; `None` if nothing would."""
+        fixture = self.outcome.fixture
+        return None if fixture is None else replace(fixture, findings=self.findings)
+
+    @property
+    def name(self) -> str:
+        """What it is called, such as a file's name."""
+        return self.source.path.name
+
+    @property
+    def image(self) -> PlannedImage | None:
+        """The slice that the curve was drawn on; `None` where it is not at hand."""
+        return None if self.source.slice_path is None else self.source.image
+
+    @property
+    def is_slice_missing(self) -> bool:
+        """Whether the curve was drawn on a slice that is not at hand."""
+        return self.image is None and "image" in self.source.inputs
+
+    @cached_property
+    def strokes(self) -> tuple[Stroke, ...]:
+        """The lines on the slice [px], with the pen's width where a pen drew them."""
+        return self.geometry.lines
+
+    @cached_property
+    def account(self) -> tuple[AccountEntry, ...]:
+        """Other ink, and where the line shows none, the largest first."""
+        return self.geometry.account
+
+    @cached_property
+    def registration(self) -> Registration | None:
+        """The one that the fixture was made with, if the bundle's own markers give it again."""
+        return registration_again(self.fixture)
+
+    @cached_property
+    def digest(self) -> str:
+        """By which it is accepted."""
+        return digest_of(self.fixture, slice_shown=self.image is not None)
+
+    @property
+    def kind(self) -> Kind | None:
+        """What the robot renders; `None` of a curve that it does not render yet."""
+        return None if self.fixture.rendering is None else kind_of(self.fixture)
+
+    @cached_property
+    def plane(self) -> Array | None:
+        """(3, 3) from (u, v, 1) of the slice to the fixture's frame [m]; `None` if unknown."""
+        return plane_of_slice(self.fixture, self.image)
+
+    @cached_property
+    def side(self) -> str | None:
+        """From where the robot sees the slice, such as "above (robot +z)"; `None` if unknown."""
+        if self.plane is None or self.fixture.registration is None:
             return None
-        image = source.image if source.slice_path is not None else None
-        return Shown(replace(fixture, findings=self.findings), source.path.name, image)
+        return describe_side(-plane_normal(self.plane))
+
+    @cached_property
+    def outlines(self) -> tuple[Outline, ...]:
+        """What the robot renders, on the slice; none where it is unknown how that lies."""
+        source = self.image or self.fixture.image
+        if self.plane is None or source is None:
+            return ()
+        return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
+
+    def bodies(self) -> dict[str, Any]:
+        """What renders the fixture in a browser, and where that lies on the slice.
+
+        `plane` takes (u, v, 1) [px] to the fixture's frame [m], and `back` a way there [m] onto the
+        slice [px].
+
+        Raises `VfplanError` for what no engine takes.
+        """
+        fixture = self.fixture
+        if self.plane is None or fixture.rendering is None:
+            raise InputError("The curve has no markers yet.", code="not-rendered")
+        back = onto_plane(self.plane, fixture.ignore_axis)(np.eye(3) + self.plane[:, 2]).T
+        radius_m = 0.0 if fixture.region is None else fixture.contact_radius
+        return {
+            "bodies": bodies_of(fixture), "plane": self.plane.tolist(), "back": back.tolist(),
+            "radius_px": radius_m / self.metres_per_px,
+        }  # fmt: skip
+
+    @cached_property
+    def metres_per_px(self) -> float | None:
+        """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
+        if self.plane is not None:
+            return size_of(self.plane)
+        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
+        spacing_mm = next(filter(None, spacings), None)
+        return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
+
+    @cached_property
+    def tre95_m(self) -> Array | None:
+        """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
+        if self.registration is None or not self.strokes:
+            return None
+        place = None
+        if self.registration.source.shape[1] == 3:
+            place = place_in_patient(self.image)
+        return bound95_m(self.registration, self.strokes, place)
+
+    @cached_property
+    def other_ink(self) -> tuple[AccountEntry, ...]:
+        """The account without the gaps that a bridge of the line crosses."""
+        bridged = [stroke.points[stroke.bridged] for stroke in self.strokes]
+        places = np.vstack([np.full((1, 2), np.inf), *bridged])
+
+        def is_listed(entry: AccountEntry) -> bool:
+            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
+            return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
+
+        return tuple(filter(is_listed, self.account))
+
+    @property
+    def slicer_points(self) -> Array:
+        """(K, 2) the points that a person set in Slicer [px]; none of any other curve."""
+        recipe = self.fixture.provenance.settings
+        points = value_as(tuple[tuple[float, float], ...], recipe.get(SLICER_POINTS, ""))
+        return np.array(() if points is MISFIT else points).reshape(-1, 2)
+
+    @cached_property
+    def margin_m(self) -> float | None:
+        """What the plan added to the radius around each point; `None` where it added nothing."""
+        margin = self.fixture.provenance.settings.get("margin")
+        bound_m = None if self.tre95_m is None else float(self.tre95_m.max())
+        return margin_length(margin, bound_m)
+
+    @cached_property
+    def markers(self) -> tuple[Marker, ...]:
+        """The markers on the slice."""
+        record, left_out = self.fixture.registration, labels_left_out(self.fixture)
+        if record is None or self.image is None or self.plane is None:
+            return ()
+        T, places = record.T_robot_image, record.source
+        residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
+        residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
+        if record.source_frame != "image":
+            places = onto_plane(self.image.T_patient_image[:3])(places)
+        return tuple(
+            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
+                   residual_px=residual_px)
+            for label, place, residual_m, residual_px in zip(
+                record.labels, places, record.residuals_m, residuals_px, strict=True
+            )
+        )  # fmt: skip
+
+    @property
+    def bounds(self) -> Iterator[tuple[Stroke, Array]]:
+        """Each stroke with the 95 % bound of its points, (M,) [m]; none if that is unknown."""
+        if self.tre95_m is not None:
+            stops = np.cumsum([len(stroke.points) for stroke in self.strokes])[:-1]
+            yield from zip(self.strokes, np.split(self.tre95_m, stops), strict=True)
 
     def _outcome(self) -> Outcome:
         source, of_curve = self.source, self.geometry.all_findings
@@ -289,7 +466,7 @@ class Plan:
         if not self.fit.markers:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
-            return Outcome(None, of_curve, _sentence(self.fit.why_not), "markers")
+            return Outcome(None, of_curve, sentence(self.fit.why_not), "markers")
         margin, opened = self.fit.settings.margin, source.bundle
         is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
         # A margin from the bound is made anew; a number cannot be.
@@ -309,16 +486,11 @@ class Plan:
             record = None if opened is None else opened.registration
             touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
             pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
-        image = source.image if source.slice_path is not None else None
         try:
-            planned = register(curve, pairs, None, self.fit.settings, image=image).fixture
+            planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
         except VfplanError as error:
-            # The page has no options; what is wrong with the markers is mended on it.
-            message = error.message.replace(", or give --markers-as-given", "")
-            message = message.replace(" with vfplan rectify", "")
-            message = message.replace(" (delete its row, and give --common)", "")
-            return Outcome(None, of_curve, _sentence(message), error.code)
+            return Outcome(None, of_curve, sentence(error.message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
         provenance = replace(planned.provenance, settings=settings)
@@ -353,7 +525,7 @@ def key_of(finding: Finding) -> str:
     return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
 
 
-def _sentence(text: str) -> str:
+def sentence(text: str) -> str:
     """A message as a sentence."""
     return text[:1].upper() + text[1:].removesuffix(".") + "."
 
@@ -361,31 +533,30 @@ def _sentence(text: str) -> str:
 def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
     """A doubt for each rendered value that is not that of the opened bundle; one for the line."""
     before, after = rendered_values(opened), rendered_values(fixture)
-    names = [
-        name for name in before | after if not np.array_equal(before.get(name), after.get(name))
-    ]
-    of_line = [name for name in names if re.match("/(points|curve|pieces|mesh)", name)]
-    values = {
-        name: [in_words(values.get(name)) for values in (after, before)]
-        for name in names if name not in of_line
-    }  # fmt: skip
+    texts, of_line = [], []
+    for name in before | after:
+        if np.array_equal(before.get(name), after.get(name)):
+            continue
+        if re.match("/(points|curve|pieces|mesh)", name):
+            of_line.append(name)
+            continue
+        now, was = in_words(after.get(name)), in_words(before.get(name))
+        texts.append(f"{name} is {now}; in the opened bundle it is {was}.")
     if of_line and fixture.frame == opened.frame:
         from scipy.spatial import cKDTree
 
         # Both lines with a point every hundredth of a millimetre.
-        fine = [
+        now, was = (
             np.vstack([evenly(1e5 * stroke.points, stroke.closed) for stroke in one.strokes])
             for one in (fixture, opened)
-        ]
-        apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in (fine, fine[::-1]))
-        lengths = [millimetres(1e-5 * len(points)) for points in fine]
-        values[f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off,"] = [
-            f"{length} long" for length in lengths
-        ]
-    return [
-        doubt("differs-from-opened", "plan", f"{name} is {now}; in the opened bundle it is {was}.")
-        for name, (now, was) in values.items()
-    ]
+        )
+        apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in ((now, was), (was, now)))
+        texts.append(
+            f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off, is "
+            f"{millimetres(1e-5 * len(now))} long; in the opened bundle it is "
+            f"{millimetres(1e-5 * len(was))} long."
+        )
+    return [doubt("differs-from-opened", "plan", text) for text in texts]
 
 
 def in_words(value: Any) -> str:
@@ -410,7 +581,7 @@ def open_source(
         if curve_path is not None:
             text = "A bundle has its curve. Leave --curve out."
             raise SettingError(text, code="curve-given-twice")
-        source = _of_bundle(path, slice_path, of_extraction, of_planning)
+        source = source_of_bundle(path, slice_path, of_extraction, of_planning)
     else:
         if slice_path is not None:
             text = f"{path} is a slice itself. Leave --slice out; it belongs to a bundle."
@@ -419,8 +590,8 @@ def open_source(
         extraction, planning = ExtractSettings(**of_extraction), FixtureSettings(**of_planning)
         stack = read_stack(path)
         if extraction.frame is not None or curve_path is not None or len(stack) < 2:
-            source = _of_slice(stack[0].path if path.is_dir() else path, curve_path, extraction,
-                               planning)  # fmt: skip
+            first = stack[0].path if path.is_dir() else path
+            source = source_of_slice(first, curve_path, extraction, planning)
             numbers = [k for k, one in enumerate(stack) if one.frame == extraction.frame]
             if len(stack) > 1 and len(numbers) == 1:
                 source = replace(source.in_stack(stack, numbers[0]), stack=(), position=0)
@@ -430,7 +601,7 @@ def open_source(
             numbers = [k for k, one in enumerate(stack) if one.series == longest]
             middle = numbers[len(numbers) // 2]
             chosen = replace(extraction, frame=stack[middle].frame)
-            source = _of_slice(stack[middle].path, None, chosen, planning)
+            source = source_of_slice(stack[middle].path, None, chosen, planning)
             source = source.in_stack(stack, middle)
     if markers is None:
         if source.as_opened is not None:
@@ -541,9 +712,10 @@ def is_bundle(path: Path) -> bool:
         return False
 
 
-def _of_slice(
+def source_of_slice(
     path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
 ) -> Source:
+    """What a review of a slice begins with."""
     image = read_slice(path, extraction)
     exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
@@ -566,9 +738,10 @@ def _of_slice(
     )  # fmt: skip
 
 
-def _of_bundle(
+def source_of_bundle(
     path: Path, slice_path: Path | None, of_extraction: dict[str, Any], of_planning: dict[str, Any]
 ) -> Source:
+    """What a review of a bundle begins with."""
     from vfplan.bundle.read import read_sealed
     from vfplan.bundle.seal import naming_bundle
 
@@ -589,7 +762,7 @@ def _of_bundle(
     slice_image = None
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
-        slice_image = _slice_of(fixture, slice_path, path, extraction)
+        slice_image = slice_of_bundle(fixture, slice_path, path, extraction)
         sha256["slice"] = slice_image.sha256
     record = fixture.registration
     is_planar = record is not None and record.source_frame == "image"
@@ -600,26 +773,19 @@ def _of_bundle(
             f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png"
         )
         raise InputError(text, where=str(path), code="no-slice-registration")
-    drawn = strokes_on_slice(fixture, slice_image)
+    geometry = geometry_of_bundle(fixture, slice_image, extraction)
+    geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
     image = slice_image
     if image is None:
         # A blank picture of the slice's size.
         spacing = None
-        points = np.concatenate([stroke.points for stroke in drawn])
+        points = np.concatenate([stroke.points for stroke in geometry.strokes])
         width, height = (points.max(axis=0) + 50).astype(int).tolist()
         if fixture.image is not None:
             width, height = fixture.image.width_px, fixture.image.height_px
             spacing = fixture.image.pixel_spacing_mm
         rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
         image = PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
-
-    # The curve on the slice, and the pen's ink if it was drawn by a pen.
-    ink = None
-    exclude = extraction.exclude or ()
-    if slice_image is not None and "curve" not in fixture.provenance.inputs:
-        ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-    strokes = tuple(MendedStroke.of(stroke) for stroke in drawn)
-    of_curve = tuple(f for f in fixture.findings if f.stage == "extract")
 
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
@@ -634,8 +800,8 @@ def _of_bundle(
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
-        path, slice_path, image, extraction, planning,
-        Geometry(strokes, ink, of_curve), fit, exclude, dict(fixture.provenance.inputs), sha256,
+        path, slice_path, image, extraction, planning, geometry, fit, extraction.exclude or (),
+        dict(fixture.provenance.inputs), sha256,
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
@@ -644,7 +810,19 @@ def _of_bundle(
     )  # fmt: skip
 
 
-def _slice_of(
+def geometry_of_bundle(
+    fixture: Fixture, image: PlannedImage | None, extraction: ExtractSettings
+) -> Geometry:
+    """The curve of a bundle on its slice, and the pen's ink if a pen drew it."""
+    ink = None
+    if image is not None and "curve" not in fixture.provenance.inputs:
+        ink = SliceInk(image.rgb, extraction.colour, extraction.exclude or (), extraction.roi)
+    of_curve = tuple(finding for finding in fixture.findings if finding.stage == "extract")
+    strokes = strokes_on_slice(fixture, image)
+    return Geometry(strokes, ink, of_curve, max_gap_px=extraction.max_gap_px)
+
+
+def slice_of_bundle(
     fixture: Fixture, slice_path: Path, path: Path, extraction: ExtractSettings
 ) -> PlannedImage:
     """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
@@ -662,7 +840,7 @@ def _slice_of(
     return image
 
 
-def _side(direction: np.ndarray) -> str:
+def side_of_patient(direction: np.ndarray) -> str:
     """The letter of the patient's side to which a direction of LPS leads most."""
     # Each pair of letters stands for the negative and the positive direction of an axis.
     axis = int(np.abs(direction).argmax())

@@ -1,7 +1,4 @@
-"""What a review shows: the plan on its slice, and what the robot will render of it.
-
-The page and the sheet are views of `Shown`. What is rendered stands there as an outline that its
-own engine gives, in values and in words.
+"""What the robot will render of a plan: as an outline that its own engine gives, and in words.
 
 A wall has the outline at which the tool's centre stops, and a guide that of the tube in which the
 tip is held. Nothing here computes them from the drawn line: the engine that the bundle makes is
@@ -14,40 +11,23 @@ import hashlib
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
 from vfplan.display import MM, millimetres
-from vfplan.engine.browser import bodies_of
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import InputError, VfplanError
-from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
-from vfplan.planning.settings import (
-    LEAD_SPEED_M_S,
-    SLICER_POINTS,
-    ExtractSettings,
-    margin_length,
-)
-from vfplan.registration.registration import (
-    Registration,
-    describe_side,
-    fit_registration,
-)
-from vfplan.review.acceptance import digest_of
-from vfplan.review.markers import Marker, bound95_m, size_of
+from vfplan.images.read import PlannedImage, plane_of_slice
+from vfplan.planning.settings import LEAD_SPEED_M_S
+from vfplan.registration.registration import Registration, fit_registration
+from vfplan.review.markers import size_of
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
-
-if TYPE_CHECKING:
-    from vfplan.curve.account import AccountEntry
-    from vfplan.images.read import PlannedImage
-    from vfplan.review.geometry import Geometry
 
 Array = NDArray[np.float64]
 Kind = Literal["wall", "guide"]
@@ -84,195 +64,6 @@ def kind_of(fixture: Fixture) -> Kind:
     return "wall" if fixture.guidance is None else "guide"
 
 
-@dataclass(frozen=True, eq=False)
-class Shown:
-    """A plan as every view shows it: the page, the sheet, and the lists of a command.
-
-    Parameters
-    ----------
-    fixture
-        What would be written, with its findings and their answers.
-    name
-        What it is called, such as a file's name.
-    image
-        The slice that the curve was drawn on; `None` where it is not at hand.
-
-    Raises
-    ------
-    InputError
-        The image is not the one that the curve was drawn on.
-    """
-
-    fixture: Fixture
-    name: str
-    image: PlannedImage | None = None
-
-    def __post_init__(self) -> None:
-        if self.image is not None:
-            check_slice(self.fixture, self.image)
-
-    @cached_property
-    def geometry(self) -> Geometry:
-        """The lines on the slice and the pen's ink there; neither where it is not at hand."""
-        from vfplan.review.geometry import Geometry, extraction_of
-        from vfplan.review.ink import SliceInk
-
-        fixture, image, ink = self.fixture, self.image, None
-        if image is None:
-            return Geometry()
-        if "curve" not in fixture.provenance.inputs:
-            settings = extraction_of(fixture, ExtractSettings())
-            ink = SliceInk(image.rgb, settings.colour, settings.exclude or (), settings.roi)
-        return Geometry(strokes_on_slice(fixture, image), ink)
-
-    @cached_property
-    def strokes(self) -> tuple[Stroke, ...]:
-        """The lines on the slice [px], with the pen's width where a pen drew them."""
-        return self.geometry.lines
-
-    @cached_property
-    def account(self) -> tuple[AccountEntry, ...]:
-        """Other ink, and where the line shows none, the largest first."""
-        return self.geometry.account
-
-    @cached_property
-    def registration(self) -> Registration | None:
-        """The one that the fixture was made with, if the bundle's own markers give it again."""
-        return registration_again(self.fixture)
-
-    @cached_property
-    def digest(self) -> str:
-        """By which it is accepted."""
-        return digest_of(self.fixture, slice_shown=self.image is not None)
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What a person should look at."""
-        return self.fixture.findings
-
-    @property
-    def is_slice_missing(self) -> bool:
-        """Whether the curve was drawn on a slice that is not at hand."""
-        return self.image is None and "image" in self.fixture.provenance.inputs
-
-    @property
-    def kind(self) -> Kind | None:
-        """What the robot renders; `None` of a curve that it does not render yet."""
-        return None if self.fixture.rendering is None else kind_of(self.fixture)
-
-    @cached_property
-    def plane(self) -> Array | None:
-        """(3, 3) from (u, v, 1) of the slice to the fixture's frame [m]; `None` if unknown."""
-        return plane_of(self.fixture, self.image)
-
-    @cached_property
-    def side(self) -> str | None:
-        """From where the robot sees the slice, such as "above (robot +z)"; `None` if unknown."""
-        if self.plane is None or self.fixture.registration is None:
-            return None
-        return describe_side(-plane_normal(self.plane))
-
-    @cached_property
-    def outlines(self) -> tuple[Outline, ...]:
-        """What the robot renders, on the slice; none where it is unknown how that lies."""
-        source = self.image or self.fixture.image
-        if self.plane is None or source is None:
-            return ()
-        return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
-
-    def bodies(self) -> dict[str, Any]:
-        """What renders the fixture in a browser, and where that lies on the slice.
-
-        `plane` takes (u, v, 1) [px] to the fixture's frame [m], and `back` a way there [m] onto the
-        slice [px].
-
-        Raises `VfplanError` for what no engine takes.
-        """
-        fixture = self.fixture
-        if self.plane is None or fixture.rendering is None:
-            raise InputError("The curve has no markers yet.", code="not-rendered")
-        back = onto_plane(self.plane, fixture.ignore_axis)(np.eye(3) + self.plane[:, 2]).T
-        radius_m = 0.0 if fixture.region is None else fixture.contact_radius
-        return {
-            "bodies": bodies_of(fixture), "plane": self.plane.tolist(), "back": back.tolist(),
-            "radius_px": radius_m / self.metres_per_px,
-        }  # fmt: skip
-
-    @cached_property
-    def metres_per_px(self) -> float | None:
-        """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
-        if self.plane is not None:
-            return size_of(self.plane)
-        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
-        spacing_mm = next(filter(None, spacings), None)
-        return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
-
-    @cached_property
-    def tre95_m(self) -> Array | None:
-        """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
-        if self.registration is None or not self.strokes:
-            return None
-        place = None
-        if self.registration.source.shape[1] == 3:
-            place = _place_in_patient(self.image)
-        return bound95_m(self.registration, self.strokes, place)
-
-    @cached_property
-    def other_ink(self) -> tuple[AccountEntry, ...]:
-        """The account without the gaps that a bridge of the line crosses."""
-        bridged = [stroke.points[stroke.bridged] for stroke in self.strokes]
-        places = np.vstack([np.full((1, 2), np.inf), *bridged])
-
-        def is_listed(entry: AccountEntry) -> bool:
-            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
-            return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
-
-        return tuple(filter(is_listed, self.account))
-
-    @property
-    def slicer_points(self) -> Array:
-        """(K, 2) the points that a person set in Slicer [px]; none of any other curve."""
-        recipe = self.fixture.provenance.settings
-        points = value_as(tuple[tuple[float, float], ...], recipe.get(SLICER_POINTS, ""))
-        return np.array(() if points is MISFIT else points).reshape(-1, 2)
-
-    @cached_property
-    def margin_m(self) -> float | None:
-        """What the plan added to the radius around each point; `None` where it added nothing."""
-        margin = self.fixture.provenance.settings.get("margin")
-        bound_m = None if self.tre95_m is None else float(self.tre95_m.max())
-        return margin_length(margin, bound_m)
-
-    @cached_property
-    def markers(self) -> tuple[Marker, ...]:
-        """The markers on the slice, or where they lie in front of the robot if there is none."""
-        record, left_out = self.fixture.registration, labels_left_out(self.fixture)
-        if record is None or (self.image is not None and self.plane is None):
-            return ()
-        places, residuals_px = record.target, [None] * len(record.labels)
-        if self.image is not None:
-            T = record.T_robot_image
-            residuals = record.target - (record.source @ T[:3, :-1].T + T[:3, -1])
-            residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
-            places = record.source
-            if record.source_frame != "image":
-                places = onto_plane(self.image.T_patient_image[:3])(places)
-        return tuple(
-            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
-                   residual_px=residual_px)
-            for label, place, residual_m, residual_px in zip(
-                record.labels, places, record.residuals_m, residuals_px, strict=True
-            )
-        )  # fmt: skip
-
-    @property
-    def bounds(self) -> Iterator[tuple[Stroke, Array]]:
-        """Each stroke with the 95 % bound of its points, (M,) [m]; none if that is unknown."""
-        if self.tre95_m is not None:
-            stops = np.cumsum([len(stroke.points) for stroke in self.strokes])[:-1]
-            yield from zip(self.strokes, np.split(self.tre95_m, stops), strict=True)
-
-
 def check_slice(fixture: Fixture, image: PlannedImage) -> None:
     """Raise `InputError` unless the image is the one that the curve was drawn on."""
     known = fixture.provenance.inputs.get("image")
@@ -295,7 +86,7 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     """
     convert = to_pixels(fixture, image)
     is_image = fixture.frame == "image"
-    units_per_px = 1.0 if is_image else size_of(plane_of(fixture, image))
+    units_per_px = 1.0 if is_image else size_of(plane_of_slice(fixture, image))
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
@@ -311,7 +102,7 @@ def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array],
     if fixture.frame == "image":
         return lambda points: points[:, :2]
     if fixture.frame == "patient_lps":
-        return onto_plane(_place_in_patient(image))
+        return onto_plane(place_in_patient(image))
     record = fixture.registration
     if record is None:
         raise InputError(
@@ -322,11 +113,12 @@ def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array],
     if record.source_frame == "image":
         return onto_plane(record.T_robot_image)
     back = np.linalg.inv(record.T_robot_image)
-    onto = onto_plane(_place_in_patient(image))
+    onto = onto_plane(place_in_patient(image))
     return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
 
 
-def _place_in_patient(image: PlannedImage) -> Array:
+def place_in_patient(image: PlannedImage) -> Array:
+    """(3, 3) from (u, v, 1) of a DICOM slice to the patient's frame [m]."""
     if image.T_patient_image is None:
         raise InputError(
             "The slice does not say where it lies in the patient, so the curve cannot be drawn on "
@@ -334,20 +126,6 @@ def _place_in_patient(image: PlannedImage) -> Array:
             code="slice-unplaced",
         )
     return image.T_patient_image[:3]
-
-
-def plane_of(fixture: Fixture, image: PlannedImage | None) -> Array | None:
-    """(3, 3) from (u, v, 1) of the slice to the frame of the fixture [m]; `None` if unknown."""
-    record = fixture.registration
-    if record is not None and record.source_frame == "image":
-        return record.T_robot_image
-    if image is None or image.T_patient_image is None:
-        return None
-    plane = image.T_patient_image[:3]
-    if record is not None:
-        plane = record.T_robot_image[:3, :3] @ plane
-        plane[:, 2] += record.T_robot_image[:3, 3]
-    return plane
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:
@@ -408,15 +186,15 @@ def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[
     outlines: list[Outline] = []
     try:
         if fixture.region is not None:
-            outlines.append(_of_wall(fixture.region, plane, size))
+            outlines.append(wall_outline(fixture.region, plane, size))
         if fixture.guidance is not None:
-            outlines += _of_guide(fixture, plane)
+            outlines += guide_outlines(fixture, plane)
     except VfplanError:
         return ()
     return tuple(outlines)
 
 
-def _of_wall(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
+def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
     """Where the tool's centre is as far from the region as the engine lets it come."""
     from skimage.measure import find_contours
 
@@ -440,7 +218,7 @@ def _of_wall(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
     return Outline("wall", tuple(contour[:, ::-1] * step for contour in contours))
 
 
-def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
+def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
     """Where the guide brings a tip back that lies just outside of its tube."""
     with warnings.catch_warnings():
         # The bend that it warns of is a finding of the plan.
@@ -467,13 +245,13 @@ def _of_guide(fixture: Fixture, plane: Array) -> Iterator[Outline]:
             around = [np.repeat(places[[k]], END_DIRECTIONS, axis=0) for k in (-1, 0)]
             paths = [(np.vstack([places, around[0], places[::-1], around[1], places[:1]]),
                       np.vstack([side, end, -side[::-1], start, side[:1]]))]  # fmt: skip
-        pull = _pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
+        pull = pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
         tips = [at + (1 + BEYOND_TUBE) * guide.radius * away for at, away in paths]
-        lines = tuple(onto_picture(line) for path in tips for line in _held(guide, path))
+        lines = tuple(onto_picture(line) for path in tips for line in held_lines(guide, path))
         yield Outline("guide", lines, pull)
 
 
-def _held(guide: Guide, tips: Array) -> Iterator[Array]:
+def held_lines(guide: Guide, tips: Array) -> Iterator[Array]:
     """To where the guide brings each tip, in lines without the tips that it leaves free."""
     answers = []
     for tip in tips:
@@ -486,7 +264,7 @@ def _held(guide: Guide, tips: Array) -> Iterator[Array]:
             yield proxies[run]
 
 
-def _pull_of(
+def pull_of(
     guide: Guide, place: Array, onto_picture: Callable[[Array], Array]
 ) -> tuple[Array, Array] | None:
     """A place of a picture and the direction in which the guide pulls a tip that rests there."""
@@ -516,10 +294,10 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
 
 def rendered_in_json(fixture: Fixture) -> dict[str, Any]:
     """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
-    return {name: _plain(value) for name, value in rendered_values(fixture).items()}
+    return {name: in_json(value) for name, value in rendered_values(fixture).items()}
 
 
-def _plain(value: Any) -> Any:
+def in_json(value: Any) -> Any:
     """A value as JSON holds it."""
     if not isinstance(value, np.ndarray):
         return value
@@ -534,15 +312,15 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     if fixture.rendering is None:
         return ()
     rendering = fixture.rendering
-    rows = [_wall_in_words(fixture, rendering), _guide_in_words(fixture)]
+    rows = [wall_in_words(fixture, rendering), guide_in_words(fixture)]
     axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
         numbers = ", ".join(f"{number:.4f}" for number in axis)
         name = axis_in_words(axis)
         name = f"{name} " if name in "xyz" else ""
         infinite = f"along {name}({numbers}), where it gives no force"
-    rows += [("Infinite", infinite), ("Rule", _rule_in_words(fixture, rendering)),
-             ("Robot", _robot_in_words(fixture)), ("Place", _place_in_words(fixture))]  # fmt: skip
+    rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
+             ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration
     if record is not None:
         markers = [f"{label} {' '.join(f'{MM * x:.1f}' for x in place)}"
@@ -551,7 +329,8 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     return tuple(row for row in rows if row is not None)
 
 
-def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
+def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
+    """How far and how stiffly the robot keeps the tool off."""
     drawn = "line" if fixture.curve is not None else "points"
     what = drawn if fixture.mesh is None else "surface"
     if fixture.guidance is not None:
@@ -566,7 +345,8 @@ def _wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
     return "Wall", f"{words}; {stiffness}"
 
 
-def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
+def guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
+    """How the robot holds the tip; `None` where it does not."""
     guidance = fixture.guidance
     if guidance is None:
         return None
@@ -584,7 +364,7 @@ def _guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
     return "Guide", words
 
 
-def _rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
+def rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
     """Which rule moves the proxy over what, and how exactly."""
     count = f"{len(fixture.points)} points"
     if fixture.pieces is not None and rendering.ignore_axis is not None:
@@ -603,7 +383,8 @@ def _rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
     return f"{rule}, {count}; band {1e6 * rendering.band:.4g} µm; {most}"
 
 
-def _robot_in_words(fixture: Fixture) -> str:
+def robot_in_words(fixture: Fixture) -> str:
+    """Whether the stiffness is stable, and with which robot."""
     verdict = fixture.stability
     if verdict is None:
         return "none: the stiffness was checked with no robot"
@@ -614,7 +395,7 @@ def _robot_in_words(fixture: Fixture) -> str:
     )
 
 
-def _place_in_words(fixture: Fixture) -> str:
+def place_in_words(fixture: Fixture) -> str:
     """The frame, and the box around what is rendered."""
     places = fixture.points
     if fixture.pieces is not None and fixture.ignore_axis is not None:

@@ -30,10 +30,6 @@ from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 from vfplan.review.rendered import described, rendered_in_json
 
-# Steps of a review at most: a person makes some hundreds.
-MAX_STEPS = 20_000
-
-
 # No places.
 NOTHING = np.zeros(0, complex)
 
@@ -101,9 +97,6 @@ class Session:
         """
         if isinstance(step, dict) and step.get("do") == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
-        if len(self.steps) >= MAX_STEPS:
-            text = f"The review has {MAX_STEPS} steps and takes no more. Approve it or start anew."
-            raise SettingError(text, code="too-many-steps")
         plan = steps_of_a_plan.apply(self.current, step)
         kept = dict(step)
         if kept["do"] == "answer":
@@ -114,7 +107,7 @@ class Session:
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
-        places = _complex(steps_of_a_plan.points_in_view(self.current, step))
+        places = as_complex(steps_of_a_plan.points_in_view(self.current, step))
         return self.with_seen(who, places)
 
     def with_seen(self, who: Any, places: np.ndarray) -> Session:
@@ -156,12 +149,12 @@ class Session:
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
-        why_not, shown = self.why_not(by), plan.shown
+        why_not = self.why_not(by)
         state |= {"rendered": None, "described": [], "outline_px": []}
-        if shown is not None:
-            lines = [line for outline in shown.outlines for line in outline.lines]
-            state["rendered"] = rendered_in_json(shown.fixture)
-            state["described"] = described(shown.fixture)
+        if plan.fixture is not None:
+            lines = [line for outline in plan.outlines for line in outline.lines]
+            state["rendered"] = rendered_in_json(plan.fixture)
+            state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
         return state | {
             "findings": [finding.as_dict() for finding in plan.findings],
@@ -170,18 +163,17 @@ class Session:
 
     def bodies(self) -> dict[str, Any]:
         """What renders the plan as it stands, for the page's own engine; else why nothing does."""
-        shown = self.current.shown
-        if shown is None:
+        if self.current.fixture is None:
             return {"why_not": self.current.why_not[0]}
         try:
-            return {"digest": self.digest, **shown.bodies()}
+            return {"digest": self.digest, **self.current.bodies()}
         except VfplanError as error:
             return {"why_not": error.message}
 
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [_title(step) for step in self.steps]
+        titles = [title_of(step) for step in self.steps]
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {
@@ -196,9 +188,9 @@ class Session:
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
             "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
-            "edited": [_first_and_last(stroke.edited) for stroke in strokes],
-            "bridged": [_first_and_last(stroke.bridged) for stroke in strokes],
-            "unseen": [_first_and_last(flags) for flags in self.unseen(by)],
+            "edited": [first_and_last(stroke.edited) for stroke in strokes],
+            "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
+            "unseen": [first_and_last(flags) for flags in self.unseen(by)],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
@@ -239,7 +231,7 @@ class Session:
             replace(finding, answered_by=by) if finding.answered_by == "" else finding
             for finding in self.current.findings
         )
-        fixture = self.current.outcome.fixture
+        fixture = self.current.fixture
         settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
         provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.as_opened
@@ -252,15 +244,15 @@ class Session:
     @property
     def digest(self) -> str | None:
         """The digest of the plan as it stands, which an approval names; `None` without a plan."""
-        if self.current.outcome.fixture is None:
+        if self.current.fixture is None:
             return None
-        return digest_of(self.with_review(), slice_shown=self.source.slice_path is not None)
+        return digest_of(self.with_review(), slice_shown=self.current.image is not None)
 
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""
         seen = np.r_[self.seen.get(by, NOTHING), self.seen.get("", NOTHING)]
         strokes = self.current.geometry.strokes
-        return [~np.isin(_complex(stroke.points), seen) for stroke in strokes]
+        return [~np.isin(as_complex(stroke.points), seen) for stroke in strokes]
 
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
@@ -301,17 +293,17 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
     }
 
 
-def _complex(points: np.ndarray) -> np.ndarray:
+def as_complex(points: np.ndarray) -> np.ndarray:
     """(M,) u + iv of points (M, 2)."""
     return points[:, 0] + 1j * points[:, 1]
 
 
-def _first_and_last(flags: np.ndarray) -> list[list[int]]:
+def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
 
 
-def _title(step: dict[str, Any]) -> str:
+def title_of(step: dict[str, Any]) -> str:
     """A step in the list of steps."""
     words = step["do"].replace("_", " ")
     for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):

@@ -36,7 +36,8 @@ from vfplan.review.picture import (
     draw_views,
     ends_of,
 )
-from vfplan.review.rendered import Shown, described, labels_left_out
+from vfplan.review.plan import Plan
+from vfplan.review.rendered import described, labels_left_out
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -69,69 +70,71 @@ WHAT_TO_LOOK_FOR = (
 )
 
 
-def verdict_of(shown: Shown) -> str:
+def verdict_of(plan: Plan) -> str:
     """The title of the sheet: what is planned, what a person has to look at, and then to do."""
-    kind = f"A {shown.kind}. " if shown.kind else ""
-    unanswered, reviewed = len(shown.fixture.open_findings), shown.fixture.reviewed
-    if shown.is_slice_missing:
+    kind = f"A {plan.kind}. " if plan.kind else ""
+    unanswered, reviewed = len(plan.fixture.open_findings), plan.fixture.reviewed
+    if plan.is_slice_missing:
         return f"{kind}The slice is missing: this sheet shows no end of the line"
     if reviewed is not None and not unanswered:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
-    ends = sum(len(stroke.end_points) for stroke in shown.strokes)
+    ends = sum(len(stroke.end_points) for stroke in plan.strokes)
     places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
-    places = "the three views" if shown.image is None else places
+    places = "the three views" if plan.image is None else places
     then = "approve"
     if unanswered:
         then = f"answer {unanswered} finding{'s' if unanswered > 1 else ''}"
     return f"{kind}Look at {places}, then {then}"
 
 
-def facts_of(shown: Shown) -> list[tuple[str, str]]:
+def facts_of(plan: Plan) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
-    recipe, image = shown.fixture.provenance.settings, shown.image
+    recipe, image = plan.fixture.provenance.settings, plan.image
     slice_in_words, pixel = recipe.get(SLICE_IN_WORDS, ""), ""
     if not slice_in_words and image is not None and image.T_patient_image is not None:
         slice_in_words = height_in_words(image)
-    if image is not None and shown.metres_per_px is not None:
-        pixel = f"{MM * shown.metres_per_px:.4g} mm"
-    margin = "none" if shown.kind else ""
-    if shown.margin_m is not None:
-        margin = f"{millimetres(shown.margin_m, 2)} on every side"
+    if image is not None and plan.metres_per_px is not None:
+        pixel = f"{MM * plan.metres_per_px:.4g} mm"
+    margin = "none" if plan.kind else ""
+    if plan.margin_m is not None:
+        margin = f"{millimetres(plan.margin_m, 2)} on every side"
     elif "margin" in recipe:
         margin = "the 95 % bound"
     facts = [
-        ("Line" if shown.strokes else "Geometry", _geometry_in_words(shown)),
+        ("Line" if plan.strokes else "Geometry", geometry_in_words(plan)),
         ("Slice", slice_in_words),
         ("Pixel", pixel),
-        ("Markers", _markers_in_words(shown.fixture)),
-        ("Place of the line", _error_in_words(shown)),
+        ("Markers", markers_in_words(plan.fixture)),
+        ("Place of the line", error_in_words(plan)),
         ("Margin", margin),
     ]
     return [(heading, words) for heading, words in facts if words]
 
 
-def _geometry_in_words(shown: Shown) -> str:
+def geometry_in_words(plan: Plan) -> str:
+    """The length of each line and the width of its pen, or how many points there are."""
     parts = []
-    for stroke in shown.strokes:
+    for stroke in plan.strokes:
         if not stroke.is_ordered:
             parts.append(f"{len(stroke.points)} pixels in no order")
             continue
         length = length_of(stroke.points, stroke.closed)
         words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
-        if shown.metres_per_px is not None:
-            words += f" = {length * shown.metres_per_px * 1e3:.1f} mm"
+        if plan.metres_per_px is not None:
+            words += f" = {length * plan.metres_per_px * 1e3:.1f} mm"
         if stroke.width is not None:
             words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
-    if not shown.strokes:
-        mesh = shown.fixture.mesh
+    if not plan.strokes:
+        mesh = plan.fixture.mesh
         of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
-        parts = [f"{len(shown.fixture.points)} points{of_mesh}"]
+        parts = [f"{len(plan.fixture.points)} points{of_mesh}"]
     return ". ".join(parts)
 
 
-def _markers_in_words(fixture: Fixture) -> str:
+def markers_in_words(fixture: Fixture) -> str:
+    """How many markers there are, and how well they fit; empty without any."""
     registration = fixture.registration
     if registration is None:
         return ""
@@ -145,15 +148,16 @@ def _markers_in_words(fixture: Fixture) -> str:
     )
 
 
-def _error_in_words(shown: Shown) -> str:
-    fixture = shown.fixture
+def error_in_words(plan: Plan) -> str:
+    """How far the line may lie off its place."""
+    fixture = plan.fixture
     if fixture.frame == "image":
         return "not registered yet"
     if fixture.registration is None:
         return ""
-    if shown.tre95_m is not None:
-        bound = float(shown.tre95_m.max())
-        pixels = f" ({bound / shown.metres_per_px:.1f} px)" if shown.metres_per_px else ""
+    if plan.tre95_m is not None:
+        bound = float(plan.tre95_m.max())
+        pixels = f" ({bound / plan.metres_per_px:.1f} px)" if plan.metres_per_px else ""
         return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
     if fixture.registration.tre_m is None:
         return "not known"
@@ -161,13 +165,13 @@ def _error_in_words(shown: Shown) -> str:
     return f"{millimetres(largest, 2)} rms at most; the 95 % bound is not kept in the bundle"
 
 
-def draw_facts(sheet: Paper, shown: Shown, x: float, y: float, width: float) -> float:
+def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> float:
     """What to look for at the ends, and the numbers of the plan.
 
     Where there is room, a number stands beside its heading.
     """
-    of_ends = [] if shown.image is None else _facts_of_ends(shown)
-    for heading, words in (*of_ends, *facts_of(shown)):
+    of_ends = [] if plan.image is None else facts_of_ends(plan)
+    for heading, words in (*of_ends, *facts_of(plan)):
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
         heading_width = HEADING.width_of(f"{heading}  ")
@@ -179,16 +183,16 @@ def draw_facts(sheet: Paper, shown: Shown, x: float, y: float, width: float) -> 
     return y
 
 
-def _facts_of_ends(shown: Shown) -> list[tuple[str, str]]:
+def facts_of_ends(plan: Plan) -> list[tuple[str, str]]:
     """What to look for at an end, and at which end a cover would not show."""
     facts = []
-    for number, stroke in enumerate(shown.strokes, 1):
+    for number, stroke in enumerate(plan.strokes, 1):
         for end in ends_of(stroke):
             if end.direction is not None and not facts:
                 facts.append(("Look at each end", WHAT_TO_LOOK_FOR))
-            grey = grey_ahead(shown, stroke, end)
+            grey = grey_ahead(plan, stroke, end)
             if grey is not None:
-                of_line = "" if len(shown.strokes) == 1 else f" of line {number}"
+                of_line = "" if len(plan.strokes) == 1 else f" of line {number}"
                 words = (
                     f"All pixels ahead of the {end.name}{of_line} have one grey, {grey} of 255. A "
                     "cover of that grey has no border that could be seen. Compare with the slice "
@@ -202,10 +206,10 @@ def _facts_of_ends(shown: Shown) -> list[tuple[str, str]]:
 Block = list[tuple[str, paper.Style, float]]
 
 
-def lists_of(shown: Shown) -> list[tuple[str, list[Block]]]:
+def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
     """The findings, the other ink and what the robot renders: (heading, entries) each."""
     findings = []
-    for number, finding in enumerate(shown.findings, 1):
+    for number, finding in enumerate(plan.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"F{number}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
@@ -214,26 +218,26 @@ def lists_of(shown: Shown) -> list[tuple[str, list[Block]]]:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
     lists = [("Findings" if findings else "Findings: none", findings)]
-    if shown.image is not None:
+    if plan.image is not None:
         words = []
-        for entry in shown.other_ink[:MAX_NUMBERED]:
+        for entry in plan.other_ink[:MAX_NUMBERED]:
             what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
             place = f"({entry.u:.0f}, {entry.v:.0f})"
             words.append(f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at {place}")
-        smaller = shown.other_ink[MAX_NUMBERED:]
+        smaller = plan.other_ink[MAX_NUMBERED:]
         if smaller:
             pixels = sum(entry.pixels for entry in smaller)
             words.append(f"and {len(smaller)} smaller, {pixels} px together")
         heading = f"Other ink in the pen's colour{'' if words else ': none'}"
         lists.append((heading, [[(line, BODY, 0)] for line in words]))
-    if shown.kind:
-        rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(shown.fixture)]
-        lists.append((f"The robot renders a {shown.kind}", rows))
+    if plan.kind:
+        rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(plan.fixture)]
+        lists.append((f"The robot renders a {plan.kind}", rows))
     return lists
 
 
 def draw_lists(
-    sheet: Paper, shown: Shown, y: float, beside: tuple[float, float] | None = None
+    sheet: Paper, plan: Plan, y: float, beside: tuple[float, float] | None = None
 ) -> None:
     """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
     x, top = beside or (MARGIN, y)
@@ -249,7 +253,7 @@ def draw_lists(
     def height_of(blocks: list[Block]) -> float:
         return sum(style.line_height for _, style, _ in lines_of(blocks))
 
-    for number, (heading, entries) in enumerate(lists_of(shown)):
+    for number, (heading, entries) in enumerate(lists_of(plan)):
         # A heading does not stand alone at the foot of a page.
         first = [(heading, HEADING, 0), *(entries[0] if entries else [])]
         blocks = [first, *entries[1:]]
@@ -296,7 +300,7 @@ class Inset:
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
+def grey_ahead(plan: Plan, stroke: Stroke, end: LineEnd) -> int | None:
     """The one grey, 0 to 255, of all pixels ahead of an end; `None` if there are several.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
@@ -304,7 +308,7 @@ def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
     """
     if end.direction is None or stroke.sigma is None:
         return None
-    rgb = as_uint8(shown.image.rgb)
+    rgb = as_uint8(plan.image.rgb)
     half_width = (stroke.width or 0.0) / 2
     # The blur of the pen's own end reaches two pixels.
     centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
@@ -318,18 +322,18 @@ def grey_ahead(shown: Shown, stroke: Stroke, end: LineEnd) -> int | None:
     return int(np.median(colours))
 
 
-def insets_of(shown: Shown) -> list[Inset]:
+def insets_of(plan: Plan) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets = []
-    is_single = len(shown.strokes) == 1
+    is_single = len(plan.strokes) == 1
     width = f"{SHOWN_PX} px across"
-    if shown.metres_per_px is not None:
-        width = f"{SHOWN_PX * shown.metres_per_px * MM:.1f} mm across"
-    for number, stroke in enumerate(shown.strokes, 1):
+    if plan.metres_per_px is not None:
+        width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
+    for number, stroke in enumerate(plan.strokes, 1):
         name = "the line" if is_single else f"line {number}"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
-            is_even = grey_ahead(shown, stroke, end) is not None
+            is_even = grey_ahead(plan, stroke, end) is not None
             note = "one grey ahead: look twice" if is_even else width
             insets.append(Inset(caption, end.place, note))
             # A line without ink hides nothing, and the line itself has to be visible.
@@ -337,7 +341,7 @@ def insets_of(shown: Shown) -> list[Inset]:
             note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
-    for number, stroke in enumerate(shown.strokes, 1):
+    for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
@@ -352,26 +356,26 @@ def insets_of(shown: Shown) -> list[Inset]:
                 insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
     others = [
         (f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", (entry.u, entry.v))
-        for entry in shown.other_ink if entry.what != "ink"
+        for entry in plan.other_ink if entry.what != "ink"
     ]  # fmt: skip
     others += [
         (f"F{number}: {finding.code}", finding.place_px)
-        for number, finding in enumerate(shown.findings, 1) if finding.place_px is not None
+        for number, finding in enumerate(plan.findings, 1) if finding.place_px is not None
     ]  # fmt: skip
     for caption, place in others:
         # One that lies in an inset already is not enlarged again.
         reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]
         if min(reach, default=np.inf) > SHOWN_PX // 3:
             insets.append(Inset(caption, np.array(place), width))
-    if shown.metres_per_px is not None and (shown.tre95_m is not None or shown.outlines):
+    if plan.metres_per_px is not None and (plan.tre95_m is not None or plan.outlines):
         # Where the registration's error may be largest, enlarged so that all of it fits in.
-        points = np.concatenate([stroke.points for stroke in shown.strokes])
+        points = np.concatenate([stroke.points for stroke in plan.strokes])
         bound_m, note = np.zeros(1), "what the robot renders"
-        if shown.tre95_m is not None:
-            bound_m, note = shown.tre95_m, f"95 %: ±{MM * float(shown.tre95_m.max()):.2f} mm"
+        if plan.tre95_m is not None:
+            bound_m, note = plan.tre95_m, f"95 %: ±{MM * float(plan.tre95_m.max()):.2f} mm"
         worst = int(np.argmax(bound_m))
-        half_px, zoom = bound_m[worst] / shown.metres_per_px, ZOOM
-        lines = [line for outline in shown.outlines for line in outline.lines]
+        half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
+        lines = [line for outline in plan.outlines for line in outline.lines]
         if lines:
             half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
@@ -382,7 +386,7 @@ def insets_of(shown: Shown) -> list[Inset]:
 
 
 def draw_insets(
-    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], shown: Shown, y: float
+    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], plan: Plan, y: float
 ) -> tuple[float, float]:
     """Draw rows of insets; a row that does not fit begins a new page.
 
@@ -401,12 +405,12 @@ def draw_insets(
             style = BODY if line else STRONG
             words = paper.shortened(words, INSET_PX, style)
             sheet.text(x, last_row + line * BODY.line_height, words, style)
-        draw_inset(sheet, inset, rgb, shown, x, round(last_row + CAPTION_HEIGHT))
+        draw_inset(sheet, inset, rgb, plan, x, round(last_row + CAPTION_HEIGHT))
     return last_row, y
 
 
 def draw_inset(
-    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], shown: Shown, x: int, y: int
+    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], plan: Plan, x: int, y: int
 ) -> None:
     """Draw an inset with its frame at a place of the page."""
     u, v, size, _ = inset.window
@@ -416,7 +420,7 @@ def draw_inset(
     pixels = rgb[rows.clip(0, rgb.shape[0] - 1)][:, columns.clip(0, rgb.shape[1] - 1)]
     pixels[is_outside] = 255
     if inset.is_raised:
-        pixels = _spread(pixels, is_outside)
+        pixels = spread_greys(pixels)
     enlarged, outside = (
         picture.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
         for picture in (pixels, is_outside)
@@ -425,13 +429,13 @@ def draw_inset(
     stripes = np.add(*np.indices(outside.shape)) % 16 < 2
     enlarged[outside & stripes] = GREY
     if inset.has_line:
-        for stroke in shown.strokes:
+        for stroke in plan.strokes:
             line = inset.within(stroke.points)
             paper.draw_cased(enlarged, line, paper.LINE_COLOUR, 2, stroke.closed)
     if inset.bridge is not None:
         paper.draw_line(enlarged, inset.within(inset.bridge), paper.BRIDGE_COLOUR, 2)
     if inset.has_band:
-        _draw_band(enlarged, inset, shown)
+        draw_band(enlarged, inset, plan)
     sheet.picture(
         x, y, enlarged, kind="inset", words=inset.caption, window=inset.window, zoom=inset.zoom
     )
@@ -443,33 +447,27 @@ def draw_inset(
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
 
 
-def _spread(pixels: NDArray[np.uint8], is_outside: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def spread_greys(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
-    Each grey becomes as bright as the share of pixels that are darker, and half of those that are
-    as dark (histogram equalisation). So greys that differ by one are told apart, and a box of one
-    grey stands out of the noise around it.
+    So greys that differ by one are told apart, and a box of one grey stands out of the noise
+    around it.
     """
     grey = pixels.min(axis=2)
-    inside = grey[~is_outside]
-    if inside.size == 0:
-        return pixels
-    count = np.bincount(inside, minlength=256)
-    brightness = np.rint(255 * (count.cumsum() - count / 2) / inside.size)
-    shift = brightness[grey].astype(np.int16) - grey
+    shift = cv2.equalizeHist(grey).astype(np.int16) - grey
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def _draw_band(enlarged: NDArray[np.uint8], inset: Inset, shown: Shown) -> None:
+def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
     """Draw line, 95 % band and what the robot renders at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
-    to_page = inset.zoom / shown.metres_per_px
-    for outline in shown.outlines:
+    to_page = inset.zoom / plan.metres_per_px
+    for outline in plan.outlines:
         draw_rendered(enlarged, outline, inset.within, ())
-    for stroke, half_m in shown.bounds:
+    for stroke, half_m in plan.bounds:
         points = inset.within(stroke.points)
         paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
-    for stroke in shown.strokes:
+    for stroke in plan.strokes:
         if stroke.is_ordered:
             points = inset.within(stroke.points)
             paper.draw_line(enlarged, points, paper.LINE_COLOUR, 2, stroke.closed)
@@ -484,26 +482,26 @@ class Sheet:
 
     def png(self) -> bytes:
         """The sheet as a PNG file that prints at its own size, 200 dots an inch."""
-        return _png(self.pixels)
+        return png_of(self.pixels)
 
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
         count = len(self.pixels) // paper.PAGE_HEIGHT
-        return [_png(page) for page in np.split(self.pixels, count)]
+        return [png_of(page) for page in np.split(self.pixels, count)]
 
 
-def write_sheet(shown: Shown, path: Path) -> None:
+def write_sheet(plan: Plan, path: Path) -> None:
     """Write the sheet as a PNG; raises `OutputError`."""
-    write_whole(path, [draw_sheet(shown).png()], overwrite=True)
+    write_whole(path, [draw_sheet(plan).png()], overwrite=True)
 
 
-def draw_sheet(shown: Shown) -> Sheet:
+def draw_sheet(plan: Plan) -> Sheet:
     """Draw the sheet of what is to be reviewed."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     y = float(MARGIN)
-    verdict = verdict_of(shown)
-    if shown.fixture.open_findings or shown.is_slice_missing:
+    verdict = verdict_of(plan)
+    if plan.fixture.open_findings or plan.is_slice_missing:
         lines = len(paper.wrapped(verdict, paper.CONTENT_WIDTH - 32, paper.TITLE))
         bar = slice(MARGIN - 10, MARGIN + lines * paper.TITLE.line_height + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
@@ -513,33 +511,33 @@ def draw_sheet(shown: Shown) -> Sheet:
         y += 12
     else:
         y = sheet.paragraph(MARGIN, y, verdict, paper.CONTENT_WIDTH, paper.TITLE)
-    words = f"Review sheet of {shown.name}."
-    if shown.side is not None:
-        words += f" The slice is seen from {shown.side}."
+    words = f"Review sheet of {plan.name}."
+    if plan.side is not None:
+        words += f" The slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + 4, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
-    if shown.image is None:
-        free_x, free_y, y = draw_views(sheet, shown, y)
-        draw_facts(sheet, shown, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
-        draw_lists(sheet, shown, y)
+    if plan.image is None:
+        free_x, free_y, y = draw_views(sheet, plan, y)
+        draw_facts(sheet, plan, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
+        draw_lists(sheet, plan, y)
     else:
-        rgb = as_uint8(shown.image.rgb)
-        bottom, column_y = draw_picture(sheet, shown, rgb, y)
-        column_y = draw_facts(sheet, shown, COLUMN_X, column_y + 10, COLUMN_WIDTH)
-        insets = insets_of(shown)
-        last_row, y = draw_insets(sheet, insets, rgb, shown, max(bottom, column_y) + 20)
+        rgb = as_uint8(plan.image.rgb)
+        bottom, column_y = draw_picture(sheet, plan, rgb, y)
+        column_y = draw_facts(sheet, plan, COLUMN_X, column_y + 10, COLUMN_WIDTH)
+        insets = insets_of(plan)
+        last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 20)
         in_last_row = len(insets) % INSETS_IN_A_ROW
         beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
-        draw_lists(sheet, shown, y, beside)
+        draw_lists(sheet, plan, y, beside)
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"
-        sheet.text(MARGIN, paper.FOOT, f"digest {shown.digest}", BODY, page=page)
+        sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", BODY, page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
     return Sheet(sheet.image(), tuple(sheet.boxes))
 
 
-def _png(pixels: NDArray[np.uint8]) -> bytes:
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
     """A PNG file with its size in print."""
     from PIL import Image
 

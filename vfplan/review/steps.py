@@ -6,7 +6,6 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -22,20 +21,13 @@ from vfplan.planning.match import Record, match
 from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
-from vfplan.review.ink import SliceInk, measured
 from vfplan.review.markers import Marker, fit_of, pairs_of_table, snapped
 from vfplan.review.plan import Plan, key_of, made_flat_plan
-from vfplan.review.strokes import MendedStroke, path_through
+from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
 # Points of a drawn line at most; a hand clicks some tens.
 MAX_CLICKS = 500
-
-# Excluded boxes at most.
-MAX_EXCLUDED = 100
-
-# Markers at most; layouts have 4 to 40.
-MAX_MARKERS = 200
 
 # How far a click may be from the mark that is meant [px]: a screen shows large slices small.
 MAX_SNAP_PX = 60
@@ -59,50 +51,59 @@ def named(step: Any) -> str:
     return name
 
 
-def _malformed(step: Step, name: str, wanted: str) -> SettingError:
+def malformed(step: Step, name: str, wanted: str) -> SettingError:
+    """The error of a step whose field is not as it is wanted."""
     value = repr(step.get(name))[:60]
     return SettingError(
         f"In step {step['do']}, {name} is {value}. Give {wanted}.", code="step-malformed"
     )
 
 
-def _whole(step: Step, name: str, default: int | None = None) -> int:
+def whole_number(step: Step, name: str, default: int | None = None) -> int:
+    """A whole number of a step."""
     value = step.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int):
-        raise _malformed(step, name, "a whole number")
+        raise malformed(step, name, "a whole number")
     return value
 
 
-def _share(step: Step, name: str, default: float) -> float:
+def is_number(value: Any) -> bool:
+    """Whether a value of a step is a number."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def number_within(step: Step, name: str, default: float, largest: float) -> float:
+    """A number of a step from 0 to the largest that is allowed."""
     value = step.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value <= 1:
-        raise _malformed(step, name, "a number from 0 to 1")
+    if not is_number(value) or not 0 <= value <= largest:
+        raise malformed(step, name, f"a number from 0 to {largest}")
     return float(value)
 
 
-def _numbers(step: Step, name: str, count: int) -> tuple[float, ...]:
+def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
+    """A list of so many finite numbers of a step."""
     value = step.get(name)
     if not isinstance(value, (list, tuple)) or len(value) != count:
-        raise _malformed(step, name, f"a list of {count} numbers")
-    for number in value:
-        usable = isinstance(number, (int, float)) and not isinstance(number, bool)
-        if not usable or not math.isfinite(number) or abs(number) > 1e9:
-            raise _malformed(step, name, f"a list of {count} finite numbers")
+        raise malformed(step, name, f"a list of {count} numbers")
+    if not all(is_number(number) and abs(number) <= 1e9 for number in value):
+        raise malformed(step, name, f"a list of {count} finite numbers")
     return tuple(float(number) for number in value)
 
 
-def _place(plan: Plan, step: Step, name: str) -> np.ndarray:
+def place_of(plan: Plan, step: Step, name: str) -> np.ndarray:
     """A place on the slice; a hand may point half a pixel beyond its border."""
-    return _on_slice(plan, np.array(_numbers(step, name, 2)))
+    return checked_place(plan, np.array(numbers_of(step, name, 2)))
 
 
-def _limit(plan: Plan) -> np.ndarray:
+def far_corner(plan: Plan) -> np.ndarray:
+    """The lower right corner of the slice, half a pixel beyond its last one."""
     return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
 
 
-def _on_slice(plan: Plan, place: np.ndarray) -> np.ndarray:
+def checked_place(plan: Plan, place: np.ndarray) -> np.ndarray:
+    """The place, if it lies on the slice."""
     image = plan.source.image
-    if (place < -0.5).any() or (place > _limit(plan)).any():
+    if (place < -0.5).any() or (place > far_corner(plan)).any():
         raise SettingError(
             f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
             f"{image.width_px} x {image.height_px} px.",
@@ -111,22 +112,25 @@ def _on_slice(plan: Plan, place: np.ndarray) -> np.ndarray:
     return place
 
 
-def _label(step: Step, name: str) -> str:
+def label_of(step: Step, name: str) -> str:
+    """A label of a step, of printable characters."""
     value = step.get(name)
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise _malformed(step, name, "a label of printable characters")
+        raise malformed(step, name, "a label of printable characters")
     if len(value) > MAX_LABEL:
-        raise _malformed(step, name, f"a label of at most {MAX_LABEL} characters")
+        raise malformed(step, name, f"a label of at most {MAX_LABEL} characters")
     return value.strip()
 
 
-def _stroke_of(plan: Plan, step: Step) -> tuple[int, MendedStroke]:
-    number = _whole(step, "stroke", 0)
+def stroke_of(plan: Plan, step: Step) -> tuple[int, MendedStroke]:
+    """The number of a stroke of a step, and the stroke."""
+    number = whole_number(step, "stroke", 0)
     return number, plan.geometry.stroke(number)
 
 
-def _knot_of(stroke: MendedStroke, step: Step) -> int:
-    knot = _whole(step, "knot")
+def knot_of(stroke: MendedStroke, step: Step) -> int:
+    """The number of a knot of a step."""
+    knot = whole_number(step, "knot")
     if not 0 <= knot < len(stroke.knots):
         raise SettingError(
             f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0.",
@@ -135,14 +139,16 @@ def _knot_of(stroke: MendedStroke, step: Step) -> int:
     return knot
 
 
-def _needs_slice(plan: Plan) -> None:
+def require_slice(plan: Plan) -> None:
+    """Raise `SettingError` where the slice is not at hand."""
     if plan.source.slice_path is None:
         text = "This step needs the slice. Open the bundle with it: --slice IMAGE."
         raise SettingError(text, code="no-slice")
 
 
-def _needs_ink(plan: Plan) -> SliceInk:
-    _needs_slice(plan)
+def required_ink(plan: Plan) -> SliceInk:
+    """The ink of the pen; raises `SettingError` where there is none."""
+    require_slice(plan)
     if plan.geometry.ink is None:
         text = (
             "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
@@ -155,33 +161,35 @@ def _needs_ink(plan: Plan) -> SliceInk:
 # The curve.
 
 
-def _with_stroke(plan: Plan, number: int, stroke: MendedStroke) -> Plan:
+def with_stroke(plan: Plan, number: int, stroke: MendedStroke) -> Plan:
+    """The plan with a stroke in the place of another."""
     return replace(plan, geometry=plan.geometry.with_stroke(number, stroke))
 
 
-def _with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
+def with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
+    """The plan with another curve."""
     return replace(plan, geometry=plan.geometry.with_strokes(strokes))
 
 
 def move_knot(plan: Plan, step: Step) -> Plan:
     """Move a knot; its stretch is measured again where there is ink."""
-    number, stroke = _stroke_of(plan, step)
-    knot = _knot_of(stroke, step)
-    moved = stroke.move_knot(knot, _place(plan, step, "to"), plan.geometry.ink)
-    return _with_stroke(plan, number, moved)
+    number, stroke = stroke_of(plan, step)
+    knot = knot_of(stroke, step)
+    moved = stroke.move_knot(knot, place_of(plan, step, "to"), plan.geometry.ink)
+    return with_stroke(plan, number, moved)
 
 
 def insert_knot(plan: Plan, step: Step) -> Plan:
     """A further knot on the curve, nearest to a place."""
-    number, stroke = _stroke_of(plan, step)
-    return _with_stroke(plan, number, stroke.insert_knot(_place(plan, step, "at")))
+    number, stroke = stroke_of(plan, step)
+    return with_stroke(plan, number, stroke.insert_knot(place_of(plan, step, "at")))
 
 
 def delete_knot(plan: Plan, step: Step) -> Plan:
     """Draw the stretch without a knot; of an end, cut back to the next knot."""
-    number, stroke = _stroke_of(plan, step)
-    new = stroke.delete_knot(_knot_of(stroke, step), plan.geometry.ink)
-    return _with_stroke(plan, number, new)
+    number, stroke = stroke_of(plan, step)
+    new = stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink)
+    return with_stroke(plan, number, new)
 
 
 def draw(plan: Plan, step: Step) -> Plan:
@@ -193,31 +201,31 @@ def draw(plan: Plan, step: Step) -> Plan:
     """
     closed, adds, replaces = (step.get(name, False) for name in ("closed", "add", "replace"))
     if not all(isinstance(flag, bool) for flag in (closed, adds, replaces)):
-        raise _malformed(step, "closed", "true or false")
-    clicks = _clicks(plan, step, closed)
+        raise malformed(step, "closed", "true or false")
+    clicks = clicks_of(plan, step, closed)
     geometry = plan.geometry
-    path = np.clip(path_through(np.array(clicks), closed), -0.5, _limit(plan))
+    path = np.clip(path_through(np.array(clicks), closed), -0.5, far_corner(plan))
     number = None
     if geometry.strokes and not adds and not replaces:
-        number = _stroke_at(geometry, step, path)
+        number = stroke_met(geometry, step, path)
         if not closed:
             stroke = geometry.strokes[number].redraw(path, geometry.ink)
-            return _with_stroke(plan, number, stroke)
+            return with_stroke(plan, number, stroke)
     stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
     if number is not None:
-        return _with_stroke(plan, number, stroke)
-    return _with_strokes(plan, (*geometry.strokes, stroke) if adds else (stroke,))
+        return with_stroke(plan, number, stroke)
+    return with_strokes(plan, (*geometry.strokes, stroke) if adds else (stroke,))
 
 
-def _clicks(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
+def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     """The places of a drawn line, without doubled ones; enough of them to draw it."""
     points = step.get("points")
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= MAX_CLICKS:
-        raise _malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
+        raise malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
     clicks: list[np.ndarray] = []
     for point in points:
-        place = _numbers({"do": "draw", "points": point}, "points", 2)
-        place = _on_slice(plan, np.array(place))
+        place = numbers_of({"do": "draw", "points": point}, "points", 2)
+        place = checked_place(plan, np.array(place))
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
     needed = 3 if closed else 2
@@ -231,10 +239,10 @@ def _clicks(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     return clicks
 
 
-def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int:
+def stroke_met(geometry: Geometry, step: Step, path: np.ndarray) -> int:
     """The stroke that a drawn line meets; raises `SettingError` where it meets none."""
     if "stroke" in step:
-        number = _whole(step, "stroke")
+        number = whole_number(step, "stroke")
         geometry.stroke(number)
         return number
     for number, stroke in enumerate(geometry.strokes):
@@ -248,18 +256,18 @@ def _stroke_at(geometry: Geometry, step: Step, path: np.ndarray) -> int:
 
 def cut(plan: Plan, step: Step) -> Plan:
     """Cut off what lies before `start` or behind `end`, places near the curve."""
-    number, stroke = _stroke_of(plan, step)
+    number, stroke = stroke_of(plan, step)
     if "start" not in step and "end" not in step:
-        raise _malformed(step, "start", "a place, as start or as end")
-    start = _place(plan, step, "start") if "start" in step else None
-    end = _place(plan, step, "end") if "end" in step else None
-    return _with_stroke(plan, number, stroke.cut(start, end))
+        raise malformed(step, "start", "a place, as start or as end")
+    start = place_of(plan, step, "start") if "start" in step else None
+    end = place_of(plan, step, "end") if "end" in step else None
+    return with_stroke(plan, number, stroke.cut(start, end))
 
 
 def join(plan: Plan, step: Step) -> Plan:
     """Join two strokes where two of their ends lie nearest."""
-    number, stroke = _stroke_of(plan, step)
-    other = _whole(step, "other", 1)
+    number, stroke = stroke_of(plan, step)
+    other = whole_number(step, "other", 1)
     second = plan.geometry.stroke(other)
     if other == number or stroke.closed or second.closed:
         text = "Two different open strokes can be joined. Choose another one."
@@ -267,36 +275,36 @@ def join(plan: Plan, step: Step) -> Plan:
     strokes = list(plan.geometry.strokes)
     strokes[min(number, other)] = stroke.join(second, plan.geometry.ink)
     del strokes[max(number, other)]
-    return _with_strokes(plan, tuple(strokes))
+    return with_strokes(plan, tuple(strokes))
 
 
 def delete_stroke(plan: Plan, step: Step) -> Plan:
     """Take a stroke out of the curve."""
-    number, _ = _stroke_of(plan, step)
+    number, _ = stroke_of(plan, step)
     strokes = plan.geometry.strokes
-    return _with_strokes(plan, strokes[:number] + strokes[number + 1 :])
+    return with_strokes(plan, strokes[:number] + strokes[number + 1 :])
 
 
 def reverse(plan: Plan, step: Step) -> Plan:
     """Let a stroke run the other way round."""
-    number, stroke = _stroke_of(plan, step)
-    return _with_stroke(plan, number, stroke.reversed())
+    number, stroke = stroke_of(plan, step)
+    return with_stroke(plan, number, stroke.reversed())
 
 
 def choose(plan: Plan, step: Step) -> Plan:
     """Take a candidate as the curve: by its number, or the longest `at` a place."""
-    settings = plan.source.extraction_with(_needs_ink(plan), plan.exclude)
+    settings = plan.source.extraction_with(required_ink(plan), plan.exclude)
     if "at" in step:
-        geometry, number = candidate_at(plan.geometry, _place(plan, step, "at"))
+        geometry, number = candidate_at(plan.geometry, place_of(plan, step, "at"))
     else:
-        geometry, number = plan.geometry, _whole(step, "candidate")
+        geometry, number = plan.geometry, whole_number(step, "candidate")
     geometry = with_chosen(plan.source.image, settings, geometry, number)
     return replace(plan, geometry=geometry)
 
 
 def choose_pen(plan: Plan, step: Step) -> Plan:
     """Take another pen than the settings name; the slice is extracted anew."""
-    ink = _needs_ink(plan).of_pen(_label(step, "colour"))
+    ink = required_ink(plan).of_pen(label_of(step, "colour"))
     return replace(plan, geometry=plan.source.geometry_with(ink, plan.exclude))
 
 
@@ -306,9 +314,9 @@ def exclude(plan: Plan, step: Step) -> Plan:
     The slice is extracted anew. A curve that a hand has shaped stays, and only its part in the box
     is measured again.
     """
-    ink = _needs_ink(plan)
+    ink = required_ink(plan)
     # The whole pixels of the box that lie on the slice.
-    u, v, width, height = _numbers(step, "box", 4)
+    u, v, width, height = numbers_of(step, "box", 4)
     image = plan.source.image
     low = np.maximum(np.floor((u, v)), 0).astype(int)
     high = np.minimum(np.ceil((u + width, v + height)), (image.width_px, image.height_px))
@@ -320,9 +328,6 @@ def exclude(plan: Plan, step: Step) -> Plan:
         )
         raise SettingError(text, code="box-empty")
     exclude = (*plan.exclude, (*low.tolist(), *size.tolist()))
-    if len(exclude) > MAX_EXCLUDED:
-        text = f"{MAX_EXCLUDED} boxes are excluded, and no more can be. Undo one of them."
-        raise SettingError(text, code="too-many-boxes")
     geometry = plan.geometry
     if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):
         extracted = plan.source.geometry_with(ink, exclude)
@@ -338,31 +343,28 @@ def exclude(plan: Plan, step: Step) -> Plan:
 
 def take(plan: Plan, step: Step) -> Plan:
     """Take ink of the account as the curve, or as a part of it."""
-    ink = _needs_ink(plan)
-    route = route_over(plan.geometry.entry(_whole(step, "ink")))
+    ink = required_ink(plan)
+    route = route_over(plan.geometry.entry(whole_number(step, "ink")))
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
-        raise _malformed(step, "as", '"curve" or "part"')
+        raise malformed(step, "as", '"curve" or "part"')
     stroke = MendedStroke.of(ink.trace(route.points, route.closed))
-    return _with_strokes(plan, (*plan.geometry.strokes, stroke) if meaning == "part" else (stroke,))
+    return with_strokes(plan, (*plan.geometry.strokes, stroke) if meaning == "part" else (stroke,))
 
 
 def leave(plan: Plan, step: Step) -> Plan:
     """Leave ink of the account out of the curve; it is shown as settled."""
-    entry = plan.geometry.entry(_whole(step, "ink"))
+    entry = plan.geometry.entry(whole_number(step, "ink"))
     return replace(plan, geometry=plan.geometry.with_excluded(entry.middle))
 
 
 # The markers.
 
 
-def _mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
+def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
     """A place for a marker; `snap` [px] says how far the mark drawn there may be from it."""
-    reach_px = step.get("snap", 0)
-    usable = isinstance(reach_px, (int, float)) and not isinstance(reach_px, bool)
-    if not usable or not 0 <= reach_px <= MAX_SNAP_PX:
-        raise _malformed(step, "snap", f"a number from 0 to {MAX_SNAP_PX}")
-    place = _place(plan, step, name)
+    reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
+    place = place_of(plan, step, name)
     if plan.source.slice_path is not None:
         place = snapped(plan.source.image, place, reach_px)
     return tuple(place.tolist())
@@ -373,24 +375,21 @@ def move_marker(plan: Plan, step: Step) -> Plan:
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
     changes: dict[str, Any] = {}
     if "to" in step:
-        changes["place"] = _mark_place(plan, step, "to")
+        changes["place"] = mark_place(plan, step, "to")
     if "target_m" in step:
-        changes["target_m"] = _numbers(step, "target_m", 3)
+        changes["target_m"] = numbers_of(step, "target_m", 3)
     if not changes:
-        raise _malformed(step, "to", "a place, or target_m")
+        raise malformed(step, "to", "a place, or target_m")
     return replace(plan, fit=fit.with_marker(number, **changes))
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
     """A further marker; it counts once both of its positions are known."""
     fit = plan.fit
-    label = _label(step, "label")
+    label = label_of(step, "label")
     fit.refuse_label(label)
-    if len(fit.markers) >= MAX_MARKERS:
-        text = f"There are {MAX_MARKERS} markers, and no more can be added. Delete one."
-        raise SettingError(text, code="too-many-markers")
-    place = None if step.get("at") is None else _mark_place(plan, step, "at")
-    target = None if step.get("target_m") is None else _numbers(step, "target_m", 3)
+    place = None if step.get("at") is None else mark_place(plan, step, "at")
+    target = None if step.get("target_m") is None else numbers_of(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
     return replace(plan, fit=replace(fit, markers=markers))
 
@@ -405,7 +404,7 @@ def delete_marker(plan: Plan, step: Step) -> Plan:
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    label = _label(step, "label")
+    label = label_of(step, "label")
     fit.refuse_label(label, besides=number)
     return replace(plan, fit=fit.with_marker(number, label=label))
 
@@ -415,7 +414,7 @@ def leave_out_marker(plan: Plan, step: Step) -> Plan:
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
-        raise _malformed(step, "out", "true or false")
+        raise malformed(step, "out", "true or false")
     return replace(plan, fit=fit.with_marker(number, is_used=not out))
 
 
@@ -423,24 +422,19 @@ def set_markers(plan: Plan, step: Step) -> Plan:
     """Take a pasted table of markers, a CSV with both positions of each."""
     table = step.get("table")
     if not isinstance(table, str):
-        raise _malformed(step, "table", "a table as text")
-    fit = plan.fit
+        raise malformed(step, "table", "a table as text")
     try:
         pairs = pairs_of_table(table)
     except MarkerError as error:
         text = f"The table of markers cannot be read: {error.message}"
         raise SettingError(text, code=error.code) from None
-    fit = fit_of(pairs, plan.source.image, fit.settings)
-    if len(fit.markers) > MAX_MARKERS:
-        text = f"The table holds {len(fit.markers)} markers. At most {MAX_MARKERS} are allowed."
-        raise SettingError(text, code="too-many-markers")
-    return replace(plan, fit=fit)
+    return replace(plan, fit=fit_of(pairs, plan.source.image, plan.fit.settings))
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
     fit = plan.fit
-    _needs_slice(plan)
+    require_slice(plan)
     if not plan.geometry.strokes or fit.registration is None:
         text = "There is no curve or no registration yet. Marks are looked for once there are both."
         raise SettingError(text, code="no-registration")
@@ -458,7 +452,7 @@ def find_markers(plan: Plan, step: Step) -> Plan:
 
 def choose_slice(plan: Plan, step: Step) -> Plan:
     """Turn to another slice of the stack, by its number from 0, before a curve is drawn."""
-    source, number = plan.source, _whole(step, "slice")
+    source, number = plan.source, whole_number(step, "slice")
     if not 0 <= number < len(source.stack):
         text = f"There is no slice {number}. The stack has {len(source.stack)}, from 0."
         raise SettingError(text, code="no-such-slice")
@@ -475,7 +469,7 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
 
 def rectify(plan: Plan, step: Step) -> Plan:
     """Make a photograph flat by the homography of its markers; the slice is extracted anew."""
-    ink, source = _needs_ink(plan), plan.source
+    ink, source = required_ink(plan), plan.source
     settings = source.extraction
     if plan.exclude or settings.roi or settings.start or settings.end or source.is_flat:
         text = "Boxes and ends are places on the photograph. Make it flat before they are chosen."
@@ -492,20 +486,18 @@ def set_plan(plan: Plan, step: Step) -> Plan:
     for name, allowed in (("model", MODELS), ("seen_from", (None, "above", "below"))):
         if name in step:
             if step[name] not in allowed:
-                raise _malformed(step, name, f"one of {allowed}")
+                raise malformed(step, name, f"one of {allowed}")
             changes[name] = step[name]
     if "contact_radius" in step:
-        changes["contact_radius"] = _numbers(step, "contact_radius", 1)[0]
+        changes["contact_radius"] = numbers_of(step, "contact_radius", 1)[0]
     # A bundle that was opened is planned anew.
     changed = replace(source, planning=replace(source.planning, **changes), as_opened=None)
     new = replace(fit, settings=replace(fit.settings, **changes))
     if "pixel_spacing_mm" in step:
-        spacing = _numbers(step, "pixel_spacing_mm", 2)
+        spacing = numbers_of(step, "pixel_spacing_mm", 2)
         largest = max_number("/image/pixel_spacing")
         if not all(MIN_SPACING_MM <= size <= largest for size in spacing):
-            raise _malformed(
-                step, "pixel_spacing_mm", f"sizes of {MIN_SPACING_MM:g} to {largest:g}"
-            )
+            raise malformed(step, "pixel_spacing_mm", f"sizes of {MIN_SPACING_MM:g} to {largest:g}")
         changed = replace(
             changed, image=replace(source.image, pixel_spacing_mm=spacing),
             extraction=replace(source.extraction, pixel_spacing_mm=spacing),
@@ -532,10 +524,10 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
-    by = None if step.get("by") is None else visible_name(_label(step, "by"))
+    by = None if step.get("by") is None else visible_name(label_of(step, "by"))
     utc = step["utc"] if step.get("utc") is not None else now_utc()
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
-        raise _malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
+        raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
     answers = dict(plan.answers)
     for finding in accepted:
         # The latest answer stands last.
@@ -546,9 +538,9 @@ def answer(plan: Plan, step: Step) -> Plan:
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:
     """(M, 2) the points of a stroke from one share of its length to another, which were in view."""
-    _, stroke = _stroke_of(plan, step)
+    _, stroke = stroke_of(plan, step)
     arc = arc_lengths(stroke.points, False)
-    first, last = _share(step, "from", 0.0), _share(step, "to", 1.0)
+    first, last = number_within(step, "from", 0.0, 1), number_within(step, "to", 1.0, 1)
     is_in = (arc >= (first - 1e-9) * arc[-1]) & (arc <= (last + 1e-9) * arc[-1])
     return stroke.points[is_in]
 

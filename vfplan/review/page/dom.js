@@ -39,7 +39,7 @@ const PAGE_WORDS = {
 
 // A text of the program in the words of the page.
 export function inPageWords(text) {
-  const plain = text.replace(/, or give --markers-as-given/g, "").replace(/ with vfplan rectify/g, "");
+  const plain = text.replace(/, or give --markers-as-given| with vfplan rectify| \(delete its row, and give --common\)/g, "");
   return plain.replace(/--([a-z][a-z-]*)/g, (_, name) => PAGE_WORDS[name] || name.replaceAll("-", " "));
 }
 
