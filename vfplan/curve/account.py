@@ -48,7 +48,8 @@ class Leftover:
     edge_distance
         From the closest curve's edge to its closest pixel [px].
     end_distance
-        From the closest end of an open curve to its closest pixel [px].
+        From the closest end of an open curve to its closest pixel [px]; infinite of a piece that
+        is too short to carry a line on.
     """
 
     places: NDArray[np.int64]
@@ -150,17 +151,21 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     _, labels = cv2.connectedComponents(box, connectivity=8)
     label = labels[v, u]
     order = np.argsort(label, kind="stable")
+    least_size = tuned.MIN_ASPECT / 2 * min((curve.width or 0.0 for curve in curves), default=0.0)
     pieces = []
     for members in np.split(order, np.cumsum(np.bincount(label)[1:])[:-1]):
         if len(members) >= tuned.SPECK_PX:
             low, high = pixels[members].min(0), pixels[members].max(0)
+            size = float((high - low).max() + 1)
+            # A dot carries no line on.
+            to_end = end_distance[members].min() if size >= least_size else np.inf
             piece = Leftover(
                 places=pixels[members],
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
-                size=float((high - low).max() + 1),
+                size=size,
                 edge_distance=float(edge_distance[members].min()),
-                end_distance=float(end_distance[members].min()),
+                end_distance=float(to_end),
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
@@ -252,6 +257,7 @@ def doubts_of_line(
     length; and ink that outweighs the line is named.
     """
     doubts = []
+    pen_px = len(ink.pixels)
     border_px = choose.on_border(line, ink)
     if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
         text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
@@ -266,13 +272,15 @@ def doubts_of_line(
         size, times = np.ptp(other.path, axis=0), other.ink_px / line.ink_px
         # A frame around the whole picture is expected.
         is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
+        if is_around and other is not line:
+            pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
             text = (
                 f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
                 f"--stroke {number}."
             )
             doubts.append(finding_at(other.middle, "ink-outweighs", text))
-    share = line.ink_px / len(ink.pixels)
+    share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))

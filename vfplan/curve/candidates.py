@@ -391,9 +391,8 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
     nearest = np.inf
     for end, other_end in product((0, -1), repeat=2):
         gap = gap_px(line, end, other, other_end)
-        # Over a long gap a hand may turn farther than over one that is bridged.
         turn = max(_turns_deg(line, end, other, other_end))
-        if gap <= longest and turn <= 2 * tuned.MAX_TURN_DEG:
+        if gap <= longest and turn <= tuned.MAX_TURN_DEG:
             nearest = min(nearest, gap)
     return nearest
 

@@ -179,9 +179,13 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
             f"({u:.0f}, {v:.0f}). Take it as one line: vfplan review IMAGE.",
             code="line-dotted",
         )
+    where, advice = "", ""
+    if region != Region():
+        where = " within what --roi and --exclude leave"
+        advice = "Move or widen that, unless another pen drew the line. "
     return CurveError(
-        f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or #rrggbb, or "
-        "draw again if the pen was black, grey or white.",
+        f"No line was drawn in {pen.name}{where}. {advice}Name the pen's colour with --colour NAME "
+        "or #rrggbb, or draw again if the pen was black, grey or white.",
         code="no-line",
         numbers={"mask_pixels": int(ink.mask.sum())},
     )
