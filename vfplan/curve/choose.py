@@ -23,8 +23,7 @@ from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, runs
+from vfplan.geometry.lines import Array, running_median, runs, windows
 
 # Lines that an error message describes.
 DESCRIBED = 8
@@ -105,7 +104,7 @@ def on_border(line: Candidate, ink: Ink) -> int:
 def is_level(line: Candidate) -> bool:
     """Whether nearly all of a line runs along rows and columns, as a bar or a box does."""
     size = min(2 * tuned.TANGENT_PX + 1, len(line.path))
-    spans = [np.ptp(filters.windows(axis, size, "edge"), axis=1) for axis in line.path.T]
+    spans = [np.ptp(windows(axis, size, "edge"), axis=1) for axis in line.path.T]
     return (np.min(spans, axis=0) <= 1).mean() >= tuned.FRAME_SHARE
 
 
@@ -270,7 +269,7 @@ def relative_width(curve: MeasuredStroke) -> Array:
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
     ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
     mode = "wrap" if curve.closed else "edge"
-    return filters.windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
+    return windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
 
 def change_nearby(values: Array) -> Array:
@@ -301,7 +300,7 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * width))
     if len(ratio) < 3 * window:
         return 0.0, 0
-    usual = filters.median(ratio, window)
+    usual = running_median(ratio, window)
     reach = (window + tuned.SUDDEN_PX) // 2
     change = np.abs(usual[2 * reach :] - usual[: -2 * reach])
     largest = float(change.max())
@@ -320,7 +319,7 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
     beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
-    lasting = filters.median(ratio, size, **beyond)
+    lasting = running_median(ratio, size, **beyond)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
     if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.errors import SettingError
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, windows
 
 # Hues that are looked for in a picture where the named pen drew no curve.
 MOST_PENS = 6
@@ -319,7 +318,7 @@ def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
     reach = round(tuned.HUE_GATE_DEG / HUE_STEP_DEG)
     pens = []
     for _ in range(MOST_PENS):
-        top = int(filters.windows(counts, 3, "wrap").sum(axis=1).argmax())
+        top = int(windows(counts, 3, "wrap").sum(axis=1).argmax())
         around = np.arange(top - 1, top + 2) % len(counts)
         if not counts[around].any():
             break
