@@ -53,7 +53,7 @@ def test_arrows_are_the_residuals_times_the_stated_factor(figure):
     labels = texts(made)
     factor = stated_factor(made, "residual, drawn")
     linear = registration.T_target_source[:3, :2]
-    expected = registration.residual_vectors_m @ np.linalg.pinv(linear).T * factor
+    expected = registration.vectors @ np.linalg.pinv(linear).T * factor
     np.testing.assert_allclose(tips_of(made), expected, atol=1e-9)
     assert any(line.startswith("x4") and "outlier" in line for line in labels)
     assert any(line.startswith("95 % band, drawn") for line in labels)
@@ -113,7 +113,7 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     factor = stated_factor(made, "residual, drawn")
     # The residual in the patient's frame, without its part across the slice: least squares.
     A = registration.T_target_source[:3, :3] @ place[:3, :2]
-    solved = np.linalg.lstsq(A, registration.residual_vectors_m.T, rcond=None)[0].T
+    solved = np.linalg.lstsq(A, registration.vectors.T, rcond=None)[0].T
     np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
     offset = registration.source - place[:3, 2]
     expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])

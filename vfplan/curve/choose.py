@@ -130,13 +130,9 @@ def _several_error(
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
         gap, longest, (u, v) = nearest
-        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f}); "
-        if gap > longest:
-            message += "that is longer than one of them, so they are not joined"
-        elif gap <= max_gap_px:
-            message += "their directions differ too much to join them"
-        else:
-            message += f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
+        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f})"
+        if max_gap_px < gap <= longest:
+            message += f"; --max-gap {np.ceil(gap):.0f} joins them where their directions agree"
         numbers |= {"gap_px": gap, "u_px": float(u), "v_px": float(v)}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)

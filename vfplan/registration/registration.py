@@ -393,11 +393,6 @@ class Registration(Fit):
         return x @ self.m.T + self.problem.normaliser.target_centre
 
     @property
-    def residual_vectors_m(self) -> Array:
-        """(N, 3) target minus transformed source [m]."""
-        return self.vectors
-
-    @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
         return np.linalg.norm(self.vectors, axis=1)
@@ -644,7 +639,7 @@ def registration_report(
         {
             "label": label,
             "residual_m": float(registration.residuals_m[i]),
-            "vector_m": registration.residual_vectors_m[i],
+            "vector_m": registration.vectors[i],
             "leverage": float(registration.leverage[i]),
             "loo_m": float(registration.loo_m[i]),
             "f": float(registration.studentised_f[i]),
