@@ -276,7 +276,7 @@ def doubts_of_line(
         size, times = np.ptp(other.path, axis=0), other.ink_px / line.ink_px
         # A frame around the whole picture is expected.
         is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
-        if is_around and other is not line:
+        if is_around and other.pieces is not line.pieces:
             pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
             text = (
