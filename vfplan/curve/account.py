@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import choose, tuned
-from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px, is_open_ring
+from vfplan.curve.candidates import (
+    Candidate,
+    box_of,
+    connected,
+    find_pieces,
+    gap_ahead_px,
+    gap_px,
+    is_open_ring,
+)
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
@@ -72,10 +80,7 @@ class Leftover:
     @property
     def mask(self) -> Flags:
         """(height, width) bool, its pixels in the box around it."""
-        u, v = (self.places - self.places.min(0)).T
-        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
-        mask[v, u] = True
-        return mask
+        return box_of(self.places)[0]
 
     @property
     def outline(self) -> list[list[list[float]]]:
@@ -136,8 +141,6 @@ class AccountEntry:
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
-    import cv2
-
     pixels = ink.pixels
     edge_distance = np.full(len(pixels), np.inf)
     for curve in curves:
@@ -155,15 +158,9 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
         if len(curve.end_points):
             to_end, _ = _core.nearest(curve.end_points, pixels)
             end_distance = np.minimum(end_distance, to_end)
-    u, v = (pixels - pixels.min(0)).T
-    box = np.zeros((v.max() + 1, u.max() + 1), np.uint8)
-    box[v, u] = 1
-    _, labels = cv2.connectedComponents(box, connectivity=8)
-    label = labels[v, u]
-    order = np.argsort(label, kind="stable")
     least_size = tuned.MIN_ASPECT / 2 * min((curve.width or 0.0 for curve in curves), default=0.0)
     pieces = []
-    for members in np.split(order, np.cumsum(np.bincount(label)[1:])[:-1]):
+    for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
             low, high = pixels[members].min(0), pixels[members].max(0)
             size = float((high - low).max() + 1)
