@@ -15,7 +15,6 @@ from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
 from vfplan.fixture import Curve, Fixture, Provenance
-from vfplan.planning.tolerance import scale_m_per_unit
 from vfplan.registration.registration import fit_registration
 
 
@@ -68,7 +67,7 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
     quads = [path.vertices[:4] for path in made.axes[0].collections[0].get_paths()]
     assert len(quads) == 800  # closed: the last piece too
     widths = [np.linalg.norm(quad[1] - quad[0]) / 2 for quad in quads]
-    bound = registration.tre95_curve_m(CLOCKWISE.points) / scale_m_per_unit(registration)
+    bound = registration.tre95_curve_m(CLOCKWISE.points) / registration.scale
     np.testing.assert_allclose(widths, bound * factor, rtol=1e-6)
 
 

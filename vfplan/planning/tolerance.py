@@ -354,7 +354,7 @@ def carry(
 
     `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
     """
-    scale = scale_m_per_unit(registration)
+    scale = registration.scale
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
         sigma = curve.sigma * scale if curve.sigma is not None else None
@@ -394,13 +394,6 @@ def spacing_of_cloud(points: Array) -> float | None:
     if len(places) < 2:
         return None
     return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
-
-
-def scale_m_per_unit(registration: Registration) -> float:
-    """The scale of the map [m per source unit]: geometric mean over its principal directions."""
-    k = registration.source.shape[1]
-    scales = np.linalg.svd(registration.T_target_source[:3, :k])[1][:k]
-    return float(np.exp(np.log(scales).mean()))
 
 
 def lines_and_arcs_of(

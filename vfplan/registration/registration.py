@@ -481,6 +481,12 @@ class Registration(Fit):
         return rows * self.sigma_m
 
     @property
+    def scale(self) -> float:
+        """Metres a unit of the source: geometric mean over the map's principal directions."""
+        sizes = np.linalg.svd(self.T_target_source[:3, :-1])[1]
+        return float(np.exp(np.log(sizes).mean()))
+
+    @property
     def image_faces(self) -> Array | None:
         """(3,) unit vector in the target frame towards whoever looks at the slice.
 
@@ -585,25 +591,23 @@ def fit_registration(
             "Look for an axis with the wrong sign, or for two axes or labels exchanged",
             code="mirrored",
         )
-    if problem.model.dimension == 2 and seen_from is not None:
-        faces = -plane_normal(fit.m)
-        faces /= np.linalg.norm(faces)
-        if not faces @ direction > 0:
-            raise MarkerError(
-                f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
-                "which is not the side that --seen-from names. Look for two axes exchanged or one "
-                "with the wrong sign, or correct --seen-from if it is wrong",
-                code="mirrored",
-                numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
-            )
-
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
-    return Registration(
+    registration = Registration(
         **vars(fit), model=model, labels=names, source=source, target=target, robust=robust,
         pixel_spacing=known_spacing,
     )  # fmt: skip
+    faces = registration.image_faces
+    if faces is not None and seen_from is not None and not faces @ direction > 0:
+        raise MarkerError(
+            f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
+            "which is not the side that --seen-from names. Look for two axes exchanged or one "
+            "with the wrong sign, or correct --seen-from if it is wrong",
+            code="mirrored",
+            numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
+        )
+    return registration
 
 
 def is_mirrored(fit: Fit) -> bool:
@@ -658,7 +662,7 @@ def registration_report(
         "condition": registration.problem.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
-        f"scale{unit}": float(np.exp(np.log(values).mean())),
+        f"scale{unit}": registration.scale,
         f"axis_scales{unit}": lengths,
         f"singular_values{unit}": values,
         "anisotropy": float(values[0] / values[-1] - 1),
