@@ -91,8 +91,6 @@ class TargetError:
     rms_m: Array
     # (M,) bound at each point, with probability 0.95 for that point [m].
     bound95_m: Array
-    # (M,) bound of the curve's own error, in the source's unit, as `own_bound` gives it.
-    own: Array
     # (M,) bound of both for all points at once, with probability 0.95 [m].
     curve95_m: Array
     # Index of the point with the largest bound.
@@ -112,7 +110,7 @@ def target_error(
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
     bound95_m = registration.tre95_m(points)
-    return TargetError(rms_m, bound95_m, own, curve95_m, int(curve95_m.argmax()), is_beyond)
+    return TargetError(rms_m, bound95_m, curve95_m, int(curve95_m.argmax()), is_beyond)
 
 
 def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:

@@ -27,6 +27,7 @@ from vfplan.images.read import (
     MAX_BYTES,
     MAX_MEGAPIXELS,
     SLICE_IN_WORDS,
+    SLICER_POINTS,
     PlannedImage,
     StackedSlice,
     flat_as_planned,
@@ -40,12 +41,7 @@ from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
-from vfplan.planning.settings import (
-    SLICER_POINTS,
-    ExtractSettings,
-    FixtureSettings,
-    overridden,
-)
+from vfplan.planning.settings import ExtractSettings, FixtureSettings, overridden
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.ink import SliceInk
 from vfplan.review.markers import Fit, fit_of, fit_of_files

@@ -29,12 +29,8 @@ from vfplan.errors import InputError, VfplanError
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Rendering, Stroke
 from vfplan.geometry.lines import plane_normal, runs
-from vfplan.planning.settings import (
-    LEAD_SPEED_M_S,
-    SLICER_POINTS,
-    ExtractSettings,
-    margin_length,
-)
+from vfplan.images.read import SLICER_POINTS
+from vfplan.planning.settings import LEAD_SPEED_M_S, ExtractSettings, margin_length
 from vfplan.registration.registration import (
     Registration,
     describe_side,
