@@ -53,7 +53,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         photograph = read_slice(image, reading)
         pairs = read_markers(markers, markers2, common=settings.common)
         if settings.find_markers:
-            found = find_drawn(pairs, photograph, photograph)
+            found = find_drawn(pairs, photograph)
             pairs = replace(pairs, source=[marker.position_px for marker in found])
         flat = flattening(
             pairs, photograph, settings.max_residual_m, reading.max_megapixels or MAX_MEGAPIXELS

@@ -55,8 +55,6 @@ def vfplan_register(
 
     drawn = read_fixture(curve)
     settings = planning_of(drawn, options.given_of_plan(arguments))
-    if settings.find_markers and image is None:
-        raise click.UsageError("--find-markers measures marks on a slice. Give --image IMAGE too")
     if tip_radius is not None and touched is None:
         raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
     slice_image = read_slice_of(drawn, image) if image is not None else None

@@ -30,9 +30,8 @@ from typing import Any, NoReturn, TextIO
 from unicodedata import category
 
 import click
-from vfplan.cli.options import FILE, option, options_in_order
+from vfplan.cli.options import FILE, option, options_in_order, settings_of_file
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
-from vfplan.cli.settings_file import settings_of_file
 
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding

@@ -32,7 +32,7 @@ from vfplan.session.session import unit_factor
     option("--tool", default="tool", metavar="NAME",
            help="Name of the tool, which a controller can demand."),
     output_option("Write tool and tip to this file, for `plan --tip`.", required=False,
-                  kind=OutputFile()),
+                  kind=OutputFile(".json")),
 )  # fmt: skip
 def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     """Find a tool's tip from poses in which the tip stays on one point.

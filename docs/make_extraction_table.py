@@ -218,7 +218,8 @@ def answer_of(module, image):
     answer = Answer(stroke.points_px, stroke.sigma_px, stroke.closed, seconds=seconds)
     if hasattr(extraction, "account"):
         for finding in extraction.findings:
-            if finding.severity == "doubt":
+            # That a line leaves the picture is true of the slice, and tells no fault of the curve.
+            if finding.severity == "doubt" and finding.code != "leaves-picture":
                 answer.findings.append((finding.code, finding.place_px))
         for item in extraction.account:
             half = float(getattr(item, "size_px", 0.0)) / 2

@@ -192,11 +192,8 @@ CALLS = {
     "density-of-surface": lambda d: vfplan.register(
         bundles.sheet(), "m.csv", settings=FixtureSettings(density_per_m=1e3)),
     "density-of-mask": lambda d: resample(as_is(method="mask"), None, 1.0),
-    "find-markers-in-space": lambda d: match.find_drawn(
-        as_is(source_frame="patient_lps"), None, None),
-    "find-markers-no-image": lambda d: match.find_drawn(as_is(source_frame="image"), None, None),
-    "find-markers-other-image": lambda d: match.find_drawn(
-        as_is(source_frame="image"), as_is(), None),
+    "find-markers-in-space": lambda d: match.find_drawn(as_is(source_frame="patient_lps"), None),
+    "find-markers-no-image": lambda d: match.find_drawn(as_is(source_frame="image"), None),
     "touch-no-mesh": lambda d: match.refine(SMALL, None, "t.csv", 0.0, None),
     "tip-radius-range": lambda d: match.refine(bundles.sheet(), None, "t.csv", -1.0, None),
     "touch-no-surface": lambda d: touched(*solid(noise=1e-5)),

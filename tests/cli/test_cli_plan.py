@@ -113,13 +113,8 @@ BAD = {
 
 @pytest.mark.parametrize(("option", "message"), [
     (("--mask-out", "m.jpg"), "has suffix '.jpg'. End the name in .png"),
-    (("--overlay-out", "m"), "has no suffix. End the name in .png"),
-    (("--picture-out", "m.tiff"), "has suffix '.tiff'. End the name in .png"),
-    (("--pixel-spacing", "1e300"), "Give 1e-05 to 1000 mm"),
     (("--pixel-spacing", "0.5,1e-300"), "Give 1e-05 to 1000 mm"),
-    (("--contact-radius", "1e300"), "contact radius is 1e+300 mm. Give 0.01 to 1000 mm"),
     (("--contact-radius", "0.005"), "contact radius is 0.005 mm. Give 0.01 to 1000 mm"),
-    (("--contact-radius", "1e-300"), "contact radius is 1e-300 mm. Give 0.01 to 1000 mm"),
     (("--point-radius", "1e300"), "point radius is 1e+300 mm. Give 0 to 1000 mm"),
     (("--point-radius", "nan"), "'nan' is no number"),
     (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m. Give 0 to 1e+06 N/m"),

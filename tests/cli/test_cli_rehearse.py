@@ -85,6 +85,8 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     assert all(found["reachable"] and not found["reflexes"] for found in good.json["rehearsal"])
     bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far).fails(1)
     assert "arm panda, stroke 0, left side: not reached" in bad.stderr
+    for lone in (("--base", "0,0,0"), ("--tool", "0,0,0.1")):
+        vfplan_cli("plan", *PLANNED, *lone, "-o", far).fails(2, "Give --rehearse ARM too")
     assert not far.exists()
 
 

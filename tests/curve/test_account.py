@@ -46,10 +46,12 @@ def test_all_other_ink_is_listed_the_largest_first():
     assert first.share == pytest.approx(first.pixels / np.count_nonzero(extraction.mask), rel=0.1)
 
 
-@pytest.mark.parametrize(("gap", "asked"), [(25.0, True), (70.0, False)])
-def test_ink_ahead_of_an_end_is_asked_about(gap, asked):
+@pytest.mark.parametrize(
+    ("gap", "length", "asked"), [(25.0, 10, True), (70.0, 10, False), (25.0, 1, False)]
+)
+def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, asked):
     start = np.add(CURVE[-1], (gap, 0.0))
-    stop = np.add(start, (10, 0))
+    stop = np.add(start, (length, 0))
     image = np.full((*SHAPE[:1], 460, 3), 220, np.uint8)
     image[:, :340] = picture()
     cv2.line(image, np.rint(start).astype(int), np.rint(stop).astype(int), RED, 3)

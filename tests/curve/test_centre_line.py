@@ -214,15 +214,6 @@ def test_methods_skeleton_and_mask_follow_the_same_ink():
     assert np.abs(normal_errors(pixels, hand(13), False)).max() < 2.6
 
 
-def test_the_papers_pixels_are_reproduced():
-    from conftest import ROOT
-
-    from vfplan import read_image
-
-    extraction = extract_curve(read_image(ROOT / "samples" / "elbow.png"), method="mask")
-    assert len(extraction.strokes[0].points_px) == np.count_nonzero(extraction.mask) == 2204
-
-
 def test_a_large_picture_needs_little_memory():
     import tracemalloc
 

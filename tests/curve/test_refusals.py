@@ -57,6 +57,14 @@ def test_an_orange_bar_in_jpeg_is_no_red_line(seed):
     assert len(extract_curve(image, colour="#ff7f0e").strokes) == 1
 
 
+@pytest.mark.parametrize("box", [{"roi": (10, 200, 100, 60)}, {"exclude": [(30, 60, 280, 60)]}])
+def test_a_region_that_misses_the_line_is_named(box):
+    error = refusal(paint(line(40, 80, 300, 90)), **box)
+    assert error.code == "no-line"
+    assert "within what --roi and --exclude leave" in error.message
+    assert "--roi" not in refusal(paint(line(40, 100, 44, 100), width=8.0)).message
+
+
 def test_no_line_among_dots():
     error = refusal(paint(line(40, 100, 44, 100), width=8.0))
     assert error.code == "no-line"

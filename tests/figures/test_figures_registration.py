@@ -15,7 +15,6 @@ from vfplan.errors import SettingError
 from vfplan.figures import registration as picture
 from vfplan.figures import style
 from vfplan.fixture import Curve, Fixture, Provenance
-from vfplan.planning.tolerance import scale_m_per_unit
 from vfplan.registration.registration import fit_registration
 
 
@@ -53,7 +52,7 @@ def test_arrows_are_the_residuals_times_the_stated_factor(figure):
     labels = texts(made)
     factor = stated_factor(made, "residual, drawn")
     linear = registration.T_target_source[:3, :2]
-    expected = registration.residual_vectors_m @ np.linalg.pinv(linear).T * factor
+    expected = registration.vectors @ np.linalg.pinv(linear).T * factor
     np.testing.assert_allclose(tips_of(made), expected, atol=1e-9)
     assert any(line.startswith("x4") and "outlier" in line for line in labels)
     assert any(line.startswith("95 % band, drawn") for line in labels)
@@ -68,7 +67,7 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
     quads = [path.vertices[:4] for path in made.axes[0].collections[0].get_paths()]
     assert len(quads) == 800  # closed: the last piece too
     widths = [np.linalg.norm(quad[1] - quad[0]) / 2 for quad in quads]
-    bound = registration.tre95_curve_m(CLOCKWISE.points) / scale_m_per_unit(registration)
+    bound = registration.tre95_curve_m(CLOCKWISE.points) / registration.scale
     np.testing.assert_allclose(widths, bound * factor, rtol=1e-6)
 
 
@@ -113,7 +112,7 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     factor = stated_factor(made, "residual, drawn")
     # The residual in the patient's frame, without its part across the slice: least squares.
     A = registration.T_target_source[:3, :3] @ place[:3, :2]
-    solved = np.linalg.lstsq(A, registration.residual_vectors_m.T, rcond=None)[0].T
+    solved = np.linalg.lstsq(A, registration.vectors.T, rcond=None)[0].T
     np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
     offset = registration.source - place[:3, 2]
     expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])

@@ -95,7 +95,8 @@ def test_nothing_there_is_an_error_by_name():
         (canvas(), (40, 40), r"no cross or dot within 8 px of marker 'x1'"),
         (line, (40, 40), "no cross or dot"),
         (far, (40, 40), "no cross or dot"),
-        (canvas(), (90, 40), "outside the image"),
+        (canvas(), (900, 40), "no cross or dot"),
+        (canvas(), (40, -90), "no cross or dot"),
     ):
         with pytest.raises(MarkerError, match=words):
             found(image, at)

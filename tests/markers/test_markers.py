@@ -307,7 +307,7 @@ def test_two_files_for_one_side_and_one_file_for_two(write):
     image, robot, both = write("i.csv", IMAGE), write("r.csv", ROBOT), write("b.csv", BOTH)
     for files, words in (((image, image), "both files hold image positions"),
                          ((robot,), "holds only robot_base positions"),
-                         ((both, robot), "holds both sides already")):  # fmt: skip
+                         ((both, robot), "one holds both sides already")):  # fmt: skip
         with pytest.raises(MarkerError, match=words):
             read_markers(*files)
 

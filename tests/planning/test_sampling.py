@@ -140,15 +140,6 @@ def test_points_lie_on_the_curve_in_order_with_both_ends(name):
         assert np.abs(np.hypot(*sampled.points[:, :2].T) - radius).max() < 1e-6
 
 
-def test_bends_tighter_than_the_proxy_are_reported_with_their_place():
-    assert sample_curve(*CURVES["circle 6 mm"], radius_m=R).tight_bends == ()
-    x = np.arange(-0.03, 0.03, 2e-4)
-    parabola = flat(x, x**2 / (2 * 2e-3))  # radius 2 mm at the origin
-    (bend,) = sample_curve(parabola, False, radius_m=R).tight_bends
-    assert np.allclose(bend.position_m, 0, atol=3e-4)
-    assert bend.radius_m == pytest.approx(2e-3, rel=0.01)
-
-
 @pytest.mark.parametrize("wrong", [
     {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
     {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},

@@ -11,14 +11,21 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import choose, tuned
-from vfplan.curve.candidates import Candidate, find_pieces, gap_ahead_px, gap_px, is_open_ring
+from vfplan.curve.candidates import (
+    Candidate,
+    box_of,
+    connected,
+    find_pieces,
+    gap_ahead_px,
+    gap_px,
+    is_open_ring,
+)
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags, evenly, runs
+from vfplan.geometry.lines import Array, Flags, evenly, runs, windows
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -49,6 +56,8 @@ class Leftover:
         From the closest curve's edge to its closest pixel [px].
     end_distance
         From the closest end of an open curve to its closest pixel [px].
+    is_dot
+        Whether it is too short beside the pen's width to carry a line on.
     """
 
     places: NDArray[np.int64]
@@ -57,14 +66,21 @@ class Leftover:
     size: float
     edge_distance: float
     end_distance: float
+    is_dot: bool
+
+    @property
+    def touches(self) -> bool:
+        """Whether it reaches the blurred edge of a curve."""
+        return self.edge_distance <= 2 * tuned.EDGE_BLUR_PX
+
+    def is_at_end(self, max_gap_px: float) -> bool:
+        """Whether it lies so near to an end that it may carry the curve on."""
+        return not self.is_dot and self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
 
     @property
     def mask(self) -> Flags:
         """(height, width) bool, its pixels in the box around it."""
-        u, v = (self.places - self.places.min(0)).T
-        mask = np.zeros((v.max() + 1, u.max() + 1), bool)
-        mask[v, u] = True
-        return mask
+        return box_of(self.places)[0]
 
     @property
     def outline(self) -> list[list[list[float]]]:
@@ -125,8 +141,6 @@ class AccountEntry:
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
-    import cv2
-
     pixels = ink.pixels
     edge_distance = np.full(len(pixels), np.inf)
     for curve in curves:
@@ -144,23 +158,20 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
         if len(curve.end_points):
             to_end, _ = _core.nearest(curve.end_points, pixels)
             end_distance = np.minimum(end_distance, to_end)
-    u, v = (pixels - pixels.min(0)).T
-    box = np.zeros((v.max() + 1, u.max() + 1), np.uint8)
-    box[v, u] = 1
-    _, labels = cv2.connectedComponents(box, connectivity=8)
-    label = labels[v, u]
-    order = np.argsort(label, kind="stable")
+    least_size = tuned.MIN_ASPECT / 2 * min((curve.width or 0.0 for curve in curves), default=0.0)
     pieces = []
-    for members in np.split(order, np.cumsum(np.bincount(label)[1:])[:-1]):
+    for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
             low, high = pixels[members].min(0), pixels[members].max(0)
+            size = float((high - low).max() + 1)
             piece = Leftover(
                 places=pixels[members],
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
-                size=float((high - low).max() + 1),
+                size=size,
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=float(end_distance[members].min()),
+                is_dot=size < least_size,
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
@@ -221,15 +232,10 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     return findings
 
 
-def leftover_findings(leftover: list[Leftover], max_gap_px: float) -> list[Finding]:
+def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
-    reach = tuned.END_REACH_GAPS * max_gap_px
-    at_end, touching = [], []
-    for piece in leftover:
-        if piece.end_distance <= reach:
-            at_end.append(piece)
-        elif piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
-            touching.append(piece)
+    at_end = [piece for piece in leftover if piece.is_at_end(max_gap_px)]
+    touching = [p for p in leftover if p.touches and not p.is_at_end(max_gap_px)]
     findings = []
     for piece in at_end[:NAMED]:
         text = (
@@ -252,6 +258,7 @@ def doubts_of_line(
     length; and ink that outweighs the line is named.
     """
     doubts = []
+    pen_px = len(ink.pixels)
     border_px = choose.on_border(line, ink)
     if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
         text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
@@ -266,13 +273,15 @@ def doubts_of_line(
         size, times = np.ptp(other.path, axis=0), other.ink_px / line.ink_px
         # A frame around the whole picture is expected.
         is_around = (size >= tuned.FRAME_SHARE * ink.size).all()
+        if is_around and other.pieces is not line.pieces:
+            pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
             text = (
                 f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
                 f"--stroke {number}."
             )
             doubts.append(finding_at(other.middle, "ink-outweighs", text))
-    share = line.ink_px / len(ink.pixels)
+    share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))
@@ -325,7 +334,7 @@ def join_findings(
     There is none for a piece on which a finding lies that was `told`, or in whose middle one of
     other ink does.
     """
-    reach, findings = tuned.END_REACH_GAPS * max_gap_px, []
+    findings = []
     for piece in leftover:
         is_told = False
         for found in told:
@@ -334,16 +343,14 @@ def join_findings(
             is_told |= np.abs(places - found.place_px).max(1).min() < 0.6
         if is_told:
             continue
-        if piece.edge_distance <= 2 * tuned.EDGE_BLUR_PX:
-            text = f"ink of {piece.size:.0f} px joins the curve and was left out."
-        elif piece.end_distance <= reach or _goes_on(lines, piece, ink):
-            text = (
-                f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
-                "curve and was left out."
-            )
+        if piece.touches:
+            where = "joins the curve"
+        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink):
+            where = f"lies {piece.end_distance:.0f} px from the end of the curve"
         else:
             continue
-        findings.append(finding_at(piece.nearest, "ink-joins", f"{text} Is it a part of it?"))
+        text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
+        findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
 
 
@@ -376,30 +383,36 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     """A doubt for each stretch of the curve that lies on another stretch of it, or close beside."""
     if not strokes:
         return []
-    counts = [len(stroke.points) for stroke in strokes]
     points = np.concatenate([stroke.points for stroke in strokes])
-    ahead = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
-    ahead /= np.maximum(np.hypot(*ahead.T), 1e-9)[:, None]
+    headings = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
+    headings /= np.maximum(np.hypot(*headings.T), 1e-9)[:, None]
+    counts = [len(stroke.points) for stroke in strokes]
     number = np.repeat(np.arange(len(strokes)), counts)
-    ring_px = np.where([stroke.closed for stroke in strokes], counts, np.inf)
+    ring_length = np.where([stroke.closed for stroke in strokes], counts, np.inf)
     width = max(stroke.width or 0.0 for stroke in strokes)
     reach = 2 * max(width, tuned.FLANK_PX)
-    folded = np.zeros(len(points), bool)
-    for first in range(0, len(points), FOLD_ROWS):
-        part = points[first : first + FOLD_ROWS]
-        low, high = part.min(axis=0) - reach, part.max(axis=0) + reach
-        rest = first + np.flatnonzero(((points >= low) & (points <= high)).all(axis=1)[first:])
-        near = ((part[:, None] - points[rest]) ** 2).sum(axis=2) <= reach**2
-        one, other = np.nonzero(near)
-        one, other = first + one, rest[other]
+    is_folded = np.zeros(len(points), bool)
+    for start in range(0, len(points), FOLD_ROWS):
+        block = points[start : start + FOLD_ROWS]
+        # Each point of the block is held against the later ones in the box around the block.
+        is_in_box = (points >= block.min(axis=0) - reach) & (points <= block.max(axis=0) + reach)
+        candidates = start + np.flatnonzero(is_in_box.all(axis=1)[start:])
+        is_close = ((block[:, None] - points[candidates]) ** 2).sum(axis=2) <= reach**2
+        earlier, later = np.nonzero(is_close)
+        earlier, later = start + earlier, candidates[later]
         # Neighbours along a stroke are no fold; the ends of a closed one are neighbours.
-        apart = np.minimum(other - one, ring_px[number[one]] - (other - one))
-        is_apart = (number[one] != number[other]) | (apart > tuned.WIDE_RUN_WIDTHS * max(width, 2))
-        is_along = np.abs((ahead[one] * ahead[other]).sum(axis=1)) > np.sqrt(0.5)
-        folded[one[(other > one) & is_apart & is_along]] = True
+        along = np.minimum(later - earlier, ring_length[number[earlier]] - (later - earlier))
+        is_fold = number[earlier] != number[later]
+        is_fold |= along > tuned.WIDE_RUN_WIDTHS * max(width, 2)
+        is_fold &= later > earlier
+        # A crossing is none either.
+        cosine = (headings[earlier] * headings[later]).sum(axis=1)
+        is_fold &= np.abs(cosine) > np.sqrt(0.5)
+        is_folded[earlier[is_fold]] = True
     findings = []
-    for run in runs(filters.windows(folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(1), False):
-        length = np.count_nonzero(folded[run])
+    is_near_fold = windows(is_folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
+    for run in runs(is_near_fold, False):
+        length = np.count_nonzero(is_folded[run])
         if length > tuned.SUDDEN_PX:
             text = (
                 f"{length} px of the curve lie on another part of it, or close beside. Was it "
@@ -433,24 +446,26 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     where a small share of the stroke lies beyond it.
     """
     findings = []
-    for what, run in _stretches(curve):
-        rest = min(run[0], len(curve.points) - 1 - run[-1])
-        place, gap = (
-            curve.points[_middle(run)],
-            f"the curve is carried across a gap of {len(run)} px",
-        )
-        is_long = len(run) > tuned.LONG_STRETCH_PX
-        if what == "gap" and not curve.closed and rest < NEAR_END_SHARE * len(curve.points):
-            text = f"{gap}. Do the {rest} px beyond it belong to the curve?"
+    for reason, run in _stretches(curve):
+        place, length = curve.points[_middle(run)], len(run)
+        carried = f"the curve is carried across a gap of {length} px."
+        is_long = length > tuned.LONG_STRETCH_PX
+        if reason == "hidden":
+            if is_long:
+                text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
+                findings.append(finding_at(place, "stretch-hidden", text))
+            continue
+        # What lies beyond the gap may be a leader line or a letter, if it is short.
+        shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
+        is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
+        if reason == "gap" and is_near_end:
+            text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
-        elif what == "hidden" and is_long:
-            text = f"another colour hides {len(run)} px of the curve. Does it run as drawn here?"
-            findings.append(finding_at(place, "stretch-hidden", text))
-        elif what != "hidden" and is_long:
-            text = f"the curve is carried across a gap of {len(run)} px. Does it run as drawn here?"
+        elif is_long:
+            text = f"{carried} Does it run as drawn here?"
             findings.append(finding_at(place, "bridge-long", text))
-        elif what == "gap":
-            findings.append(finding_at(place, "bridge", f"{gap}.", note))
+        elif reason == "gap":
+            findings.append(finding_at(place, "bridge", carried, note))
     return findings
 
 
@@ -479,7 +494,7 @@ def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
     """
     if not curve.closed or not width_findings(curve):
         return curve
-    widest = filters.windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
+    widest = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
     _, nearest = _core.nearest(curve.path, curve.points)
     wider_px = curve.width * (widest[nearest] - 1).clip(0)
     return replace(curve, sigma=np.hypot(curve.sigma, wider_px / 4))
@@ -492,19 +507,19 @@ def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
     beside all the rest of the line is a stroke of a letter at the line's end.
     """
     ratio = choose.relative_width(curve)
-    window = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
-    is_wide = ratio > (window.min() + window.max()) / 2
+    around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
+    is_wide = ratio > (around.min() + around.max()) / 2
     on_line = np.ones(len(ratio), bool)
     if not curve.closed:
-        first_end, last_end = curve.ends
         places = np.arange(len(ratio))
+        first_end, last_end = curve.ends
         on_line = (places >= first_end.place) & (places <= last_end.place)
     wide = _nearest_run(is_wide & on_line, at, curve.closed)
     thin = _nearest_run(~is_wide & on_line, at, curve.closed)
-    # A wide stretch that is all the rest of the line is the line itself.
-    first, last = np.flatnonzero(on_line)[[0, -1]]
-    is_rest = wide[0] - first < tuned.SUDDEN_PX or last - wide[-1] < tuned.SUDDEN_PX
-    is_letter = is_rest and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width
+    # A wide stretch that reaches to an end of the line is the line itself.
+    line_start, line_stop = np.flatnonzero(on_line)[[0, -1]]
+    reaches_end = min(wide[0] - line_start, line_stop - wide[-1]) < tuned.SUDDEN_PX
+    is_letter = reaches_end and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width
     return _middle(thin if is_letter else wide)
 
 
@@ -527,7 +542,7 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
         # A letter turns off, a drawn out pen goes on.
         if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
             expected |= fall
-    return filters.windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
+    return windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
 
 
 def _turn_deg(curve: MeasuredStroke) -> Array:

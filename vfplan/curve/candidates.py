@@ -165,25 +165,38 @@ def _walk(start: int, beside: list[list[int]], waiting: Flags) -> list[int]:
     return path
 
 
+def box_of(pixels: Pixels, border: int = 0) -> tuple[Flags, Pixels]:
+    """(H, W) bool of the pixels (N, 2) in the box around them, and (2,) its first pixel."""
+    corner = pixels.min(0) - border
+    columns, rows = pixels.max(0) - corner + border + 1
+    box = np.zeros((rows, columns), bool)
+    u, v = (pixels - corner).T
+    box[v, u] = True
+    return box, corner
+
+
+def connected(pixels: Pixels) -> list[Pixels]:
+    """The rows of the pixels (N, 2) of each connected piece."""
+    import cv2
+
+    if len(pixels) == 0:
+        return []
+    box, corner = box_of(pixels)
+    kind = cv2.CV_32S if len(pixels) >= 2**16 else cv2.CV_16U  # There may be as many pieces.
+    _, labels = cv2.connectedComponents(box.view(np.uint8), connectivity=8, ltype=kind)
+    u, v = (pixels - corner).T
+    label = labels[v, u].astype(np.int64)
+    order = np.argsort(label, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
 def find_groups(ink: Ink) -> list[Pixels]:
     """The pixels (N, 2) of each connected piece of ink that is no speck.
 
     Raises `CurveError` where there are more than anybody draws.
     """
-    import cv2
-
-    mask = ink.mask.view(np.uint8)
-    pixels = cv2.findNonZero(mask)
-    if pixels is None:
-        return []
-    pixels = pixels.reshape(-1, 2).astype(np.int64)
-    kind = cv2.CV_32S if len(pixels) >= 2**16 else cv2.CV_16U  # There may be as many pieces.
-    _, labels = cv2.connectedComponents(mask, connectivity=8, ltype=kind)
-    u, v = pixels.T
-    label = labels[v, u].astype(np.int64)
-    order = np.argsort(label, kind="stable")
-    groups = np.split(pixels[order], np.flatnonzero(np.diff(label[order])) + 1)
-    groups = [group for group in groups if len(group) >= tuned.SPECK_PX]
+    pieces = connected(ink.pixels)
+    groups = [ink.pixels[rows] for rows in pieces if len(rows) >= tuned.SPECK_PX]
     if len(groups) > tuned.MAX_PIECES:
         raise CurveError(
             f"There are {len(groups)} pieces of ink in the pen's colour, so this is noise or a "
@@ -222,13 +235,9 @@ def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
 
 def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
     """The longest branch of a piece; `None` where its skeleton is a pixel or junctions only."""
-    corner = pixels.min(0) - 2
-    columns, rows = pixels.max(0) - corner + 3
-    box = np.zeros((rows, columns), bool)
-    u, v = (pixels - corner).T
-    box[v, u] = True
+    box, corner = box_of(pixels, 2)
     branches, junctions = _branches(_core.thinned(box).astype(bool))
-    if len(junctions) and max(rows, columns) > tuned.CRUMB_PX / 2:  # A letter has no handles.
+    if len(junctions) and max(box.shape) > tuned.CRUMB_PX / 2:  # A letter has no handles.
         branches, junctions = _branches(_without_handles(box))
     if not branches:
         return None
@@ -391,9 +400,8 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
     nearest = np.inf
     for end, other_end in product((0, -1), repeat=2):
         gap = gap_px(line, end, other, other_end)
-        # Over a long gap a hand may turn farther than over one that is bridged.
         turn = max(_turns_deg(line, end, other, other_end))
-        if gap <= longest and turn <= 2 * tuned.MAX_TURN_DEG:
+        if gap <= longest and turn <= tuned.MAX_TURN_DEG:
             nearest = min(nearest, gap)
     return nearest
 

@@ -16,11 +16,11 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
-from vfplan.curve.profiles import End, Profiles, find_ends, read_profiles
+from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
-from vfplan.geometry import filters, lines
-from vfplan.geometry.lines import Array, Flags, Spline, evenly, normals, runs
+from vfplan.geometry import lines
+from vfplan.geometry.lines import Array, Flags, Spline, evenly, gaussian, normals, runs, windows
 
 # Pixels: standard deviation of a skeleton's pixels across the line.
 SKELETON_SIGMA_PX = 0.5
@@ -54,7 +54,7 @@ class MeasuredStroke(Stroke):
 def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
     mode = "wrap" if line.closed else "edge"
-    path = skeleton = filters.gaussian(line.path, tuned.SMOOTH_PX, mode)
+    path = skeleton = gaussian(line.path, tuned.SMOOTH_PX, mode)
     noisy = is_noisy(ink, line.path, line.width)
     smooth_px = tuned.SMOOTH_NOISY_PX if noisy else tuned.SMOOTH_PX
     # Twice: the second time the profiles stand at right angles to the line itself.
@@ -77,7 +77,9 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
             ends = find_ends(profiles, valid, noisy)
             valid, whole = _up_to_ends(valid, ends)
             profiles = replace(profiles, valid=profiles.valid | valid)
-        offset = profiles.offset(ink, path, normal, noisy)
+        offset = profiles.offset_of_colour(noisy)
+        if noisy:
+            offset = add_brightness(ink, path, normal, profiles, offset)
         measured = path + offset[:, None] * normal
         spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))
@@ -147,7 +149,7 @@ def deviation_of(
         noise *= tuned.CORRELATED_NOISY
     noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
     # What neighbouring residuals have in common is a corner that the spline cuts.
-    cut = filters.gaussian(residual, smooth_px, mode)
+    cut = gaussian(residual, smooth_px, mode)
     return np.hypot(noise, cut)
 
 
@@ -171,12 +173,12 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
     mode = "wrap" if closed else "edge"
-    return lines.length_of(filters.gaussian(path, tuned.SMOOTH_PX, mode), closed)
+    return lines.length_of(gaussian(path, tuned.SMOOTH_PX, mode), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
-    normal = normals(filters.gaussian(path, tuned.SMOOTH_PX), False)
+    normal = normals(gaussian(path, tuned.SMOOTH_PX), False)
     flank = (width / 2 + 2 * tuned.FLANK_PX) * normal
     places = np.rint(np.vstack([path - flank, path + flank])).astype(int)
     u, v = np.clip(places, 0, ink.size - 1).T
@@ -263,7 +265,7 @@ def _smoothing_scale(spline: Spline, at: NDArray, smooth_px: float) -> Array:
     first, second = spline(at, 1), spline(at, 2)
     cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
     curvature = np.abs(cross) / np.maximum(np.hypot(*first.T), 1e-9) ** 3
-    curvature = filters.windows(curvature, tuned.BEND_REACH_PX).max(axis=1)
+    curvature = windows(curvature, tuned.BEND_REACH_PX).max(axis=1)
     return np.clip(tuned.BEND_SHARE / np.maximum(curvature, 1e-6), tuned.SMOOTH_MIN_PX, smooth_px)
 
 

@@ -23,8 +23,7 @@ from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, runs
+from vfplan.geometry.lines import Array, running_median, runs, windows
 
 # Lines that an error message describes.
 DESCRIBED = 8
@@ -105,7 +104,7 @@ def on_border(line: Candidate, ink: Ink) -> int:
 def is_level(line: Candidate) -> bool:
     """Whether nearly all of a line runs along rows and columns, as a bar or a box does."""
     size = min(2 * tuned.TANGENT_PX + 1, len(line.path))
-    spans = [np.ptp(filters.windows(axis, size, "edge"), axis=1) for axis in line.path.T]
+    spans = [np.ptp(windows(axis, size, "edge"), axis=1) for axis in line.path.T]
     return (np.min(spans, axis=0) <= 1).mean() >= tuned.FRAME_SHARE
 
 
@@ -131,13 +130,9 @@ def _several_error(
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
         gap, longest, (u, v) = nearest
-        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f}); "
-        if gap > longest:
-            message += "that is longer than one of them, so they are not joined"
-        elif gap <= max_gap_px:
-            message += "their directions differ too much to join them"
-        else:
-            message += f"--max-gap {np.ceil(gap):.0f} joins them where their directions agree"
+        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f})"
+        if max_gap_px < gap <= longest:
+            message += f"; --max-gap {np.ceil(gap):.0f} joins them where their directions agree"
         numbers |= {"gap_px": gap, "u_px": float(u), "v_px": float(v)}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)
@@ -179,9 +174,13 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
             f"({u:.0f}, {v:.0f}). Take it as one line: vfplan review IMAGE.",
             code="line-dotted",
         )
+    where, advice = "", ""
+    if region != Region():
+        where = " within what --roi and --exclude leave"
+        advice = "Move or widen that, unless another pen drew the line. "
     return CurveError(
-        f"No line was drawn in {pen.name}. Name the pen's colour with --colour NAME or #rrggbb, or "
-        "draw again if the pen was black, grey or white.",
+        f"No line was drawn in {pen.name}{where}. {advice}Name the pen's colour with --colour NAME "
+        "or #rrggbb, or draw again if the pen was black, grey or white.",
         code="no-line",
         numbers={"mask_pixels": int(ink.mask.sum())},
     )
@@ -266,7 +265,7 @@ def relative_width(curve: MeasuredStroke) -> Array:
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
     ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
     mode = "wrap" if curve.closed else "edge"
-    return filters.windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
+    return windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
 
 def change_nearby(values: Array) -> Array:
@@ -297,7 +296,7 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * width))
     if len(ratio) < 3 * window:
         return 0.0, 0
-    usual = filters.median(ratio, window)
+    usual = running_median(ratio, window)
     reach = (window + tuned.SUDDEN_PX) // 2
     change = np.abs(usual[2 * reach :] - usual[: -2 * reach])
     largest = float(change.max())
@@ -316,7 +315,7 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
     size = min(run, len(ratio))
     beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
-    lasting = filters.median(ratio, size, **beyond)
+    lasting = running_median(ratio, size, **beyond)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
     if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.errors import SettingError
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, windows
 
 # Hues that are looked for in a picture where the named pen drew no curve.
 MOST_PENS = 6
@@ -75,17 +74,13 @@ def parse_colour(colour: str) -> Array:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
-    import difflib
-
-    from matplotlib.colors import CSS4_COLORS, to_rgb
+    from matplotlib.colors import to_rgb
 
     try:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
-        similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
-            f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
+            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
             code="colour-unknown",
         ) from None
 
@@ -319,7 +314,7 @@ def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
     reach = round(tuned.HUE_GATE_DEG / HUE_STEP_DEG)
     pens = []
     for _ in range(MOST_PENS):
-        top = int(filters.windows(counts, 3, "wrap").sum(axis=1).argmax())
+        top = int(windows(counts, 3, "wrap").sum(axis=1).argmax())
         around = np.arange(top - 1, top + 2) % len(counts)
         if not counts[around].any():
             break

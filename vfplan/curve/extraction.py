@@ -33,18 +33,17 @@ def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Cand
     Raises `CurveError` where there are lines and none passes by all of the places. The error names
     the place that the nearest line misses.
     """
-    errors = [_missed_place(line, start, end) for line in lines]
-    passing = [line for line, error in zip(lines, errors, strict=True) if error is None]
+    passing, misses = [], []
+    for line in lines:
+        named = (("--start", start), ("--end", end))
+        errors = [_off_curve_error(line.path, line.width, *pair) for pair in named]
+        if any(errors):
+            misses.append(max(filter(None, errors), key=_distance_missed))
+        else:
+            passing.append(line)
     if lines and not passing:
-        raise min(errors, key=_distance_missed)
+        raise min(misses, key=_distance_missed)
     return passing
-
-
-def _missed_place(line: Candidate, start: Place, end: Place) -> CurveError | None:
-    """The error for the named place that lies farthest off a line, or `None` if both lie on it."""
-    named = (("--start", start), ("--end", end))
-    errors = [_off_curve_error(line.path, line.width, *pair) for pair in named]
-    return max(filter(None, errors), key=_distance_missed, default=None)
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import tuned
 from vfplan.curve.coverage import OTHER_UNIT, Ink, brightness, sample
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, gaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +70,8 @@ class Profiles:
         """(M,) the largest coverage across the line."""
         return np.where(self.is_line, self.coverage, 0).max(1)
 
-    def offset(self, ink: Ink, path: NDArray, normal: NDArray, noisy: bool) -> Array:
-        """(M,) how far off the path, along its (M, 2) normals, the line lies [px]."""
-        by_colour = self.offset_of_colour(noisy)
-        return add_brightness(ink, path, normal, self, by_colour) if noisy else by_colour
-
     def offset_of_colour(self, noisy: bool) -> Array:
-        """(M,) the same by the pen's coverage alone.
+        """(M,) how far off the path, along its normals, the line lies by the pen's coverage [px].
 
         Two measures: the centroid of the line's own ink, and the shift of its mean profile that
         fits best. The centroid follows a pen whose width changes; the shift is less disturbed by
@@ -103,7 +97,7 @@ class Profiles:
 
     def scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
-        trend = filters.gaussian(offset, tuned.TREND_PX)
+        trend = gaussian(offset, tuned.TREND_PX)
         return float(np.median((offset - trend)[self.valid] ** 2))
 
 
@@ -201,7 +195,7 @@ def add_brightness(
     clear &= np.abs(by_light - offset) <= profiles.width / 2
     if clear.sum() < tuned.MIN_PROFILES:
         return offset
-    trend = filters.gaussian(offset, tuned.TREND_PX)
+    trend = gaussian(offset, tuned.TREND_PX)
     colour_variance = profiles.scatter(offset)
     light_variance = (rough / depth) ** 2
     light_variance *= np.median(((by_light - trend) ** 2 / light_variance)[clear])
@@ -352,7 +346,7 @@ def _find_end(run: Run) -> End:
     # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
     blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
     inner = run.mass[tuned.TAPER_REACH_PX : run.visible + 1]
-    rough = float(np.median(np.abs(inner - filters.gaussian(inner, tuned.TREND_PX / 2))))
+    rough = float(np.median(np.abs(inner - gaussian(inner, tuned.TREND_PX / 2))))
     blunt += tuned.BLUNT_ROUGH_PX * rough
     tapered = _taper_share(FALLS_PX, blunt)
     if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
@@ -467,7 +461,7 @@ def _end_of_band(run: Run, band: Flags) -> float | None:
 
 def _smoothed(ink: NDArray) -> Array:
     """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
-    return filters.gaussian(ink, tuned.MASK_BLUR_PX)
+    return gaussian(ink, tuned.MASK_BLUR_PX)
 
 
 def _last_above(ink: NDArray, level: float, visible: int) -> int:

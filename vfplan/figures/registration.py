@@ -93,7 +93,7 @@ def draw_registration(
     # A step of one pixel of the view, in the robot's frame.
     linear = registration.T_target_source[:3, : len(view.axes)] @ view.axes
     m_per_px = float(np.exp(np.log(np.linalg.svd(linear, compute_uv=False)).mean()))
-    residuals_px = registration.residual_vectors_m @ np.linalg.pinv(linear).T
+    residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * view.width)
 
     inch = WIDTH_PX / view.width / DPI
@@ -256,7 +256,7 @@ def draw_markers(
     axes.plot([], [], color=CONTACT, lw=1.4, label=f"residual, drawn {factor:g}x")
     normal = plane_normal(linear)
     normal /= np.linalg.norm(normal)
-    residuals_mm = registration.residual_vectors_m * MM
+    residuals_mm = registration.vectors * MM
     across_mm = residuals_mm @ normal
     whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]

@@ -1,6 +1,7 @@
-"""Lines of points: lengths, normals, even steps, runs, cubic splines, and lines and arcs.
+"""Lines of points: lengths, normals, even steps, runs, filters, cubic splines, lines and arcs.
 
-The splines are our own, because importing scipy.interpolate takes a third of the time of a plan.
+The filters and the splines are our own, because importing SciPy takes a third of the time of a
+plan. The filters run along the first axis of an array, and equal scipy.ndimage's to the bit.
 Lines and arcs are laid along a measured curve, tangent-continuous but at its corners and within a
 tolerance: each smooth run by pairs of arcs that meet with one tangent (Bolton, "Biarc curves",
 1975), each pair as long as the tolerance allows.
@@ -11,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from vfplan import _core
@@ -81,6 +84,35 @@ def values_at(values: NDArray, parameter: NDArray) -> Array:
     below = np.minimum(parameter.astype(int), len(values) - 1)
     part = (parameter - below).reshape(-1, *[1] * (values.ndim - 1))
     return ring[below] * (1 - part) + ring[below + 1] * part
+
+
+def gaussian(values: Array, sigma: float, mode: str = "symmetric") -> Array:
+    """Values (N, ...) smoothed by a Gaussian that ends at four times `sigma`.
+
+    `mode` says how `np.pad` carries the values on beyond both ends.
+    """
+    reach = int(4 * sigma + 0.5)
+    weight = np.exp(-0.5 / sigma**2 * np.arange(-reach, reach + 1) ** 2)
+    weight /= weight.sum()
+    padded = np.pad(values, [(reach, reach)] + [(0, 0)] * (values.ndim - 1), mode)
+    count = len(values)
+    smooth = weight[reach] * values
+    for k in range(reach):
+        smooth = smooth + weight[k] * (padded[k : k + count] + padded[2 * reach - k :][:count])
+    return smooth
+
+
+def windows(values: NDArray, size: int, mode: str = "symmetric", **beyond: Any) -> NDArray:
+    """(N, size) what lies around each of values (N,); `np.pad` carries them on beyond both ends."""
+    before = size // 2
+    padded = np.pad(values, (before, size - 1 - before), mode, **beyond)
+    return sliding_window_view(padded, size)
+
+
+def running_median(values: Array, size: int, mode: str = "symmetric", **beyond: Any) -> Array:
+    """(N,) the median of `windows`; of an even size, the upper one of the two in the middle."""
+    around = windows(values, size, mode, **beyond)
+    return np.partition(around, size // 2, axis=1)[:, size // 2]
 
 
 # Rows of a banded system that are solved at once: few enough for arithmetic to cost no more than

@@ -386,13 +386,9 @@ def over_black(
     rgb = np.empty((*bgra.shape[:2], 3), bgra.dtype)
     for first in range(0, len(bgra), ROWS_AT_ONCE):
         rows = slice(first, first + ROWS_AT_ONCE)
-        alpha = bgra[rows, :, 3].astype(np.uint32)
-        for channel in range(3):
-            # Half of `full` is added, so that the division rounds to the nearest number.
-            values = bgra[rows, :, 2 - channel] * alpha
-            values += full // 2
-            values //= full
-            rgb[rows, :, channel] = values
+        alpha = bgra[rows, :, 3:].astype(np.uint32)
+        # Half of `full` is added, so that the division rounds to the nearest number.
+        rgb[rows] = (bgra[rows, :, 2::-1] * alpha + full // 2) // full
     return rgb
 
 

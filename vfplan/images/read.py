@@ -241,6 +241,9 @@ def volume_slice(
     return count, np.array(place), grey_range, grey[0][0] if grey else None
 
 
+# Setting of a recipe: the points that a person set in Slicer, on the slice [px], for the sheet.
+SLICER_POINTS = "slicer_points_px"
+
 # Setting of a recipe: which slice of a stack it was, for a reader.
 SLICE_IN_WORDS = "slice_in_words"
 

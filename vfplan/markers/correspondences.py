@@ -141,31 +141,27 @@ def read_markers(
         A file that cannot be read or may mean two things; a label that is doubled, or that only one
         side has; two files for the same side.
     """
-    if path2 is None:
-        sides = read_sides(Path(path), spacing_mm)
-        if len(sides) != 2:
-            raise MarkerError(
-                f"holds only {sides[0].frame} positions. Give a second file with the other side, "
-                "or one table with label,u_px,v_px,x_m,y_m,z_m",
-                where=str(path), code="one-side-only",
-            )  # fmt: skip
-        return join(sides[0], sides[1], {"markers": sides[0].sha256}, common)
-    both = []
-    for file in (path, path2):
-        sides = read_sides(Path(file), spacing_mm)
-        if len(sides) == 2:
-            raise MarkerError(
-                "holds both sides already. Give it alone, or two files with one side each",
-                where=str(file), code="both-sides",
-            )  # fmt: skip
-        both += sides
-    first, second = both
+    files = [Path(path)] if path2 is None else [Path(path), Path(path2)]
+    sides = [side for file in files for side in read_sides(file, spacing_mm)]
+    if len(sides) == 1:
+        raise MarkerError(
+            f"holds only {sides[0].frame} positions. Give a second file with the other side, or "
+            "one table with label,u_px,v_px,x_m,y_m,z_m",
+            where=str(path), code="one-side-only",
+        )  # fmt: skip
+    if len(sides) > 2:
+        raise MarkerError(
+            "one holds both sides already. Give it alone, or two files with one side each",
+            where=", ".join(map(str, files)), code="both-sides",
+        )  # fmt: skip
+    first, second = sides
     if first.frame == second.frame != "patient_lps":
         raise MarkerError(
             f"both files hold {first.frame} positions ({first.where}). Give one of each side",
             where=second.where, code="same-side-twice",
         )  # fmt: skip
-    inputs = {"markers": first.sha256, "markers2": second.sha256}
+    roles = ("markers", "markers2")[: len(files)]
+    inputs = {role: side.sha256 for role, side in zip(roles, sides, strict=False)}
     is_swapped = second.frame == "image" or first.frame == "robot_base"
     source, target = (second, first) if is_swapped else (first, second)
     return join(source, target, inputs, common)

@@ -15,7 +15,7 @@ from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry.lines import length_of
 from vfplan.io.files import now_utc
-from vfplan.planning.settings import SLICER_POINTS, ExtractSettings
+from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
 from vfplan.settings import flat
 
@@ -34,10 +34,6 @@ VECTOR_SETTINGS = ("curve_origin", "curve_type")
 
 # Settings that only an image can follow.
 IMAGE_SETTINGS = ("pixel_spacing_mm", "frame", "imager_spacing", "max_megapixels", "pixels")
-
-# Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
-# has a ratio of 5, while pixels of slices are nearly square.
-MAX_SPACING_RATIO = 2.0
 
 # Largest difference of Slicer's two types of curve without a doubt, in contact radii.
 MAX_TYPE_DIFFERENCE = 0.1
@@ -135,14 +131,6 @@ def extract(
     elapsed = time.perf_counter() - started
 
     findings = (*image.findings, *extraction.findings)
-    if settings.pixel_spacing_mm is not None:
-        along_u, along_v = settings.pixel_spacing_mm
-        if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
-            text = (
-                f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "
-                "with a point if the comma was meant as one."
-            )
-            findings += (note("pixel-spacing-uneven", "extract", text),)
     strokes = extraction.strokes
     points = np.concatenate([stroke.points for stroke in strokes])
     sigma = None
@@ -202,14 +190,16 @@ def read_vectors(
     contact_radius: float = SMALL_RADIUS_M,
 ) -> tuple[Extraction, str, dict[str, str]]:
     """A vector curve on its slice, the SHA-256 of its file, and what its recipe says of it."""
+    from vfplan.curve.account import fold_findings
     from vfplan.curve.extraction import vector_stroke
+    from vfplan.images.read import SLICER_POINTS
     from vfplan.vectors.curve import check_drawn_on
     from vfplan.vectors.read import SLICER_SUFFIXES, onto_slice, read_vector_curve
 
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     placed = onto_slice(curve, image.T_patient_image, str(path), image.pixel_spacing_mm)
     extraction = vector_stroke(placed.stroke(1.0), image, str(path))
-    findings = vector_findings(curve, contact_radius)
+    findings = vector_findings(curve, contact_radius) + fold_findings(extraction.strokes)
     doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
     findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
     if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:

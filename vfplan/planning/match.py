@@ -137,7 +137,7 @@ def match(
 
         # The positions as given, or where the marks are drawn.
         if settings.find_markers:
-            drawn_markers = find_drawn(correspondences, image, slice_image)
+            drawn_markers = find_drawn(correspondences, slice_image)
             source = np.array([marker.position_px for marker in drawn_markers])
 
         # The transform, and the gates on it.
@@ -202,7 +202,7 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
 
 
 def find_drawn(
-    correspondences: Correspondences, image: PlannedImage | None, slice_image: PlannedImage | None
+    correspondences: Correspondences, slice_image: PlannedImage | None
 ) -> tuple[DrawnMarker, ...]:
     """The markers as they are drawn on the slice, for `--find-markers`."""
     from vfplan.markers.find_marks import find_markers
@@ -212,15 +212,11 @@ def find_drawn(
             "these markers are given in 3-D, where none are drawn. Leave --find-markers out",
             code="find-markers-in-space",
         )
-    if image is None:
-        raise SettingError(
-            "to find the markers the slice is needed. Give --image, or leave --find-markers out",
-            code="find-markers-no-image",
-        )
     if slice_image is None:
         raise SettingError(
-            "the image given is not the one the curve was drawn on (SHA-256 differs). Give that",
-            code="find-markers-other-image",
+            "to find the markers the slice is needed that the curve was drawn on. Give it by "
+            "--image, or leave --find-markers out",
+            code="find-markers-no-image",
         )
     return find_markers(slice_image.rgb, correspondences.labels, correspondences.source)
 

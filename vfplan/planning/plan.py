@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 import warnings
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -239,9 +239,7 @@ def register(
         record.findings += error_findings(error)
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
-        refuse_large_error(
-            error, settings.max_tre_length_m, registration, curve.points, taken_from=taken_from
-        )
+        refuse_large_error(error, settings.max_tre_length_m, taken_from)
 
     # A margin makes the fixture thicker: from here on `settings.point_radius` includes it. Lines
     # and arcs must follow the curve more closely than the margin is wide.
@@ -439,8 +437,6 @@ def render(
     record.settings |= {f"left_out_{name}": count for name, count in left_out.items()}
     if carried.sampling_error_m is not None:
         record.report["sampling_error_m"] = carried.sampling_error_m
-    if carried.tight_bends:
-        record.report["tight_bends"] = [asdict(bend) for bend in carried.tight_bends]
     if choice is not None:
         record_choice(choice, carried.sampling_error_m, record)
     return carried, rendering

@@ -18,9 +18,6 @@ MIN_ARCS_M = 1e-7
 # A tenth of the tolerance that points are sampled with [m].
 DEFAULT_ARCS_M = 1e-6
 
-# Setting of a recipe: the points that a person set in Slicer, on the slice [px], for the sheet.
-SLICER_POINTS = "slicer_points_px"
-
 # Speed [m/s] at which a guide's pull has fallen to 0, unless it is given.
 LEAD_SPEED_M_S = 0.02
 

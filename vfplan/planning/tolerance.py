@@ -134,18 +134,6 @@ def largest_tolerance(radius_m: float) -> float:
     return (MAX_SPACING_SHARE * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
 
 
-@dataclass(frozen=True)
-class TightBend:
-    """A stretch where the curve bends tighter than the proxy's radius, so it cannot be followed."""
-
-    # Where the curvature is largest, along the curve [m].
-    arclength_m: float
-    # (x, y, z) of that place [m].
-    position_m: tuple[float, float, float]
-    # Radius of curvature there [m].
-    radius_m: float
-
-
 @dataclass(frozen=True, eq=False)
 class Sampling:
     """Points along a curve."""
@@ -160,8 +148,6 @@ class Sampling:
     spacing_m: float
     # Bound on how far the union of spheres lies from the swept curve [m].
     sampling_error_m: float
-    # Where the radius of curvature is below `radius_m`.
-    tight_bends: tuple[TightBend, ...]
 
 
 def sample_curve(
@@ -222,7 +208,6 @@ def sample_curve(
     return Sampling(
         points=curve.spline(parameter), arclength=arclength, parameter=parameter,
         spacing_m=float(gaps.max()), sampling_error_m=sampling_error_m,
-        tight_bends=tight_bends(curve, radius_m),
     )  # fmt: skip
 
 
@@ -292,18 +277,6 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     return places
 
 
-def tight_bends(curve: CurveSpline, radius_m: float) -> tuple[TightBend, ...]:
-    """The tightest place of each stretch that bends tighter than the radius."""
-    is_tight = np.flatnonzero(curve.kappa * radius_m > 1)
-    bends = []
-    for stretch in np.split(is_tight, np.flatnonzero(np.diff(is_tight) > 1) + 1):
-        if len(stretch):
-            worst = int(stretch[np.argmax(curve.kappa[stretch])])
-            place = tuple(curve.spline(curve.parameter[[worst]])[0].tolist())
-            bends.append(TightBend(float(curve.arc[worst]), place, float(1 / curve.kappa[worst])))
-    return tuple(bends)
-
-
 # Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges
 # differ at 1e-13.
 DECIMALS = 9
@@ -339,8 +312,6 @@ class CarriedPoints:
     curve: Curve | None = None
     # Bound on what the spacing adds to the surface [m]; `None` for a bare cloud.
     sampling_error_m: float | None = None
-    # Where the curve bends tighter than the proxy's radius.
-    tight_bends: tuple[TightBend, ...] = ()
 
 
 def carry(
@@ -353,13 +324,13 @@ def carry(
 
     `tolerance_m` is what the spacing alone may use; `None`: the settings say a density.
     """
-    scale = scale_m_per_unit(registration)
+    scale = registration.scale
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
         sigma = curve.sigma * scale if curve.sigma is not None else None
         return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
 
-    points, strokes, tight_bends = [], [], []
+    points, strokes = [], []
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
     for stroke in curve.strokes:
         sampled = sample_curve(
@@ -372,7 +343,6 @@ def carry(
         length_m += length_of(sampled.points, stroke.closed)
         gaps += len(sampled.points) - (not stroke.closed)
         sampling_error_m = max(sampling_error_m, sampled.sampling_error_m)
-        tight_bends += sampled.tight_bends
 
     sigma = None
     if curve.sigma is not None:
@@ -381,7 +351,7 @@ def carry(
         points=np.round(np.concatenate(points), DECIMALS),
         source=np.concatenate([stroke.points for stroke in strokes]),
         spacing_m=length_m / gaps, sigma=sigma, curve=Curve.of(strokes),
-        sampling_error_m=sampling_error_m, tight_bends=tuple(tight_bends),
+        sampling_error_m=sampling_error_m,
     )  # fmt: skip
 
 
@@ -393,13 +363,6 @@ def spacing_of_cloud(points: Array) -> float | None:
     if len(places) < 2:
         return None
     return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
-
-
-def scale_m_per_unit(registration: Registration) -> float:
-    """The scale of the map [m per source unit]: geometric mean over its principal directions."""
-    k = registration.source.shape[1]
-    scales = np.linalg.svd(registration.T_target_source[:3, :k])[1][:k]
-    return float(np.exp(np.log(scales).mean()))
 
 
 def lines_and_arcs_of(

@@ -24,7 +24,6 @@ import numpy as np
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry.lines import Array, plane_normal
-from vfplan.markers.correspondences import MAX_RADIUS_M
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
@@ -386,9 +385,6 @@ def _sums_of_squares(
     return np.maximum(squares.sum(axis=(1, 2)), problem.rounding_floor_m**2)
 
 
-# Length over width of a layout across which the error grows fast.
-LONG_LAYOUT = 10.0
-
 # A marker with so large a share in its own prediction can be wrong and leave hardly a residual.
 UNCHECKED_LEVERAGE = 0.9
 
@@ -486,34 +482,19 @@ def refuse_wrong_markers(
             raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
-def refuse_large_error(
-    error: TargetError,
-    max_tre_m: float,
-    registration: Registration,
-    points: Array,
-    *,
-    taken_from: str = "",
-) -> None:
+def refuse_large_error(error: TargetError, max_tre_m: float, taken_from: str = "") -> None:
     """Refuse a registration that may be further off along the curve than a person allows.
 
-    error: along the source `points` (M, 2|3)
     taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`
     """
     value_m = float(error.curve95_m[error.worst])
     if value_m <= max_tre_m:
         return
-    advice = "Add markers around the curve"
-    if registration.model == "affine" and not stretch_findings(registration):
-        fit = fit_similarity(registration.problem, registration.used)
-        similar = replace(registration, model="similarity", **vars(fit))
-        similar_m = float(similar.curve95_m(points, error.own).max())
-        if similar_m <= max_tre_m:
-            advice = f"With --model similarity it is {_mm(similar_m)}"
     allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
         f"the curve may lie {_mm(value_m)} from its place (95 % bound), and "
-        f"--max-tre allows {allowed}. {advice}, or give another --max-tre",
+        f"--max-tre allows {allowed}. Add markers around the curve, or give another --max-tre",
         where=f"curve point {error.worst}",
         code="tre-large",
         numbers={"curve95_max_m": value_m, "max_tre_m": max_tre_m, "point": error.worst},
@@ -561,21 +542,13 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     findings += unchecked_findings(registration)
     findings += scale_findings(registration)
     findings += stretch_findings(registration)
-    findings += sigma_findings(registration)
     return tuple(findings)
 
 
 def layout_findings(registration: Registration) -> list[Finding]:
-    """A layout that is long, very large, or has two markers at one place."""
+    """Two markers at one place."""
     findings = []
     labels = registration.labels
-    condition = registration.problem.condition
-    if condition > LONG_LAYOUT:
-        text = (
-            f"The markers' layout is {condition:.0f} times as long as wide, and "
-            "the error grows fast across it. Add a marker off the long axis."
-        )
-        findings.append(note("layout-long", "register", text))
     s = registration.problem.s
     for i, j in combinations(range(len(s)), 2):
         if np.linalg.norm(s[i] - s[j]) < 1e-6:
@@ -585,10 +558,6 @@ def layout_findings(registration: Registration) -> list[Finding]:
             )
             place = registration.place_px(i)
             findings.append(doubt("markers-coincide", "register", text, place_px=place))
-    radius_m = rms_length(registration.problem.y)
-    if radius_m > MAX_RADIUS_M:
-        text = f"The markers lie {radius_m:.3g} m (rms) from their centre. Is the unit metres?"
-        findings.append(doubt("layout-large", "register", text))
     return findings
 
 
@@ -630,23 +599,6 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
         finding = note
         text += " Add a marker near it to be sure."
     return [finding("markers-unchecked", "register", text, place_px=place)]
-
-
-def sigma_findings(registration: Registration) -> list[Finding]:
-    """Residuals that are larger than the stated sigmas allow, by a chi-square test."""
-    unit_m = registration.problem.sigma_unit_m
-    if unit_m is None:
-        return []
-    from scipy.special import chdtrc
-
-    ratio = registration.sigma_m / unit_m
-    if chdtrc(registration.dof, registration.dof * ratio**2) >= GOOD_SET_PROBABILITY:
-        return []
-    text = (
-        f"The residuals are {ratio:.1f} times what the stated sigmas allow. Touch the worst "
-        "marker again, or state larger sigmas."
-    )
-    return [doubt("sigma-exceeded", "register", text)]
 
 
 def error_findings(error: TargetError) -> tuple[Finding, ...]:

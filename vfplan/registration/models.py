@@ -87,8 +87,8 @@ class Orthogonal:
     def solve(self, s: Array, y: Array, w: Array) -> Array:
         """M (..., 3, k+1) of least weighted squares, for s (..., N, k), y and w (..., N, 3).
 
-        The closed form holds where the three weights of each marker are equal. Otherwise
-        Gauss-Newton starts from the closed form with the means of the weights.
+        The closed form holds where the three weights of each marker are equal. Otherwise a descent
+        starts from the closed form with the means of the weights.
         """
         m = _procrustes(s, y, w.mean(axis=-1), self.scale)
         if not np.ptp(w, axis=-1).any():
@@ -97,7 +97,7 @@ class Orthogonal:
         s, y, w = (np.broadcast_to(values, (*batch, *values.shape[-2:])) for values in (s, y, w))
         refined = np.empty_like(m)
         for index in np.ndindex(batch):
-            refined[index] = self._gauss_newton(s[index], y[index], w[index], m[index])
+            refined[index] = self._refined(s[index], y[index], w[index], m[index])
         return refined
 
     def tangent(self, m: Array) -> Array:
@@ -125,28 +125,18 @@ class Orthogonal:
             linear = linear * np.exp(step[6])
         return np.column_stack([linear, m[:, k] + step[3:6]])
 
-    def _gauss_newton(self, s: Array, y: Array, w: Array, m: Array) -> Array:
-        """The least squares that a descent from M reaches; no step ever makes the sum larger."""
-        x = homogeneous(s)
-        root = np.sqrt(w)
-        error = root * (y - x @ m.T)
-        for _ in range(50):
-            rows = root.reshape(-1, 1) * (marker_rows(x) @ self.tangent(m))
-            step = np.linalg.lstsq(rows, error.ravel(), rcond=None)[0]
-            before = float((error**2).sum())
-            # Halve the step until it makes the sum smaller.
-            for _ in range(20):
-                candidate = self.moved(m, step)
-                candidate_error = root * (y - x @ candidate.T)
-                if (candidate_error**2).sum() < before:
-                    break
-                step /= 2
-            else:
-                return m
-            m, error = candidate, candidate_error
-            if (error**2).sum() > (1 - 1e-14) * before:
-                return m
-        return m
+    def _refined(self, s: Array, y: Array, w: Array, m: Array) -> Array:
+        """The least squares that a descent from M reaches."""
+        from scipy.optimize import least_squares
+
+        x, root = homogeneous(s), np.sqrt(w)
+
+        def errors(step: Array) -> Array:
+            return (root * (y - x @ self.moved(m, step).T)).ravel()
+
+        start = np.zeros(self.parameters)
+        found = least_squares(errors, start, "3-point", ftol=1e-15, xtol=1e-15, gtol=1e-15)
+        return self.moved(m, found.x)
 
 
 Model = Affine | Orthogonal

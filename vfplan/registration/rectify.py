@@ -145,10 +145,8 @@ def flattening(
 
     # A pixel of the size at which the photograph shows the markers finest, in three digits.
     on_sheet = projected(to_sheet, pairs.source)
-    scale = np.stack(
-        [(to_sheet[:2, :2] - np.outer(place, to_sheet[2, :2])) / depth
-         for place, depth in zip(on_sheet, depths, strict=True)]
-    )  # fmt: skip
+    scale = to_sheet[:2, :2] - on_sheet[:, :, None] * to_sheet[2, :2]
+    scale = scale / depths[:, None, None]
     sizes_mm = 1e3 * np.linalg.svd(scale, compute_uv=False)
     finest_mm = float(sizes_mm.min())
     spacing_mm = float(f"{finest_mm:.3g}")

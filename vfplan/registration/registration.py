@@ -90,8 +90,6 @@ class TargetError:
     rms_m: Array
     # (M,) bound at each point, with probability 0.95 for that point [m].
     bound95_m: Array
-    # (M,) bound of the curve's own error, in the source's unit, as `own_bound` gives it.
-    own: Array
     # (M,) bound of both for all points at once, with probability 0.95 [m].
     curve95_m: Array
     # Index of the point with the largest bound.
@@ -111,7 +109,7 @@ def target_error(
     curve95_m = registration.curve95_m(points, own, bound95_m)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
-    return TargetError(rms_m, bound95_m, own, curve95_m, int(curve95_m.argmax()), is_beyond)
+    return TargetError(rms_m, bound95_m, curve95_m, int(curve95_m.argmax()), is_beyond)
 
 
 def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
@@ -415,11 +413,6 @@ class Registration(Fit):
         return x @ self.m.T + self.problem.normaliser.target_centre
 
     @property
-    def residual_vectors_m(self) -> Array:
-        """(N, 3) target minus transformed source [m]."""
-        return self.vectors
-
-    @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
         return np.linalg.norm(self.vectors, axis=1)
@@ -512,6 +505,12 @@ class Registration(Fit):
         x = homogeneous(self.normalised(points))
         rows = marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root
         return rows * self.sigma_m
+
+    @property
+    def scale(self) -> float:
+        """Metres a unit of the source: geometric mean over the map's principal directions."""
+        sizes = np.linalg.svd(self.T_target_source[:3, :-1])[1]
+        return float(np.exp(np.log(sizes).mean()))
 
     @property
     def image_faces(self) -> Array | None:
@@ -618,25 +617,23 @@ def fit_registration(
             "Look for an axis with the wrong sign, or for two axes or labels exchanged",
             code="mirrored",
         )
-    if problem.model.dimension == 2 and seen_from is not None:
-        faces = -plane_normal(fit.m)
-        faces /= np.linalg.norm(faces)
-        if not faces @ direction > 0:
-            raise MarkerError(
-                f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
-                "which is not the side that --seen-from names. Look for two axes exchanged or one "
-                "with the wrong sign, or correct --seen-from if it is wrong",
-                code="mirrored",
-                numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
-            )
-
     names = tuple(range(len(problem.s)) if labels is None else labels)
     source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
-    return Registration(
+    registration = Registration(
         **vars(fit), model=model, labels=names, source=source, target=target, robust=robust,
         pixel_spacing=known_spacing,
     )  # fmt: skip
+    faces = registration.image_faces
+    if faces is not None and seen_from is not None and not faces @ direction > 0:
+        raise MarkerError(
+            f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
+            "which is not the side that --seen-from names. Look for two axes exchanged or one "
+            "with the wrong sign, or correct --seen-from if it is wrong",
+            code="mirrored",
+            numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
+        )
+    return registration
 
 
 def is_mirrored(fit: Fit) -> bool:
@@ -672,7 +669,7 @@ def registration_report(
         {
             "label": label,
             "residual_m": float(registration.residuals_m[i]),
-            "vector_m": registration.residual_vectors_m[i],
+            "vector_m": registration.vectors[i],
             "leverage": float(registration.leverage[i]),
             "loo_m": float(registration.loo_m[i]),
             "f": float(registration.studentised_f[i]),
@@ -691,7 +688,7 @@ def registration_report(
         "condition": registration.problem.condition,
         "residuals": markers,
         "outliers": list(registration.outliers),
-        f"scale{unit}": float(np.exp(np.log(values).mean())),
+        f"scale{unit}": registration.scale,
         f"axis_scales{unit}": lengths,
         f"singular_values{unit}": values,
         "anisotropy": float(values[0] / values[-1] - 1),

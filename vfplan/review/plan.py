@@ -30,6 +30,7 @@ from vfplan.images.read import (
     MAX_BYTES,
     MAX_MEGAPIXELS,
     SLICE_IN_WORDS,
+    SLICER_POINTS,
     PlannedImage,
     StackedSlice,
     flat_as_planned,
@@ -45,7 +46,6 @@ from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import (
-    SLICER_POINTS,
     ExtractSettings,
     FixtureSettings,
     margin_length,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
-from vfplan.geometry import CORNER_PX, ROUNDING, ROWS_AT_ONCE
+from vfplan.geometry import CORNER_PX, ROUNDING
 from vfplan.geometry.lines import arc_lengths, interpolated, ring_of, step_lengths
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
@@ -27,11 +27,6 @@ from vfplan.io.sandbox import raise_limits, run_in_sandbox
 
 # Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan.
 FINE_M = 2.5e-4
-# Largest distance, in steps, of two points where a curve meets itself. Of two straight runs that
-# cross, some points are 0.71 steps apart.
-MEETING_STEPS = 0.75
-# Number of steps along the curve within which two points are neighbours and do not meet.
-NEIGHBOUR_STEPS = 4
 # How a file says that its points are joined: by straight lines; by a spline that no one names; or
 # by the one of 3D Slicer, VTK's cardinal spline over the number of the point, whose ends rest.
 Joined = Literal["straight", "spline", "slicer"]
@@ -159,47 +154,6 @@ def distinct_points(points: NDArray, closed: bool) -> NDArray:
             code="too-few-points", numbers={"points": len(points), "points_min": wanted},
         )  # fmt: skip
     return points
-
-
-def meeting_warnings(curve: VectorDrawing, where: str) -> list[str]:
-    """A warning where a curve crosses, touches or doubles itself."""
-    is_pixels = curve.points.shape[1] == 2
-    unit, step, scale = ("px", 1.0, 1.0) if is_pixels else ("mm", FINE_M, 1e3)
-    try:
-        places = curve.stroke(step).points
-    except CurveError:
-        return []  # The curve is refused where it is sampled.
-    meets = find_meetings(places, curve.closed, step)
-    if not meets.any():
-        return []
-    first = ", ".join(f"{x:.1f}" for x in scale * places[np.argmax(meets)])
-    length = f"{scale * step * meets.sum():.3g} {unit}"
-    return [
-        f"{where}: crosses, touches or doubles itself first at ({first}) {unit}, over {length} "
-        "in all. Check that it is drawn so on purpose"
-    ]
-
-
-def find_meetings(points: NDArray, closed: bool, step: float) -> NDArray[np.bool_]:
-    """(M,) which points of a curve in even steps lie where it crosses, touches or doubles itself.
-
-    Of two straight runs that cross, some points lie no farther apart than 0.71 steps.
-    """
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    count = len(points)
-    meets = np.zeros(count, bool)
-    neighbours = 2 * NEIGHBOUR_STEPS + 2
-    for part in np.array_split(np.arange(count), count // ROWS_AT_ONCE + 1):
-        distance, other = tree.query(
-            points[part], neighbours, distance_upper_bound=MEETING_STEPS * step
-        )
-        along = np.abs(other - part[:, None])
-        if closed:
-            along = np.minimum(along, count - along)
-        meets[part] = (np.isfinite(distance) & (along > NEIGHBOUR_STEPS)).any(1)
-    return meets
 
 
 def read_presentation_curve(data: bytes, number: int | None, where: str) -> VectorDrawing:

@@ -33,7 +33,6 @@ from vfplan.markers.correspondences import fcsv_points, imagej_columns, lps_poin
 from vfplan.vectors.curve import (
     VectorDrawing,
     distinct_points,
-    meeting_warnings,
     read_presentation_curve,
     without_repeated_end,
 )  # fmt: skip
@@ -124,8 +123,7 @@ def read_vector_curve(
                 curve = replace(curve, joined="straight")
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
-    warnings = (*curve.warnings, *meeting_warnings(curve, where))
-    return replace(curve, sha256=hashlib.sha256(data).hexdigest(), warnings=warnings)
+    return replace(curve, sha256=hashlib.sha256(data).hexdigest())
 
 
 def onto_slice(
