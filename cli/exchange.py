@@ -51,7 +51,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     from vfplan.bundle.read import read_bundle
     from vfplan.bundle.write import write_fixture
     from vfplan.engine.proxy import best_rule, mesh_findings
-    from vfplan.errors import InputError, SceneError
+    from vfplan.errors import SceneError
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)
     try:
@@ -61,12 +61,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         findings = []
     fixture = replace(fixture, findings=(*fixture.findings, *findings))
     with outputs(output) as (path,):
-        try:
-            write_fixture(fixture, path)
-        except InputError as error:
-            if error.where == "/points":
-                error.message += ". Check --units, too"
-            raise
+        write_fixture(fixture, path)
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)

@@ -62,6 +62,7 @@ MODULES = {
     "export": "vfplan.cli.exchange",
     "validate": "vfplan.cli.info",
     "diff": "vfplan.cli.info",
+    "view": "vfplan.cli.info",
     "keygen": "vfplan.cli.sign",
     "verify": "vfplan.cli.sign",
     "accept": "vfplan.cli.sign",

@@ -133,12 +133,8 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
         try:
             for folder in {path.parent for _, path in pairs}:
                 cleanup.enter_context(made_folder(folder))
-            # A folder that takes no file is refused before the long work. The writers make the
-            # temporary files anew, so that nothing is written through another program's link.
             for temporary, _ in pairs:
                 cleanup.callback(remove_quietly, temporary)
-                create(temporary).close()
-                temporary.unlink()
             yield tuple(temporaries)
             context = click.get_current_context(silent=True)
             if context is not None and RAISE_IF_STOPPED in context.meta:

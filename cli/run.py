@@ -57,46 +57,35 @@ class Stopped(BaseException):
         self.exit_code = 128 + number
 
 
-class _Stopper:
-    """Raises `Stopped` on a signal, and remembers when."""
-
-    def __init__(self) -> None:
-        self.arrivals: list[tuple[float, int]] = []
-
-    def handle(self, number: int, _frame: FrameType | None) -> None:
-        now = time.monotonic()
-        if self.arrivals and now - self.arrivals[-1][0] < SAME_STOP_S:
-            return
-        self.arrivals.append((now, number))
-        raise Stopped(number)
-
-    def has_missed(self, since: float) -> bool:
-        """Whether the signal that arrived at this time was not handled yet."""
-        return not self.arrivals or since - self.arrivals[-1][0] >= SAME_STOP_S
-
-    def raise_if_stopped(self) -> None:
-        """Raise once more: Python drops what is raised while a destructor runs."""
-        if self.arrivals:
-            raise Stopped(self.arrivals[0][1])
-
-
 @contextmanager
 def stoppable() -> Iterator[Callable[[], None]]:
     """Raise `Stopped` on a signal inside; one that is ignored, as by nohup, stays so.
 
-    Yields a function that raises again if there was a signal.
+    Yields a function that raises once more if there was a signal: Python drops what is raised while
+    a destructor runs.
     """
-    stopper = _Stopper()
+    arrivals: list[tuple[float, int]] = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        now = time.monotonic()
+        if not arrivals or now - arrivals[-1][0] >= SAME_STOP_S:
+            arrivals.append((now, number))
+            raise Stopped(number)
+
+    def raise_if_stopped() -> None:
+        if arrivals:
+            raise Stopped(arrivals[0][1])
+
     if threading.current_thread() is not threading.main_thread():
-        yield stopper.raise_if_stopped
+        yield raise_if_stopped
         return
     usual = (signal.SIG_DFL, signal.default_int_handler)
     heard = [number for number in SIGNALS if signal.getsignal(number) in usual]
     with ExitStack() as handled:
-        handled.enter_context(_handled_by(stopper.handle, heard))
+        handled.enter_context(_handled_by(stop, heard))
         if hasattr(signal, "pthread_kill"):
-            handled.enter_context(_repeated_signals(stopper))
-        yield stopper.raise_if_stopped
+            handled.enter_context(_repeated_signals(stop, arrivals))
+        yield raise_if_stopped
 
 
 @contextmanager
@@ -111,8 +100,10 @@ def _handled_by(handler: Callable[[int, FrameType | None], None], numbers: list)
 
 
 @contextmanager
-def _repeated_signals(stopper: _Stopper) -> Iterator[None]:
-    """Interrupt the main thread, whatever it waits in, until `stopper` has handled the signal.
+def _repeated_signals(
+    stop: Callable[..., None], arrivals: list[tuple[float, int]]
+) -> Iterator[None]:
+    """Interrupt the main thread, whatever it waits in, until `stop` has noted the signal.
 
     Python writes to the wakeup descriptor in the very moment in which a signal arrives.
     """
@@ -127,10 +118,12 @@ def _repeated_signals(stopper: _Stopper) -> Iterator[None]:
             while arrival := pipe.read(1):
                 number = arrival[0]
                 since = time.monotonic()
-                if signal.getsignal(number) != stopper.handle:
+                if signal.getsignal(number) is not stop:
                     # The command handles this signal in a manner of its own.
                     continue
-                while stopper.has_missed(since) and not is_over.wait(REPEAT_S):
+                while not arrivals or since - arrivals[-1][0] >= SAME_STOP_S:
+                    if is_over.wait(REPEAT_S):
+                        return
                     signal.pthread_kill(main, number)
 
     thread = threading.Thread(target=repeat, daemon=True)

@@ -26,7 +26,7 @@ shows the usual options, and `--help-all` every option.
 - An error is one line on stderr. It says what is wrong and what to do. `-vv` adds the traceback.
 - Outputs appear whole or not at all. They replace a file only with `--overwrite`.
 - If a command is killed (SIGKILL, a power cut), it can leave hidden files whose names begin with
-  `.vfplan-`. The next command that writes in that folder removes them.
+  `.vfplan-`. Remove them by hand.
 
 | exit code | meaning |
 |---|---|

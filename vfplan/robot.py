@@ -121,32 +121,25 @@ def check_robot(values: dict[str, Any], *, where: str) -> None:
     """Raise `InputError` for the first thing that the schema of the file's version forbids."""
     version = values.get("version", VERSIONS[-1])
     if version not in VERSIONS:
-        raise InputError(
-            f"version is {version!r}. Give {' or '.join(map(repr, VERSIONS))}",
-            where=where, code="robot-version",
-        )  # fmt: skip
+        text = f"version is {version!r}. Give {' or '.join(map(repr, VERSIONS))}"
+        raise InputError(text, where=where, code="robot-version")
     schema = json.loads((SCHEMAS / f"robot-{version}.json").read_text("utf-8"))
     known = schema["properties"]
     for name in schema["required"]:
         if name not in values:
-            raise InputError(
-                f"{name} is missing. Add it to the robot file", where=where, code="robot-incomplete"
-            )
+            text = f"{name} is missing. Add it to the robot file"
+            raise InputError(text, where=where, code="robot-incomplete")
     for name, value in values.items():
         if name not in known:
-            raise InputError(
-                f"{name!r} is unknown. Give {', '.join(known)}",
-                where=where, code="robot-name-unknown",
-            )  # fmt: skip
+            text = f"{name!r} is unknown. Give {', '.join(known)}"
+            raise InputError(text, where=where, code="robot-name-unknown")
         wanted = _violation(value, known[name])
         if wanted is not None:
             raise InputError(f"{name} is {value!r}. Give {wanted}", where=where, code="robot-value")
     joints = {len(value) for value in values.values() if isinstance(value, list)}
     if len(joints) > 1:
-        raise InputError(
-            f"lists are of {min(joints)} and of {max(joints)} joints. Give all of one arm",
-            where=where, code="robot-joints",
-        )  # fmt: skip
+        text = f"lists are of {min(joints)} and of {max(joints)} joints. Give all of one arm"
+        raise InputError(text, where=where, code="robot-joints")
 
 
 def _violation(value: Any, rule: dict[str, Any]) -> str | None:

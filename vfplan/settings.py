@@ -1,6 +1,6 @@
 """A setting is declared once, as a field: its option, its help, its range and its unit follow.
 
-`vfplan.cli.options` makes the option of a field, and `vfplan.cli.settings_file` reads it from a
+`vfplan.cli.options` makes the option of a field, and reads it from a
 file of settings. This module knows neither of them. A bundle records all settings of a class, so
 that its plan can be made again, also by a program with other defaults.
 """

@@ -165,20 +165,6 @@ DEMANDED = ["case 17", "R-0042", 10**10]
 
 
 @pytest.mark.parametrize(
-    ("file", "words", "code"),
-    [
-        ("2.0-signed.h5", DEMANDED, "ok"),
-        ("2.0-signed.h5", ["case 18", "R-0042", 10**10], "signature.case"),
-        ("2.0-signed.h5", ["case 17", "R-0043", 10**10], "signature.robot"),
-        ("2.0-signed.h5", ["case 17", "R-0042", 60], "signature.age"),
-        ("2.0-everything.h5", DEMANDED, "signature.missing"),
-    ],
-)
-def test_a_signature_is_demanded_in_cpp_too(file, words, code, bundle_sweep):
-    assert bundle_sweep("verify", FOLDER / file, KEYS, *words) == code
-
-
-@pytest.mark.parametrize(
     ("for_whom", "code"),
     [({"case": "17"}, "signature.robot"), ({"robot_serial": "R7"}, "signature.case")],
 )

@@ -8,7 +8,7 @@ import pytest
 
 import vfplan
 from vfplan.bundle.exporting import export
-from vfplan.bundle.importing import import_cloud, refined
+from vfplan.bundle.importing import check_spacing, import_cloud
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.read import read_bundle
 from vfplan.engine.proxy import sampled
@@ -97,7 +97,7 @@ def test_a_mesh_too_large_for_its_spacing_is_refused():
     corners = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
     sides = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
     with pytest.raises(vfplan.errors.SceneError, match="more than 4000000 points or 4000000 tri"):
-        refined(corners, np.array(sides), 5e-4)
+        check_spacing(corners[np.array(sides)], 5e-4)
 
 
 def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
@@ -122,20 +122,6 @@ def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path)
     exact = along * np.maximum(deep, 0.035)
     assert np.linalg.norm(found.proxy - exact, axis=1).max() < fixture.band
     assert np.linalg.norm(found.force - 1000 * (exact - found.hip), axis=1).max() < 0.05
-
-
-def test_refining_keeps_the_surface(stl):
-    """Area, rim and position stay; every point lies on one of the four planes."""
-    points, triangles = refined(TETRAHEDRON / 1000, np.array(FACES), 2e-3)
-    a, b, c = points[triangles].transpose(1, 0, 2)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-    assert area == pytest.approx(3 * 0.03**2 / 2 + np.sqrt(3) / 4 * 2 * 0.03**2, rel=1e-12)
-    x, y, z = points.T
-    off = np.min(np.abs([x, y, z, (x + y + z - 0.03) / np.sqrt(3)]), axis=0)
-    assert off.max() < 1e-15
-    from vfplan.bundle.leak import open_edges
-
-    assert open_edges(triangles) == 0
 
 
 def test_covering_radius_is_that_of_a_fine_search():

@@ -135,7 +135,8 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
 
 @pytest.mark.parametrize("words", [
     ["--registered-at", "yesterday"], ["--registered-at", "2026-01-01T00:00:00"],
-    ["--registered-at", "2999-01-01T00:00:00Z"],
+    ["--registered-at", "2999-01-01T00:00:00Z"], ["--registered-at", "1970-01-01T00:00:00Z"],
+    ["--registered-at", "9999-12-31T23:59:59-05:00"],
     ["--case", "c" * 5000], ["--case", "a\nb"],
 ])  # fmt: skip
 def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, vfplan_cli):

@@ -174,16 +174,6 @@ def test_an_old_file_that_no_way_leads_back_to_is_named(monkeypatch, tmp_path):
     assert (tmp_path / "b").read_text() == "old b"
 
 
-def test_a_folder_that_is_read_only_is_named_by_the_name_that_was_given(monkeypatch, tmp_path):
-    """Not by the hidden name, whose removal fails as well."""
-    read_only = failing(errno.EROFS)
-    monkeypatch.setattr("vfplan.cli.outputs.create", read_only)
-    monkeypatch.setattr("pathlib.Path.unlink", read_only)
-    with pytest.raises(OutputError, match="Read-only") as error, outputs(tmp_path / "a.h5"):
-        pass
-    assert error.value.where == str(tmp_path / "a.h5")
-
-
 def failing_disk(monkeypatch, nth):
     """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only.
 

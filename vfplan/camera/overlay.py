@@ -5,9 +5,7 @@
 
 from __future__ import annotations
 
-import hmac
 import json
-import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -271,7 +269,6 @@ class Window:
     """
 
     def __init__(self, name: str, port: int) -> None:
-        self.token = secrets.token_urlsafe(32)
         # From the reading of a frame to the page's answer that it is drawn [ms].
         self.latencies_ms: list[float] = []
         self.frame, self.words, self.read_s = None, {"frame": 0}, 0.0
@@ -282,8 +279,7 @@ class Window:
         self.page = document(title, body, live=True).encode()
         self.server = Loopback(port, self.answer, self.talk)
         self.close = self.server.close
-        # What to open in a browser; whoever knows it sees the frames.
-        self.address = f"http://127.0.0.1:{self.server.port}/#{self.token}"
+        self.address = self.server.address
 
     def show(self, frame: Picture, refused: str | None, read_s: float) -> None:
         """Show a frame, blue first, that was read at a time of `time.monotonic`."""
@@ -299,8 +295,7 @@ class Window:
             return reply(connection, self.page, "text/html; charset=utf-8", PAGE_HEADERS)
         if address.path != "/frames":
             return connection.respond(404, "there is one page, /")
-        token = parse_qs(address.query).get("token", [""])[0]
-        if not hmac.compare_digest(token.encode(), self.token.encode()):
+        if not self.server.has_token(parse_qs(address.query)):
             return connection.respond(403, "the address lacks the token of this run")
         return None
 

@@ -324,10 +324,6 @@ def now_utc() -> str:
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-# Bytes of the header of a `.npy` file: NumPy's own limit.
-MAX_HEADER_BYTES = 10_000
-
-
 def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     """Shape, whether stored by columns, and type of the array in a `.npy` file.
 
@@ -338,16 +334,10 @@ def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     version = numpy_format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
-    is_first = version == (1, 0)
-    size = stream.read(2 if is_first else 4)
-    length = int.from_bytes(size, "little")
-    if length > MAX_HEADER_BYTES:
-        raise ValueError(f"the header is longer than {MAX_HEADER_BYTES} bytes")
-    header = io.BytesIO(size + stream.read(length))
     try:
-        if is_first:
-            return numpy_format.read_array_header_1_0(header)
-        return numpy_format.read_array_header_2_0(header)
+        if version == (1, 0):
+            return numpy_format.read_array_header_1_0(stream)
+        return numpy_format.read_array_header_2_0(stream)
     except Exception as error:  # NumPy parses the header as Python source.
         first_line = str(error)[:80].partition("\n")[0]
         raise ValueError(f"the header is none: {first_line}") from None

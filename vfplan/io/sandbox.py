@@ -11,11 +11,13 @@ environment (`python -I`). It forks a child for each reading and ends with the p
 
 from __future__ import annotations
 
+import hmac
 import importlib
 import json
 import logging
 import math
 import os
+import secrets
 import signal
 import socket
 import struct
@@ -422,6 +424,7 @@ class Loopback:
                 code="port-taken", numbers={"port": port},
             ) from None  # fmt: skip
         self.port = listening.getsockname()[1]
+        self.token = secrets.token_urlsafe(32)
         self.hosts = [f"{name}:{self.port}" for name in ("127.0.0.1", "localhost")]
 
         def answer_own_host(connection: Any, request: Any) -> Any:
@@ -438,6 +441,16 @@ class Loopback:
         listening.websockets = lambda: [connection.socket for connection in self.connections]
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser; whoever knows it has the token."""
+        return f"http://127.0.0.1:{self.port}/#{self.token}"
+
+    def has_token(self, query: dict[str, list[str]]) -> bool:
+        """Whether the parts of an address, as `parse_qs` gives them, hold this run's token."""
+        given = query.get("token", [""])[0]
+        return hmac.compare_digest(given.encode(), self.token.encode())
 
     @property
     def connections(self) -> set[Any]:

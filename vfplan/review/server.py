@@ -13,13 +13,11 @@ looked at is in no draft: it belongs to the name that stands on the page, and en
 from __future__ import annotations
 
 import hashlib
-import hmac
 import itertools
 import json
 import os
 import queue
 import re
-import secrets
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -209,7 +207,6 @@ class ReviewServer:
     def __init__(
         self, session: Session, draft: Draft, *, port: int = 0, by: str = "", signs: bool = False
     ) -> None:
-        self.token = secrets.token_urlsafe(32)
         self.session = session
         self._draft = draft
         self._about = {"by": by, "signs": signs, "draft": draft.found}
@@ -223,6 +220,7 @@ class ReviewServer:
         self._stale.set()
         self._closing = False
         self._server = Loopback(port, self._answer, self._talk, MAX_MESSAGE_BYTES)
+        self.token = self._server.token
         self._planner = threading.Thread(target=self._plan, daemon=True)
         self._planner.start()
 
@@ -234,7 +232,7 @@ class ReviewServer:
     @property
     def address(self) -> str:
         """What to open in a browser; whoever knows it can review."""
-        return f"http://127.0.0.1:{self.port}/#{self.token}"
+        return self._server.address
 
     def run(self, write: Callable[[Fixture], str], stopped: Callable[[], bool]) -> str | None:
         """Serve until the person approves or leaves, or `stopped` says so.
@@ -296,8 +294,7 @@ class ReviewServer:
         name = address.path
         if name in ("/steps", "/slice.png", "/bodies.json"):
             query = parse_qs(address.query)
-            token = query.get("token", [""])[0]
-            if not hmac.compare_digest(token.encode(), self.token.encode()):
+            if not self._server.has_token(query):
                 return connection.respond(403, "the address lacks this review's token")
             if name == "/steps":
                 return None

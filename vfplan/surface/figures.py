@@ -18,18 +18,9 @@ if TYPE_CHECKING:
     from vfplan.surface.outline import Stack
 
 Array = NDArray[np.float64]
-# How far to the side the eye is.
-TURNED = np.radians(25)
-# How far above the eye is.
-RAISED = np.radians(20)
-# The eye's axes as rows: to the right, up, towards the eye.
-VIEW = np.array(
-    [
-        [np.cos(TURNED), np.sin(TURNED), 0],
-        [-np.sin(RAISED) * np.sin(TURNED), np.sin(RAISED) * np.cos(TURNED), np.cos(RAISED)],
-        [np.cos(RAISED) * np.sin(TURNED), -np.cos(RAISED) * np.cos(TURNED), np.sin(RAISED)],
-    ]
-)
+# Where the eye is: above the slices' plane, and around their normal from x on [degrees].
+ELEVATION, AZIMUTH = 20, -65
+BONE_COLOUR = (0.93, 0.88, 0.76)
 # Number of outlines that are drawn on the surface. More would hide it.
 MAX_OUTLINES = 60
 
@@ -43,7 +34,7 @@ def draw_surface(result: Surface, path: Path) -> None:
     figure = new_figure(11.0, 6.4)
     with style():
         grid = figure.add_gridspec(3, 2, width_ratios=(1.5, 1))
-        large = figure.add_subplot(grid[:, 0])
+        large = figure.add_subplot(grid[:, 0], projection="3d", computed_zorder=False)
         draw_from_side(large, result)
         large.set_title(
             f"{result.report['slices']} slices, {result.report['spacing_mm']:.3g} mm apart; "
@@ -88,34 +79,26 @@ def cut_pieces(result: Surface, z: float) -> list[Array]:
 
 
 def draw_from_side(axes: Any, result: Surface) -> None:
-    """The surface from the side and a little above, lit from the eye, with its outlines."""
-    from matplotlib.collections import LineCollection, PolyCollection
+    """The surface from the side and a little above, with the outlines that face the eye."""
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection
     from shapely import Polygon
 
-    mesh = result.fixture.mesh
     local = 1e3 * result.fixture.points @ result.sliced.R_slice_patient.T
-    corners = (local @ VIEW.T)[mesh]
-    # The cosine between the eye's direction and each triangle's normal.
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-15)
-    order = np.argsort(corners[:, :, 2].mean(axis=1))
-    # Open ends show the inside, which is darker.
-    shade = np.where(facing > 0, 0.35 + 0.6 * facing, 0.25 - 0.15 * facing)[order]
-    bone_colour = np.array([0.93, 0.88, 0.76])
-    colours = shade[:, None] * bone_colour
-    axes.add_collection(
-        PolyCollection(corners[order, :, :2], facecolors=colours, edgecolors=colours, lw=0.3)
+    axes.view_init(ELEVATION, AZIMUTH)
+    axes.plot_trisurf(
+        *local.T, triangles=result.fixture.mesh, color=BONE_COLOUR, lw=0, antialiased=False
     )
+    up, around = np.radians([ELEVATION, AZIMUTH])
+    to_eye = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
     outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
         for ring in rings_of([Polygon(part.exterior) for part in outline.parts]):  # No holes.
-            line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)] @ VIEW.T
-            following = np.roll(line, -1, axis=0)
-            # Only what faces the eye: a ring runs anticlockwise round what is inside.
-            faces_eye = np.cross(following - line, VIEW[:, 2])[:, 2] > 0
-            lines += list(np.stack([line, following], axis=1)[faces_eye, :, :2])
-    axes.add_collection(LineCollection(lines, colors=HIP, lw=0.8))
+            line = 1e3 * np.c_[ring, np.full(len(ring), outline.z)]
+            step = np.roll(line, -1, axis=0) - line
+            # A ring runs anticlockwise round what is inside.
+            faces_eye = np.cross(step, [0, 0, 1]) @ to_eye > 0
+            lines += list(np.stack([line, line + step], axis=1)[faces_eye])
+    axes.add_collection3d(Line3DCollection(lines, colors=HIP, lw=0.8, zorder=2))
     axes.set_aspect("equal")
-    axes.autoscale_view()
     axes.set_axis_off()

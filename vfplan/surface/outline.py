@@ -167,11 +167,6 @@ def polygon_of(ring: Array) -> Polygon:
     from shapely import Polygon, get_parts, is_valid_reason, make_valid
 
     ring = without_repeated_corners(ring)
-    if len(ring) < 3:
-        raise CurveError(
-            f"an outline has {len(ring)} corners. Draw at least 3.",
-            code="outline-empty", numbers={"corners": len(ring)},
-        )  # fmt: skip
     ring = with_closed_channel(ring)
     polygon = Polygon(ring) if len(ring) > 2 else Polygon()
     # Of a ring that crosses itself this is the area that it runs round more often to the left.
@@ -457,13 +452,7 @@ def common_normal(contours: Contours) -> Array:
         if flat.any():
             return np.eye(3)[int(flat.argmax())]
         scatter = sum(ring.T @ ring for ring in centred)
-        extent, vectors = np.linalg.eigh(scatter)
-        if not extent[1] > 1e-6 * extent[2]:
-            raise CurveError(
-                "the outlines lie on one line, so their plane is not known. Redraw them.",
-                code="outline-empty",
-            )
-        normal = vectors[:, 0]
+        normal = np.linalg.eigh(scatter)[1][:, 0]
     axis = int(np.abs(normal).argmax())
     if abs(abs(normal[axis]) - 1) < 1e-15:
         return np.eye(3)[axis]

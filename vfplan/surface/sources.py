@@ -19,7 +19,7 @@ from vfplan.errors import CurveError, ImageError, InputError
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.dataset import begins_like_dicom, group_value, open_dataset, refuse_costly
 from vfplan.images.dicom import place_in_patient
-from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_whole
+from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_text
 from vfplan.surface import volumes
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 from vfplan.surface.volumes import MAX_VOXEL_M, MIN_VOXEL_M
@@ -308,21 +308,15 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
     joined = "straight" if curve_type == "linear" else "slicer"
     for path in paths:
         where = str(path)
-        data = read_whole(path, MAX_TEXT_BYTES, InputError)
-        digest.update(hashlib.sha256(data).digest())
-        try:
-            markups = markups_of(data.decode("utf-8-sig"), where)
-            types = {str(markup.get("type")) for markup in markups}
-            if types != {"ClosedCurve"}:
-                types.discard("ClosedCurve")
-                content = repr(min(types)[:32]) if types else "nothing"
-                text = f"holds {content}. Give closed curves."
-                raise InputError(text, where=where, code="curve-not-closed")
-            curves = [lps_points(markup, where) for markup in markups]
-        except UnicodeDecodeError:
-            text = "is not UTF-8 text. Save the markups from Slicer as .mrk.json."
-            raise InputError(text, where=where) from None
-        for points in curves:
+        text, sha256 = read_text(path, MAX_TEXT_BYTES, InputError)
+        digest.update(bytes.fromhex(sha256))
+        markups = markups_of(text, where)
+        kinds = sorted({str(markup.get("type")) for markup in markups})
+        if kinds != ["ClosedCurve"]:
+            text = f"holds {', '.join(kinds)[:99] or 'nothing'}. Give closed curves."
+            raise InputError(text, where=where, code="curve-not-closed")
+        for markup in markups:
+            points = lps_points(markup, where)
             if len(points) < 3:
                 text = f"a curve has {len(points)} points. Give at least 3."
                 raise InputError(text, where=where, code="outline-empty")

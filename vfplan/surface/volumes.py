@@ -301,27 +301,22 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         dtype = np.dtype(_determine_datatype(header))
         sizes = [int(n) for n in header["sizes"]]
         encoding = str(header["encoding"]).lower()
-    unsupported = ""
-    if "data file" in header or "datafile" in header:
-        unsupported = "its voxels are in another file"
-    elif encoding not in COMPRESSIONS:
-        unsupported = f"has the encoding {encoding!r}, and not raw, gzip or bzip2"
-    elif header.get("line skip") or header.get("byte skip"):
-        unsupported = "skips lines or bytes"
-    if unsupported:
-        message = f"{unsupported}. Save it from Slicer as one .seg.nrrd."
-        raise InputError(message, code="volume-unsupported")
+    if encoding not in COMPRESSIONS:
+        text = f"has the encoding {encoding!r}. Save it from Slicer as one .seg.nrrd."
+        raise InputError(text, code="volume-unsupported")
     kinds = "iu" if has_labels else "iuf"
     if dtype.kind not in kinds or len(sizes) not in (3, 4) or min(sizes) < 1:
         raise InputError(f"holds {dtype} of {sizes}. Give a label map.", code="not-a-label-map")
     size = int(np.prod(sizes, dtype=object)) * dtype.itemsize
     require_size(size, len(data))
+    # Voxels of another file are never looked for.
     voxels = data[end.end() :]
     if compression := COMPRESSIONS[encoding]:
         voxels = decompress(voxels, compression, size)
     if len(voxels) != size:
         raise InputError(
-            f"holds {len(voxels)} bytes of voxels, and its header says {size}. Export it again.",
+            f"holds {len(voxels)} bytes of voxels, and its header says {size}. Save it from Slicer "
+            "as one .seg.nrrd.",
             code="volume-unreadable", numbers={"bytes": len(voxels), "bytes_wanted": size},
         )  # fmt: skip
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
@@ -387,14 +382,9 @@ def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, t
         prefix, _, field = str(key).partition("_")
         if field != "LabelValue" or not prefix.startswith("Segment"):
             continue
-        try:
+        with library_errors("a segment's label or layer is no number"):
             label = int(header[key])
             layer = int(header.get(f"{prefix}_Layer", 0))
-        except ValueError:
-            raise InputError(
-                "a segment's label or layer is no number. Save it from Slicer again.",
-                code="volume-unreadable",
-            ) from None
         if not 0 <= layer < layer_count:
             raise InputError(
                 f"a segment is in layer {layer} of {layer_count}. Save it from Slicer again.",
@@ -431,12 +421,6 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     if is_packed:
         # Extensions come between the header and the voxels.
         data = decompress(data, "gzip", min(size + MAX_SETTINGS_BYTES, MAX_DECOMPRESSED_BYTES))
-    if size > len(data):
-        raise InputError(
-            f"says that it holds {size} bytes of voxels, and has {len(data)} in all. Export it "
-            "again.",
-            code="volume-unreadable", numbers={"bytes": len(data), "bytes_wanted": size},
-        )  # fmt: skip
     with library_errors("cannot be read as NIfTI"):
         image = kind.from_bytes(data)
         labels = np.asanyarray(image.dataobj)
