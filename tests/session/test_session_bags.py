@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-import subprocess
-import sys
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -366,9 +364,3 @@ def test_broken_bags_and_options_without_a_bag(tmp_path):
     (tmp_path / "s.csv").write_text("t,x,y,z\n0,1,2,3\n1,2,3,4\n")
     with refuses(SettingError, "ros-options-unused"):
         read_session(tmp_path / "s.csv", ros=RosOptions(topic="/a"))
-
-
-def test_the_library_is_loaded_for_bags_only(tmp_path):
-    (tmp_path / "s.csv").write_text("t,x,y,z\n0,1,2,3\n1,2,3,4\n")
-    code = "import sys, vfplan; vfplan.read_session('s.csv'); assert 'rosbags' not in sys.modules"
-    subprocess.run([sys.executable, "-c", code], check=True, cwd=tmp_path)

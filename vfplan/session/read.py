@@ -115,7 +115,9 @@ def open_session(
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
         kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
-        statements = run_once(f"vfplan.session.read:{kind}_header", **source)
+        statements = []
+        if kind == "hdf5":
+            statements = run_once("vfplan.session.read:hdf5_header", **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
         expected = {"units": units, "frame": frame, "time unit": "s"}
         for statement, value, place in statements:
@@ -231,17 +233,10 @@ def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
             yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
 
 
-def npz_header(stream: BinaryIO) -> Iterator[list[Any]]:
-    """As `hdf5_header`; an archive has no attributes."""
-    with _npz_members(stream) as (time, hip):
-        check_arrays({"time": time, "hip": hip}, ROWS)
-    yield []
-
-
 def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
     with _npz_members(stream) as (time, hip):
-        length = time.shape[0]
+        length = check_arrays({"time": time, "hip": hip}, ROWS)
         for start in range(0, length, BLOCK):
             count = min(BLOCK, length - start)
             block_hip = hip.read_numbers(3 * count).reshape(-1, 3)
