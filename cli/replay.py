@@ -243,7 +243,7 @@ def replay_with_outputs(
         if arguments["mcap"] is not None:
             scene = read_fixture(fixture)
             viewer = files.enter_context(McapWriter(arguments["mcap"], (scene, VIEWER_RATE_HZ)))
-        done = files.enter_context(progress("replay", source.ticks or rough_ticks(session)))
+        done = files.enter_context(progress("replay", rough_ticks(session)))
 
         def take(name: str, block: Any) -> None:
             """Write a block of ticks of the rule of this name."""

@@ -216,16 +216,10 @@ def test_a_governed_log_replays_to_the_bit():
         vfplan.replay(fixture(), session, events=[Event(5, fixture=stiff)], governor=robot)
 
 
-def test_what_never_came_and_what_was_too_old_is_told():
-    time = T * np.arange(500)
-    session = vfplan.Session(time, np.tile([0, 0, 9e-3], (500, 1)), "robot_base")
-    poses = Poses(np.zeros(1), np.array([[0, 0, 0, 1.0, 0, 0, 0]]), np.zeros(1))
-    events = [Event(90000, remove=[3])]
-    found = vfplan.replay(fixture(), session, rule="robust", poses=poses, events=events).metrics
-    told = {f["code"]: f["message"] for f in found["findings"]}
-    assert told["stale"].startswith(f"In {found['stale_ticks']} of 500 ticks")
-    assert found["stale_ticks"] >= 398
-    assert told["events-left"].startswith("1 events")
+def test_an_event_that_never_came_is_told():
+    session = vfplan.Session(*hand(), "robot_base")
+    found = vfplan.replay(fixture(), session, rule="robust", events=[Event(90000, remove=[3])])
+    assert "events-left" in codes_of(found)
 
 
 def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(tmp_path):
@@ -274,6 +268,7 @@ def test_a_verdict_tells_what_its_poses_were_worth(name):
     assert (found["verdict"], found["pose_jumps"]) == (verdict, jumps)
     assert all(word in open_words(found) for word in words)
     assert ("pose-jump" in codes_of(replayed)) == (jumps > 0)
+    assert ("stale" in codes_of(replayed)) == (verdict == "not-tested")
     assert (found["stale_contact_ticks"] > 0) == (verdict == "not-tested")
     assert words or not open_words(found)
 

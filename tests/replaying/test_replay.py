@@ -110,13 +110,6 @@ def test_energy_splits_into_sampling_and_the_proxy(pressed):
         assert sum(e[name] for e in m["episodes"]) == pytest.approx(m[name], rel=1e-9), name
 
 
-def test_what_is_a_float_is_one_where_nothing_was_touched(pressed):
-    free = replay(fixture_of(line()), probing(0.1, deepest=0.01), **PAPER).metrics
-    assert not free["episodes"]
-    for name in free.keys() & pressed.metrics.keys():
-        assert type(free[name]) is type(pressed.metrics[name]), name
-
-
 def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
     session = pressed.metrics["session"]
     assert session["rate_hz"] == pytest.approx(1000)

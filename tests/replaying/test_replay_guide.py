@@ -56,6 +56,8 @@ def test_before_the_tip_is_in_the_tube_there_is_no_force():
     assert not found.ticks.force[:1000].any()
     assert found.metrics["guide"]["held_ticks"] == int((np.abs(y) <= RHO).argmax() * -1 + 1500)
     assert found.metrics["force_max_n"] == pytest.approx(1.0)
+    away = replay(guided(fixture_of(line())), along(np.full(100, 0.03))).metrics
+    assert (away["arc_m"], away["guide"]["held_ticks"]) == (None, 0)
 
 
 def beside(pieces=None):
@@ -103,12 +105,6 @@ def test_a_guide_alone_has_no_rule_to_compare():
 def test_a_guide_is_never_rendered_as_a_forbidden_region():
     with pytest.raises(SceneError, match="the fixture guides"):
         vfplan.ProxyEngine.of(guided(fixture_of(line())))
-
-
-def test_the_tip_that_never_comes_near_is_never_held():
-    found = replay(guided(fixture_of(line())), along(np.full(100, 0.03)))
-    assert found.metrics["arc_m"] is None
-    assert found.metrics["guide"]["held_ticks"] == 0
 
 
 def test_the_command_reports_it(vfplan_cli, tmp_path):

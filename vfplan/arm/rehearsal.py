@@ -23,7 +23,7 @@ from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
-from vfplan.replaying.metrics import CONTACT_M, CurveRuler, overlap, penetration, row_norms
+from vfplan.replaying.metrics import CONTACT_M, CurveRuler, rendered_ticks, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
 from vfplan.stability.loop import Plant, exact_bound
@@ -316,11 +316,8 @@ def rehearse(
     motion = run_loop(arm, engine, governor, session.hip, start, hand or ArmHand(), done)
     loop_s = time.perf_counter() - loop_started
     tick_count = len(motion.q)
-    ticks = TickBlock(
-        session.time[:tick_count], motion.tip, motion.proxy, motion.normal, motion.force,
-        motion.state, penetration(motion.tip, motion.proxy),
-        overlap(motion.tip, motion.proxy, motion.normal, fixture.contact_radius),
-    )  # fmt: skip
+    time_s = session.time[:tick_count]
+    ticks = rendered_ticks(time_s, motion.tip, motion, fixture.contact_radius)
 
     # The figures.
     stops = safety_stops(arm, motion)

@@ -115,9 +115,9 @@ def vfplan_live(
     elif writer is not None:
         part.unlink()
 
-    refused = sum(server.refused for server in servers)
-    warning = f"{refused} clients were refused: {MAX_CLIENTS} are served at a time"
-    warnings = [warning] if refused else []
+    warnings = []
+    if refused := sum(server.refused for server in servers):
+        warnings.append(f"{refused} clients were refused: {MAX_CLIENTS} are served at a time")
     if bad := data["bad_datagrams"]:
         why = data["first_bad_datagram"]
         warnings.append(f"{bad} datagrams were left out, the first because {why}")
@@ -144,22 +144,19 @@ def vfplan_live(
             data, text, 1, warnings, missing, verdict="nothing to show",
             next_step="check that the sender runs, and sends what the address names",
         )  # fmt: skip
-    if writer is None:
-        return CommandResult(
-            data, text, warnings=warnings, verdict=f"shown {end}",
-            next_step=f"keep every tick of the next run: {command_line()} --mcap FILE.mcap",
-        )  # fmt: skip
-    if writer.full:
+    if writer is not None and writer.full:
         failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
         return CommandResult(
             data, text, 2, warnings, failed, verdict="shown, and recorded in part",
             next_step="free some space, and record again into another file",
         )  # fmt: skip
-    moving = f" --poses {poses_out}" if receiver is not None else ""
-    return CommandResult(
-        data, text, warnings=warnings, verdict=f"shown and recorded {end}",
-        next_step=f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}{moving}",
-    )  # fmt: skip
+    verdict = f"shown {end}"
+    next_step = f"keep every tick of the next run: {command_line()} --mcap FILE.mcap"
+    if writer is not None:
+        verdict = f"shown and recorded {end}"
+        next_step = f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}"
+        next_step += f" --poses {poses_out}" if receiver is not None else ""
+    return CommandResult(data, text, 0, warnings, verdict=verdict, next_step=next_step)
 
 
 def pass_on(

@@ -117,23 +117,19 @@ def status(device: str, time_s: float, code: int, name: str, text: str) -> bytes
     return message("STATUS", device, time_s, body)
 
 
-Cells = Sequence[NDArray[np.integer]]
+# The kinds of cells that a POLYDATA may have, in its order.
+CELLS = ("vertices", "lines", "triangles", "strips")
 
 
 def polydata(
-    device: str, time_s: float, points_mm: Array, *, lines: Cells | None = None,
-    triangles: Cells | None = None,
-) -> bytes:  # fmt: skip
-    """POLYDATA: points (N, 3) [mm], joined by lines or triangles, or each a vertex of its own."""
-    is_bare = lines is None and triangles is None
-    vertices = np.arange(len(points_mm))[:, None] if is_bare else ()
-    # Of each kind of cell: how many there are, and each as its length and its points' indices.
-    counts, data = [], b""
-    for cells in (vertices, lines or (), () if triangles is None else triangles):
-        encoded = b"".join(np.array([len(cell), *cell], ">u4").tobytes() for cell in cells)
-        counts += [len(cells), len(encoded)]
-        data += encoded
-    head = struct.pack(">10I", len(points_mm), *counts, 0, 0, 0)
+    device: str, time_s: float, points_mm: Array, kind: str, cells: Sequence[NDArray[np.integer]]
+) -> bytes:
+    """POLYDATA: points (N, 3) [mm], joined by cells of one of the kinds `CELLS`."""
+    data = b"".join(np.array([len(cell), *cell], ">u4").tobytes() for cell in cells)
+    # Of each kind how many there are, and their bytes.
+    sizes = np.zeros((len(CELLS), 2), int)
+    sizes[CELLS.index(kind)] = len(cells), len(data)
+    head = struct.pack(">10I", len(points_mm), *sizes.ravel(), 0)
     points = np.asarray(points_mm, ">f4").tobytes()
     return message("POLYDATA", device, time_s, head + points + data)
 
@@ -255,16 +251,18 @@ class Server(socketserver.ThreadingTCPServer):
 
 def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
     """What does not move: each device with the function that makes its message."""
-    lines = None
-    if fixture.mesh is None and fixture.curve is not None:
-        lines = []
+    kind, cells = "vertices", np.arange(len(fixture.points))[:, None]
+    if fixture.mesh is not None:
+        kind, cells = "triangles", fixture.mesh
+    elif fixture.curve is not None:
+        kind, cells = "lines", []
         for stroke, closed in enumerate(fixture.curve.closed):
             line = np.flatnonzero(fixture.curve.stroke == stroke)
-            lines.append(np.append(line, line[0]) if closed else line)
+            cells.append(np.append(line, line[0]) if closed else line)
     points_mm = fixture.points * TO_RAS
-    cloud = functools.partial(polydata, points_mm=points_mm, lines=lines, triangles=fixture.mesh)
+    cloud = functools.partial(polydata, points_mm=points_mm, kind=kind, cells=cells)
     points, faces = ball(1e3 * (fixture.contact_radius + fixture.point_radius))
-    sphere = functools.partial(polydata, points_mm=points, triangles=faces)
+    sphere = functools.partial(polydata, points_mm=points, kind="triangles", cells=faces)
     return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
 
 

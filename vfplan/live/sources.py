@@ -210,8 +210,7 @@ class PositionStream:
         periods = np.floor(ticks["t"] * self.rate_hz + 1e-6)
         firsts = ticks[np.diff(periods, prepend=self._period) != 0]
         shown = np.zeros(len(firsts), SHOWN)
-        for name in TICK.names:
-            shown[name] = firsts[name]
+        shown[[*TICK.names]] = firsts
         shown["received"] = now = time.time()
         self.zero_s = min(self.zero_s, now - float(ticks["t"][-1]))
         with self._has_changed:

@@ -27,6 +27,10 @@ NO_POSE_M = 1e3
 POSES_AT_ONCE = 32
 
 
+# What is counted, as it is reported: always, and of a fixture that moves.
+CHANGES = ("exchanges", "edits", "changing_ticks", "crossed_ticks")
+POSES = ("stale_ticks", "missing_pose_ticks", "stale_contact_ticks")
+
 # A pose that is farther from the one before than this [m, rad], and faster than the frame may be,
 # has jumped: the tracker or its reference slipped.
 POSE_JUMP_M, POSE_JUMP_RAD = 5e-3, 0.035
@@ -67,9 +71,9 @@ class ChangingFixture:
         # The tick that runs next, and how many poses and events have been applied.
         self._tick = self._poses_applied = self._events_applied = 0
         self._with_previous = WithPrevious()
-        self._counts = dict.fromkeys(
-            ("stale", "changing", "crossed", "exchange", "edit", "missing", "untrue"), 0
-        )
+        # Of the ticks that are run next [s].
+        self.times = np.empty(0)
+        self._counts = dict.fromkeys((*CHANGES, *POSES), 0)
         self._energy = self._lag = 0.0
         self._oldest_pose_s = 0.0
         self._clearance = np.inf
@@ -93,16 +97,12 @@ class ChangingFixture:
         if self._frame is None:
             self._engine.reset(hip)
 
-    def apply_until(self, times: Vector) -> None:
-        """Announce the times of the ticks that are run next."""
-        self._times = times
-
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
-        """One tick a row, at the times announced; as the engine's own."""
+        """One tick a row, at `times`; as the engine's own."""
         parts = []
         start = 0
         while start < len(hips):
-            self._apply_changes(float(self._times[start]))
+            self._apply_changes(float(self.times[start]))
             end = self._next_change(start, len(hips))
             parts.append(self._run_unchanged(slice(start, end), hips))
             self._tick += end - start
@@ -130,14 +130,14 @@ class ChangingFixture:
                 break
             with naming_place(self._place_of_event(i)):
                 if exchange is not None:
-                    self._counts["exchange"] += 1
+                    self._counts["exchanges"] += 1
                     self._engine.exchange(self._make_engine(*exchange))
                 elif event.remake:
                     self._engine.make_editable()
                     self._engine.native.remake()
                 else:
                     self._engine.edit(event.remove, event.add)
-                    self._counts["edit"] += len(event.remove) + len(event.add)
+                    self._counts["edits"] += len(event.remove) + len(event.add)
             self._events_applied += 1
 
     def _place_of_event(self, i: int) -> str:
@@ -155,7 +155,7 @@ class ChangingFixture:
             end = min(end, start + self._events[self._events_applied].tick - self._tick)
         if self._poses is not None and self._poses_applied < len(self._poses.time):
             arrival = self._poses.arrived[self._poses_applied]
-            end = min(end, start + int(np.searchsorted(self._times[start:], arrival)))
+            end = min(end, start + int(np.searchsorted(self.times[start:], arrival)))
         return max(end, start + 1)
 
     def _run_unchanged(self, rows: slice, all_hips: Vector) -> tuple[Trace, Vector, Vector]:
@@ -165,7 +165,7 @@ class ChangingFixture:
             trace, micros = self._engine.run_timed(hips)
             frames = np.tile([0.0, 0, 0, 1, 0, 0, 0], (len(hips), 1))
         else:
-            trace, frames, ages, micros = self._frame.traced(self._engine, self._times[rows], hips)
+            trace, frames, ages, micros = self._frame.traced(self._engine, self.times[rows], hips)
             has_pose = np.isfinite(ages)
             oldest = float(ages[has_pose].max(initial=0.0))
             self._oldest_pose_s = max(self._oldest_pose_s, oldest)
@@ -186,15 +186,15 @@ class ChangingFixture:
     def _count_untrue(self, hips: Vector, trace: Trace, has_pose: Any) -> None:
         """Count the ticks of a contact with an old pose, or that the first pose would have had."""
         is_stale = trace.status & Status.STALE > 0
-        self._counts["missing"] += int(np.count_nonzero(~has_pose))
+        self._counts["missing_pose_ticks"] += int(np.count_nonzero(~has_pose))
         in_contact = penetration(hips, trace.proxy) > CONTACT_M
-        self._counts["untrue"] += int(np.count_nonzero(is_stale & in_contact))
+        self._counts["stale_contact_ticks"] += int(np.count_nonzero(is_stale & in_contact))
         first = np.tile(self._poses.pose[0], (int(np.count_nonzero(~has_pose)), 1))
         places = to_frame(first, hips[~has_pose] - first[:, :3])
         parameters = self._engine.parameters
         radius = parameters.contact_radius + parameters.point_radius
         touched = self._engine.distance(places) < radius
-        self._counts["untrue"] += int(np.count_nonzero(touched))
+        self._counts["stale_contact_ticks"] += int(np.count_nonzero(touched))
 
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
@@ -212,24 +212,18 @@ class ChangingFixture:
         carried = hips[1:] - rotated - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
         for name in ("stale", "changing", "crossed"):
-            self._counts[name] += int(np.count_nonzero(trace.status & Status[name.upper()]))
+            with_bit = trace.status & Status[name.upper()]
+            self._counts[f"{name}_ticks"] += int(np.count_nonzero(with_bit))
         return moved
 
     def report(self) -> dict[str, Any]:
         """What a replay's report says of the changes."""
-        report = {
-            "exchanges": self._counts["exchange"],
-            "edits": self._counts["edit"],
-            "changing_ticks": self._counts["changing"],
-            "crossed_ticks": self._counts["crossed"],
-        }
+        report = {name: self._counts[name] for name in CHANGES}
         if self._frame is not None:
+            report |= {name: self._counts[name] for name in POSES}
             report |= {
                 "fixture_energy_j": self._energy,
                 "pose_age_max_s": self._oldest_pose_s,
-                "stale_ticks": self._counts["stale"],
-                "missing_pose_ticks": self._counts["missing"],
-                "stale_contact_ticks": self._counts["untrue"],
                 "poses_refused": self._frame.refused,
                 "poses_rounded": self._poses.rounded,
                 "pose_jumps": len(self._jumps),

@@ -68,8 +68,15 @@ def replay_findings(
         )
         yield finding("poses-rounded", "info", text)
     yield from run_findings(report, parameters)
-    if robot is None:
-        yield from common_arm_findings(report, record["session"])
+    # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
+    panda = read_robot("franka")
+    step, limit = report["force_step_max_n"], panda.force_step_limit_n
+    is_fast = record["session"]["rate_hz"] >= 0.9 * panda.rate_hz
+    if robot is None and step > limit and is_fast:
+        yield finding("force-step", "warning",
+            f"The force changes by {step:.3g} N in one tick (tick "
+            f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
+            "Count such ticks with --robot, or hold them back with --governor.")  # fmt: skip
 
 
 def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
@@ -127,17 +134,6 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
         yield finding("session-rate", "warning",
             f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
             "Hz. Resample it with --rate.")  # fmt: skip
-
-
-def common_arm_findings(report: dict[str, Any], session: dict[str, Any]) -> Iterator[Finding]:
-    """Where no robot was named: whether the forces would stop a common arm, the shipped Panda."""
-    panda = read_robot("franka")
-    step, limit = report["force_step_max_n"], panda.force_step_limit_n
-    if step > limit and session["rate_hz"] >= 0.9 * panda.rate_hz:
-        yield finding("force-step", "warning",
-            f"The force changes by {step:.3g} N in one tick (tick "
-            f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
-            "Count such ticks with --robot, or hold them back with --governor.")  # fmt: skip
 
 
 def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:

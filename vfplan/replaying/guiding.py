@@ -100,9 +100,9 @@ class Guided:
         self._lateral_max.update(lateral, self._ticks)
         self._lateral_squares += float((lateral**2).sum())
         self._ticks += len(hips)
-        self._counts["held"] += int(held.sum())
-        self._counts["outside"] += int((held & (guide.lateral_m > self._guide.radius)).sum())
-        self._counts["moving"] += int((held & (guide.status != 0)).sum())
+        outside, moving = guide.lateral_m > self._guide.radius, guide.status != 0
+        for name, flags in {"held": held, "outside": outside, "moving": moving}.items():
+            self._counts[name] += int((held & flags).sum())
         force = row_norms(guide.force)
         self._force_max = max(self._force_max, float(force.max()))
         if self.region is not None:

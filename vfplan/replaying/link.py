@@ -167,7 +167,10 @@ def approach_sessions(
     sessions = []
     for number, stroke in enumerate(fixture.strokes):
         points = stroke.points
-        normals = side_normals(points, fixture.ignore_axis)
+        normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+        if fixture.ignore_axis is not None and len(points) > 1:
+            normals = np.cross(fixture.ignore_axis, np.gradient(points, axis=0))
+            normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
         if not to_ends and not stroke.closed:
             arc = arc_lengths(points, closed=False)
             clear = stop + PRESS_DEPTH_M
@@ -194,14 +197,6 @@ def approach_sessions(
             title = f"stroke {number}, {name} side"
             sessions.append(Session(time, hip, frame=fixture.frame, name=title))
     return sessions
-
-
-def side_normals(points: Array, axis: Array | None) -> Array:
-    """(n, 3) unit vectors from the points of a stroke to one of its sides."""
-    if axis is None or len(points) < 2:
-        return np.tile([0.0, 0.0, 1.0], (len(points), 1))
-    normals = np.cross(axis, np.gradient(points, axis=0))
-    return normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
 
 
 # Proxies farther apart than this [m] have parted; below it rules differ by their bands alone.

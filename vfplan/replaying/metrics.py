@@ -62,13 +62,19 @@ def penetration(hip: Array, proxy: Array) -> Array:
     return row_norms(proxy - hip)
 
 
-def overlap(hip: Array, proxy: Array, normal: Array, contact_radius: float) -> Array:
-    """(n,) max(0, n·(p - x) - r_c) [m]: how far the HIP is beyond the cloud's own surface.
+def rendered_ticks(time: Array, hip: Array, answers: Any, surface_depth: float) -> TickBlock:
+    """Ticks at (n,) [s] with the HIP at (n, 3) [m], of an engine's answers.
 
-    The cloud's surface is that of the balls of radius r_v about its points; the proxy rests r_c
-    above it (R - r_v = r_c).
+    The HIP overlaps the cloud's own surface by max(0, n·(p - x) - r_c) [m]: that is the surface of
+    the balls of radius r_v about its points, and the proxy rests r_c above it (R - r_v = r_c).
+
+    answers: with `proxy`, `normal`, `force` and `state`, a row a tick
+    surface_depth: r_c, or infinity where there is no surface
     """
-    return np.maximum(0.0, dots(normal, proxy - hip) - contact_radius)
+    proxy, normal = answers.proxy, answers.normal
+    overlap = np.maximum(0.0, dots(normal, proxy - hip) - surface_depth)
+    depth = penetration(hip, proxy)
+    return TickBlock(time, hip, proxy, normal, answers.force, answers.state, depth, overlap)
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,7 +278,7 @@ JOIN_S = 0.01
 MAX_EPISODES = 1000
 
 # What is known of an episode and not reported as it is.
-UNREPORTED = ("press_path", "drag_work", "touch", "leave")
+UNREPORTED = {"press_path", "drag_work", "touch", "leave"}
 
 
 class Episodes:
@@ -315,11 +321,8 @@ class Episodes:
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
             described: dict[str, Any] = {"index": -minus_number}
-            described |= {
-                name: value
-                for name, value in episode.items()
-                if name not in UNREPORTED and value is not None
-            }
+            told = episode.keys() - UNREPORTED
+            described |= {n: v for n, v in episode.items() if n in told and v is not None}
             described["passive"] = self._is_passive(episode)
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
@@ -330,10 +333,9 @@ class Episodes:
                     "end_along": ruler.locate(episode["leave"]),
                 }
             listed.append(to_json_types(described))
-        left_out = {}
-        if self._unlisted["count"]:
-            left_out = {"episodes_left_out": dict(self._unlisted)}
-        return {"episodes": listed, **left_out}
+        if not self._unlisted["count"]:
+            return {"episodes": listed}
+        return {"episodes": listed, "episodes_left_out": dict(self._unlisted)}
 
     def _is_passive(self, episode: dict[str, Any]) -> bool:
         """Whether its energy is what holding each force for a tick explains."""
@@ -358,13 +360,12 @@ class Episodes:
         entry = self._latest["penetration_max_m"], -self.count, self._latest
         self._latest = None
         self.count += 1
-        if len(self._deepest) < MAX_EPISODES:
-            heapq.heappush(self._deepest, entry)
-            return
-        depth, _, unlisted = heapq.heappushpop(self._deepest, entry)
-        self._unlisted["count"] += 1
-        self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
-        self._unlisted["active"] += not self._is_passive(unlisted)
+        heapq.heappush(self._deepest, entry)
+        if len(self._deepest) > MAX_EPISODES:
+            depth, _, episode = heapq.heappop(self._deepest)
+            self._unlisted["count"] += 1
+            self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
+            self._unlisted["active"] += not self._is_passive(episode)
 
     def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
         """A run of contact from row `start` to before row `end`."""

@@ -42,8 +42,7 @@ from vfplan.replaying.metrics import (
     StepTimes,
     dots,
     episode_count,
-    overlap,
-    penetration,
+    rendered_ticks,
     row_norms,
 )
 from vfplan.robot import Robot
@@ -144,15 +143,15 @@ class EngineRun:
         hand: (n, 3) where the tool truly was [m]
         """
         if self.changing is not None:
-            self.changing.apply_until(time)
+            self.changing.times = time
 
         hip, trace = self._answers(time, hand)
-        ticks = self._ticks(time, hip, trace)
+        ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand
         if self.changing is not None and len(hand):
             hand_in_frame, in_frame = self.changing.in_fixture_frame(hip, trace)
-            measured = self._ticks(time, hand_in_frame, in_frame)
+            measured = rendered_ticks(time, hand_in_frame, in_frame, self._surface_depth)
 
         self._metrics.note_status(trace.status)
         steps = self._pairs.push(measured, hand_in_frame)
@@ -187,12 +186,6 @@ class EngineRun:
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
         return trace if self._governor is None else self._governor.run(hip, trace)
-
-    def _ticks(self, time: Array, hip: Array, trace: Trace) -> TickBlock:
-        depth = penetration(hip, trace.proxy)
-        beyond = overlap(hip, trace.proxy, trace.normal, self._surface_depth)
-        rendered = trace.proxy, trace.normal, trace.force, trace.state
-        return TickBlock(time, hip, *rendered, depth, beyond)
 
     def finish(self) -> dict[str, Any]:
         """The numbers of the whole session."""
@@ -341,7 +334,9 @@ def replay(
         raise SessionError(message, where=session.name, code="frame-differs")
 
     # One run for each rule. With a lossy link one more run has a perfect link, to compare.
-    rules = chosen_rules(rule, fixture)
+    if rule is not None and rule not in RULES:
+        raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
+    rules = ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
     if link is not None and not link.faulty:
         link = None
     with naming_place(path):
@@ -399,7 +394,14 @@ def replay(
     if session.sha256 is not None:
         common["session"]["sha256"] = session.sha256
     if perfect is not None:
-        common["link"] = link_report(link, runs[0], perfect, between_links, robot)
+        clean = perfect.finish()
+        numbers = {name: value for name, value in clean.items() if isinstance(value, (int, float))}
+        common["link"] = {
+            **link.report(),
+            **runs[0].link.report(None if robot is None else robot.lost_packets_limit),
+            "apart": between_links.report(),
+            "perfect": {**numbers, "episodes": episode_count(clean)},
+        }
     common["elapsed_s"] = clock.perf_counter() - started
 
     # The report of each run: its numbers, the findings, and whether the limits hold.
@@ -435,29 +437,6 @@ def replay(
     beside = {"rule": "both", "paper": paper_numbers, "apart": between_rules.report()}
     metrics = robust.metrics | beside
     return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
-
-
-def chosen_rules(rule: str | None, fixture: Fixture) -> list[str]:
-    """The rules to run: the one that is asked for, "robust" and "paper" for "both", or the best."""
-    if rule is not None and rule not in RULES:
-        raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
-    return ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
-
-
-def link_report(
-    link: Link, run: EngineRun, perfect: EngineRun, comparison: Comparison, robot: Robot | None
-) -> dict[str, Any]:
-    """What the lossy link did, and the numbers of the same session over a perfect one."""
-    assert run.link is not None
-    report = perfect.finish()
-    numbers = {name: value for name, value in report.items() if isinstance(value, (int, float))}
-    lost_limit = robot.lost_packets_limit if robot is not None else None
-    return {
-        **link.report(),
-        **run.link.report(lost_limit),
-        "apart": comparison.report(),
-        "perfect": {**numbers, "episodes": episode_count(report)},
-    }
 
 
 def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:

@@ -95,14 +95,13 @@ def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
 
 def bag_sha256(path: Path) -> str:
     """SHA-256 of a bag's file, or of a bag folder's names and files in order of their names."""
-    if path.is_file():
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
     whole = hashlib.sha256()
     for part in bag_files(path):
         with part.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").digest()
-        whole.update(part.name.encode() + b"\0" + digest)
+            digest = hashlib.file_digest(file, "sha256")
+        if path.is_file():
+            return digest.hexdigest()
+        whole.update(part.name.encode() + b"\0" + digest.digest())
     return whole.hexdigest()
 
 

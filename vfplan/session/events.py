@@ -186,28 +186,21 @@ def add_row(cells: list[str], events: list[Event], folder: Path, where: str) -> 
     tick = _whole_number(tick_text, "tick", MAX_TICK)
     if events and tick < events[-1].tick:
         raise ValueError(f"tick {tick} comes after tick {events[-1].tick}. Put the rows in order")
+    edit = None
+    if events and events[-1].kind == "edit" and events[-1].tick == tick:
+        edit = events[-1]
     if what == "exchange" and len(values) == 1:
         events.append(Event(tick, fixture=folder / values[0], where=where))
     elif what in ("edit", "remake") and not values:
         events.append(Event(tick, remove=[], add=[], remake=what == "remake", where=where))
-    elif what in ("remove", "add"):
-        if not events or events[-1].kind != "edit" or events[-1].tick != tick:
-            message = f"{what} has no edit of its tick above it. Write a row TICK,edit first"
-            raise ValueError(message)
-        edit = events[-1]
-        if what == "remove" and len(values) == 1 and not len(edit.add):
-            edit.remove.append(_whole_number(values[0], "number", MAX_POINT_NUMBER))
-        elif what == "add" and len(values) == 3:
-            edit.add.append([parse_decimal(value) for value in values])
-        else:
-            message = (
-                "it does not fit the edit. Write remove,NUMBER, and after all of these add,X,Y,Z"
-            )
-            raise ValueError(message)
+    elif what == "remove" and len(values) == 1 and edit is not None and not edit.add:
+        edit.remove.append(_whole_number(values[0], "number", MAX_POINT_NUMBER))
+    elif what == "add" and len(values) == 3 and edit is not None:
+        edit.add.append([parse_decimal(value) for value in values])
     else:
         raise ValueError(
-            "its kind is unknown. Write exchange,BUNDLE.h5, edit, remake, remove,NUMBER or "
-            "add,X,Y,Z"
+            "it fits nowhere. Write exchange,BUNDLE.h5, edit or remake, and below an edit of its "
+            "tick remove,NUMBER and then add,X,Y,Z"
         )
 
 

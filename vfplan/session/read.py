@@ -102,7 +102,6 @@ def open_session(
         raise SettingError(message, where=name, code="ros-options-unused")
 
     notes: dict[str, object] = {"units": units}
-    length = None
     signature = file.view().read(8)
     if signature.startswith(b"MATLAB "):
         message = (
@@ -116,7 +115,9 @@ def open_session(
     elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
         kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
         notes["format"] = kind
-        length, statements = run_once(f"vfplan.session.read:{kind}_header", **source)
+        statements = []
+        if kind == "hdf5":
+            statements = run_once("vfplan.session.read:hdf5_header", **source)
         # Where the file says its own units or frame, neither it nor the call overrules the other.
         expected = {"units": units, "frame": frame, "time unit": "s"}
         for statement, value, place in statements:
@@ -144,9 +145,7 @@ def open_session(
             for rows in table.blocks(columns):
                 yield rows[:, 0].copy(), rows[:, 1:] * factor
 
-    return _stream(
-        read, file.require_unchanged, skip_unordered, name, frame, file.sha256(), notes, length
-    )
+    return _stream(read, file.require_unchanged, skip_unordered, name, frame, file.sha256(), notes)
 
 
 def _open_bag(
@@ -178,7 +177,7 @@ def _open_bag(
 
 def _stream(
     read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None], skip: bool,
-    name: str, frame: str, sha256: str, notes: dict[str, object], length: int | None = None,
+    name: str, frame: str, sha256: str, notes: dict[str, object],
 ) -> SessionStream:  # fmt: skip
     """Samples in order; a file that no longer has the digest that was taken is refused."""
     mended: dict[str, int] = {}
@@ -187,7 +186,7 @@ def _stream(
         yield from in_order(read(), mended, name, skip=skip)
         require_unchanged()
 
-    return SessionStream(samples, name, frame, sha256, {**notes, "mended": mended}, length)
+    return SessionStream(samples, name, frame, sha256, {**notes, "mended": mended})
 
 
 NAMES = ("time", "hip")
@@ -197,9 +196,9 @@ FIXTURE_FORMAT = "vfplan-fixture"
 
 
 def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
-    """The length T, and what the file's attributes state.
+    """What the file's attributes state.
 
-    Yields T, and a list of (what, value, place). "units" and "frame" are attributes of the root or
+    Yields a list of (what, value, place). "units" and "frame" are attributes of the root or
         of `hip`, "time unit" is one of `time`. Attributes `unit` and `units` mean the same.
     Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
     """
@@ -211,7 +210,7 @@ def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
             )
             raise SessionError(message, code="fixture-as-session")
         time, hip = plain_datasets(file, NAMES)
-        length = check_arrays({"time": time, "hip": hip}, ROWS)
+        check_arrays({"time": time, "hip": hip}, ROWS)
         lengths = {"units": "units", "unit": "units", "frame": "frame"}
         times = {"units": "time unit", "unit": "time unit"}
         statements = [
@@ -220,7 +219,7 @@ def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
             for name, meaning in meanings.items()
             if name in place.attrs
         ]
-    yield [length, statements]
+    yield statements
 
 
 def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
@@ -232,16 +231,10 @@ def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
             yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
 
 
-def npz_header(stream: BinaryIO) -> Iterator[list[Any]]:
-    """As `hdf5_header`; an archive has no attributes."""
-    with _npz_members(stream) as (time, hip):
-        yield [check_arrays({"time": time, "hip": hip}, ROWS), []]
-
-
 def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
     with _npz_members(stream) as (time, hip):
-        length = time.shape[0]
+        length = check_arrays({"time": time, "hip": hip}, ROWS)
         for start in range(0, length, BLOCK):
             count = min(BLOCK, length - start)
             block_hip = hip.read_numbers(3 * count).reshape(-1, 3)

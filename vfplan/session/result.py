@@ -114,19 +114,15 @@ def read_result(
     if fixture_sha256 is not None:
         with naming_place(where):
             require_fixture(attrs, fixture_sha256)
-    blocks = []
-    count, last_time = 0, -np.inf
-    for arrays in answers:
-        block = TickBlock(*arrays)
-        with naming_place(where):
-            check_values(block, count, last_time)
-        blocks.append(block)
-        count, last_time = count + len(block), block.time[-1]
+    blocks = [TickBlock(*arrays) for arrays in answers]
     file.require_unchanged()
     if not blocks:
         message = "the result holds no ticks. Replay a session that has some"
         raise InputError(message, where=where, code="result-empty")
-    return concatenate_ticks(blocks), attrs
+    ticks = concatenate_ticks(blocks)
+    with naming_place(where):
+        check_values(ticks)
+    return ticks, attrs
 
 
 def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
@@ -157,23 +153,19 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
 
-def check_values(block: TickBlock, first: int, last_time: float) -> None:
-    """Refuse values that no replay gives, because a picture of them would show something else.
-
-    first: number of the block's first tick
-    last_time: time of the tick before it [s]
-    """
+def check_values(ticks: TickBlock) -> None:
+    """Refuse values that no replay gives, because a picture of them would show something else."""
     for name in TABLE:
-        rows = getattr(block, name).reshape(len(block), -1)
+        rows = getattr(ticks, name).reshape(len(ticks), -1)
         # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
         good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= MAX_TIME_S
         if not good.all():
-            tick = first + int(np.argmin(good.all(axis=1)))
+            tick = int(np.argmin(good.all(axis=1)))
             message = f"{name} of tick {tick} is none that a replay gives. Replay the session again"
             raise InputError(message, code="value-invalid", numbers={"tick": tick})
-    increases = np.diff(block.time, prepend=last_time) > 0
+    increases = np.diff(ticks.time) > 0
     if not increases.all():
-        tick = first + int(np.argmin(increases))
+        tick = 1 + int(np.argmin(increases))
         message = f"time does not increase at tick {tick}. Replay the session again"
         raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
 

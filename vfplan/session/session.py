@@ -264,8 +264,6 @@ class SessionStream:
     frame: str = "robot_base"
     sha256: str | None = None
     notes: dict[str, object] = field(default_factory=dict)
-    # The number of samples; `None` when only reading to the end would show it.
-    ticks: int | None = None
 
     def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
         """Blocks of `size` ticks (the last one shorter), checked.
