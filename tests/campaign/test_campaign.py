@@ -15,14 +15,16 @@ from replays import fixture_of
 from scipy.stats import binom, norm
 
 from vfplan.bundle.write import write_fixture
-from vfplan.campaign.statistics import (
+from vfplan.campaign.store import (
+    BLOCK,
     clopper_pearson,
     margin_for,
     margins,
     quantile,
+    read_campaign,
     require_same_plan,
+    run_campaign,
 )  # fmt: skip
-from vfplan.campaign.store import BLOCK, read_campaign, run_campaign
 from vfplan.campaign.trial import CampaignSettings, Trials
 from vfplan.errors import CheckFailed, InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Curve, RegistrationRecord

@@ -57,6 +57,6 @@ def test_breach_sees_what_it_should():
 
 
 def test_the_long_run_takes_the_bundles_own_points():
-    short = partial(cases.figure_of_long_walk, ticks=200_000, figure="breach")
+    short = partial(cases.breach_by_long_walk, ticks=200_000)
     [row] = run_extreme_cases([replace(CASES[-1], measure=short)], whole())
     assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

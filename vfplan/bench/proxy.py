@@ -8,9 +8,6 @@ force_rms_n, force_max_n
 surface_error_m
     How far the proxy stands from the planned surface, either way, in contact; what a tolerance is
     about. `inside_m` is the part of it that counts: nearer to the exact geometry than R.
-followed_rms_m, followed_ticks
-    The RMS error over the ticks in which an engine can follow the exact proxy at all
-    (`Case.followable`), and how many of the `ticks` those are.
 
 Each scene has a HIP path and its exact proxy, computed once. Two are triangle meshes: a ball, whose
 surface bends, and a box, which has edges and corners. Their exact proxy is known in closed form.
@@ -38,7 +35,7 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
-from vfplan.planning.tolerance import DEPTH, SPEED_M_S, Choice, choose
+from vfplan.planning.tolerance import SPEED_M_S, Choice, choose
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.scenes.outline import Run, in_space, polyline
 from vfplan.stability.contacts import RADIUS as R
@@ -134,9 +131,6 @@ LARGE_SPACING_M = 0.1e-3
 # Number of ticks of a path in a quick run, and on a million points.
 QUICK_TICKS = 700
 
-# An engine can follow a proxy that moves by no more than this times what the HIP does.
-MAX_SENSITIVITY = 1 / (1 - DEPTH) + 1e-9
-
 
 @dataclass(frozen=True, eq=False)
 class Case:
@@ -163,16 +157,6 @@ class Case:
     def truth(self) -> Array:
         """(T, 3) the exact proxy [m]."""
         return self.scene.truth(self.hips, R)
-
-    @cached_property
-    def followable(self) -> NDArray[np.bool_]:
-        """(T,) where the exact proxy moves by no more than twice what the HIP does.
-
-        `planning.tolerance` promises no more than that: a HIP at most R/2 behind the sharpest
-        surface. Deeper, the exact proxy outruns any engine: with the HIP at the centre of
-        the ball around a point it turns round in one tick.
-        """
-        return self.scene.sensitivity(self.hips, self.truth, R) <= MAX_SENSITIVITY
 
     @cached_property
     def clearance(self) -> Array:
@@ -400,15 +384,12 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
     truth, hips = case.truth, case.hips
     errors = np.linalg.norm(proxy - truth, axis=1)
 
-    # The error of the force, and of the ticks that an engine can follow.
+    # The error of the force.
     force = case.scene.force(hips, proxy, DEFAULT_STIFFNESS)
     force_errors = np.linalg.norm(force - case.scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
-    followed = errors[case.followable]
     record = {
         "ticks": len(errors),
-        "followed_ticks": len(followed),
-        "followed_rms_m": root_mean_square(followed),
-        "force_rms_n": root_mean_square(force_errors),
+        "force_rms_n": float(np.sqrt(np.mean(force_errors**2))),
         "force_max_n": float(force_errors.max()),
     }
 
@@ -421,8 +402,3 @@ def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> R
     record["inside_m"] = float(max(0.0, -clearance.min()))
 
     return errors_of(errors, **record, **figures)
-
-
-def root_mean_square(values: Array) -> float:
-    """The root of the mean square; 0 of no values."""
-    return float(np.sqrt(np.mean(values**2))) if len(values) else 0.0

@@ -94,8 +94,7 @@ def vfplan_campaign(
                 numbers={"depth_mm": depth_mm, "depth_min_mm": 0},
             )
     from vfplan.bundle.read import read_fixture
-    from vfplan.campaign.statistics import summary
-    from vfplan.campaign.store import read_campaign, run_campaign
+    from vfplan.campaign.store import draw_campaign, read_campaign, run_campaign, summary
     from vfplan.campaign.trial import CampaignSettings
     from vfplan.replaying.link import approach_sessions
     from vfplan.session.read import read_session
@@ -117,8 +116,6 @@ def vfplan_campaign(
     data |= {"trials_made": new_trials, "trials_per_minute": 60 * new_trials / elapsed_s}
     lines = campaign_lines(data)
     if picture_out is not None:
-        from vfplan.campaign.statistics import draw_campaign
-
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
         lines.append(f"wrote {picture_out}")

@@ -102,18 +102,6 @@ class Scene(ABC):
             out[i] = proxy + hip * (1 - flat)
         return out
 
-    def sensitivity(self, hips: ArrayLike, truth: Vector, radius: float = 5e-3) -> Vector:
-        """(T,) how far the exact proxy moves for a small step of the HIP, over that step's length.
-
-        See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
-        """
-        flat = self.flat
-        values = []
-        for proxy, hip in zip(truth * flat, check_path(hips) * flat, strict=True):
-            pieces = self.pieces_between(proxy, hip, radius)
-            values.append(god_object.sensitivity(pieces, proxy, hip, radius))
-        return np.array(values)
-
     def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
         """The pieces that a proxy (3,) can meet on its path to a HIP (3,); here all of them."""
         return self.pieces
