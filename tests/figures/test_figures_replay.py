@@ -44,7 +44,7 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
 
 
 def test_the_same_replay_gives_the_same_picture(pressed, tmp_path):
-    for draw in (timeline, scene, pictures.depth_plot):
+    for draw in (timeline, scene):
         names = [tmp_path / f"{draw.__name__}{k}.png" for k in (1, 2)]
         for name in names:
             save_png(draw(pressed), name)

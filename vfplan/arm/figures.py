@@ -29,8 +29,8 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     arm = rehearsal.arm
     motion = rehearsal.motion
     drawn = np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int)
-    outlines = [arm_outline(rehearsal, q) for q in motion.q[drawn]]
-    for k, line in enumerate(outlines):
+    for k, q in enumerate(motion.q[drawn]):
+        line = arm_outline(rehearsal, q)
         look = {"alpha": 0.25}
         if not k:
             look = {"alpha": 0.85, "label": f"{arm.name}, at the start"}
@@ -43,16 +43,7 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
         place = motion.tip[stop["tick"]]
         axes.plot(*place[:, None], "x", color=CONTACT, ms=9, mew=2, label=f"{stop['kind']}")
 
-    # One scale for all axes.
-    everything = np.concatenate([*outlines, cloud, path])
-    middle = (everything.max(0) + everything.min(0)) / 2
-    half = np.ptp(everything, axis=0).max() / 2
-    axes.set(
-        xlim=(middle[0] - half, middle[0] + half), xlabel="x [m]",
-        ylim=(middle[1] - half, middle[1] + half), ylabel="y [m]",
-        zlim=(middle[2] - half, middle[2] + half), zlabel="z [m]",
-    )  # fmt: skip
-    axes.set_box_aspect((1, 1, 1))
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", aspect="equal")
     axes.legend(loc="upper left")
     return figure
 

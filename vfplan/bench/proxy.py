@@ -246,13 +246,13 @@ def fitted(scene: Drawn) -> Pieces:
     )
 
 
-def evenly_sampled(scene: Scene, choice: Choice) -> Array:
-    """The cloud that a tolerance asks for on a surface, or on a curve in space."""
+def evenly_sampled(scene: Scene, choice: Choice) -> Scene:
+    """The scene with the cloud that a tolerance asks for on a surface, or on a curve in space."""
     spacing = choice.spacing_m
     if scene.name not in ("point", "segment"):
         # On a surface it is the side of a square.
         spacing /= np.sqrt(2 * (1 + R / getattr(scene, "radius", np.inf)))
-    return replace(scene, spacing=spacing).points
+    return replace(scene, spacing=spacing)
 
 
 # A HIP further than this behind the surface [m] has a well-known normal.
@@ -348,13 +348,11 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
         settings["spacing_m"] = scene.spacing
         engine = engine_on_points(scene)
     else:
-        points = evenly_sampled(scene, choice)
+        dense = evenly_sampled(scene, choice)
+        points = dense.points
         settings |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m,
                      "max_iterations": choice.max_iterations}  # fmt: skip
-        engine = ProxyEngine(
-            points, ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS, band=choice.band_m,
-            max_iterations=choice.max_iterations,
-        )  # fmt: skip
+        engine = engine_on_points(dense, band=choice.band_m, max_iterations=choice.max_iterations)
     figures["left_out"] = dict(engine.left_out)
     return engine_run(case, "chosen by tolerance", settings, engine, points, figures, chosen=True)
 

@@ -215,16 +215,11 @@ def guide_plot(replayed: Replay) -> Figure:
     return figure
 
 
-# Number of planned points that a proxy passes in a tick while it slides. One that passes more has
-# left the curve in between.
-MAX_SLIDE = 50
-
-
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     """The curve's ruler and (N,) the deepest penetration at each planned point [m].
 
-    A tick counts for the planned point nearest to its proxy, and a slide from one tick to the next
-    for the points between; the depth is 0 where the hand never pressed.
+    A tick counts for the planned point nearest to its proxy. The depth is 0 where the hand never
+    pressed.
 
     Raises
     ------
@@ -240,16 +235,8 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
         )
     ticks = replayed.ticks
     in_contact = ticks.penetration > CONTACT_M
-    penetration = ticks.penetration[in_contact]
-    point = ruler.nearest(ticks.proxy[in_contact])
     depth = np.zeros(len(ruler.points))
-    np.maximum.at(depth, point, penetration)
-    next_tick = np.diff(np.flatnonzero(in_contact)) == 1
-    same_stroke = ruler.stroke[point[1:]] == ruler.stroke[point[:-1]]
-    slid = np.abs(np.diff(point))
-    for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= MAX_SLIDE)):
-        low, high = sorted((point[k], point[k + 1]))
-        depth[low:high] = np.maximum(depth[low:high], min(penetration[k], penetration[k + 1]))
+    np.maximum.at(depth, ruler.nearest(ticks.proxy[in_contact]), ticks.penetration[in_contact])
     return ruler, depth
 
 
@@ -271,24 +258,6 @@ def image_places(fixture: Fixture) -> Array:
     T_robot_image = record.T_robot_image
     from_origin = fixture.points - T_robot_image[:, 2]
     return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
-
-
-def depth_plot(replayed: Replay) -> Figure:
-    """Deepest penetration along the planned curve."""
-    ruler, depth = depth_along(replayed)
-    figure, axes = subplots(7.0, 2.6)
-    for stroke in np.unique(ruler.stroke):
-        part = ruler.stroke == stroke
-        arclength_mm = MM * ruler.arclength[part]
-        depth_mm = MM * depth[part]
-        axes.fill_between(arclength_mm, depth_mm, color=PROXY, alpha=0.25, lw=0)
-        axes.plot(arclength_mm, depth_mm, lw=0.9, color=PROXY, label=f"stroke {stroke}")
-    axes.set(xlabel="along the planned curve [mm]", ylabel="deepest penetration [mm]")
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    if len(np.unique(ruler.stroke)) > 1:
-        axes.legend(fontsize="small")
-    return figure
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:

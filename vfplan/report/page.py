@@ -25,7 +25,6 @@ from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import (
     MARK_HZ,
     axis_names,
-    depth_plot,
     guide_plot,
     plane_basis,
     scene,
@@ -221,7 +220,9 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
 
     # What a reader wants first: where it happened, and with what force.
     in_space = section("In space", _in_space(replayed, image))
-    is_on_slice = image is not None and _has_depth(replayed)
+    is_on_slice = (
+        image is not None and replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
+    )
     if is_on_slice:
         on_slice = slice_depth(replayed, read_slice_of(replayed.fixture, image))
         body.append(section("On the slice", picture(on_slice, "depth on the slice")))
@@ -237,9 +238,6 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     if metrics.get("arc_m") is not None:
         words = "lateral error and force over arc length"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
-    if _has_depth(replayed):
-        words = "depth along the planned curve"
-        body.append(section("Along the planned curve", picture(depth_plot(replayed), words)))
     body.append(section("Contact episodes", episodes(metrics)))
     body.append(section("What was planned", review_sheet(replayed, image)))
 
@@ -253,11 +251,6 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body.append(facts_table(facts))
     text = "\n".join(body)
     return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
-
-
-def _has_depth(replayed: Replay) -> bool:
-    """Whether the hand touched a fixture that was drawn as a curve."""
-    return replayed.fixture.curve is not None and bool(replayed.metrics["contact_ticks"])
 
 
 def scrubber(replayed: Replay) -> str:
