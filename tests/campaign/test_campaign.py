@@ -159,12 +159,6 @@ def test_the_same_bits_for_any_workers_and_after_a_stop(tmp_path):
     same_files(few, rest)
 
 
-def test_a_trial_alone_is_the_trial_of_the_campaign(folder):
-    alone = Trials(line_fixture(), [pressing()], settings()).run(777)
-    table = read_campaign(folder)[1]
-    assert all(table[name][777] == value for name, value in alone.items())
-
-
 def test_intervals_against_their_definitions():
     low, high = clopper_pearson(3, 50)
     assert binom.sf(2, 50, low) == pytest.approx(0.025)

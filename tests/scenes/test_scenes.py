@@ -282,16 +282,6 @@ def test_biarcs_pass_through_their_nodes_with_one_tangent():
     assert ends == pytest.approx(nodes[:-1], abs=1e-12)
 
 
-def test_travel_keeps_its_speed_and_both_ends():
-    way = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0]]
-    path = scenes.travel(way, speed=0.3, rate=1000)
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    assert path[0].tolist() == way[0]
-    assert path[-1].tolist() == way[-1]
-    assert steps.max() == pytest.approx(0.3e-3)
-    assert np.median(steps) == pytest.approx(0.3e-3)
-
-
 def test_a_start_inside_is_refused():
     with refuses(SceneError, "starts-inside"):
         god_object.follow(scenes.Point().pieces, np.array([1e-3, 0, 0]), np.zeros(3), R)

@@ -297,24 +297,19 @@ def runs_on(case: Case, spacing: float, peers: Sequence[Peer]) -> Iterator[Bench
     scene = replace(case.scene, spacing=spacing)
 
     def with_engine(
-        name: str, engine: ProxyEngine, points: Array = scene.points,
-        figures: dict[str, Any] | None = None, **settings: Setting,
-    ) -> BenchRun:  # fmt: skip
+        name: str, engine: ProxyEngine, figures: dict[str, Any] | None = None, **settings: Setting
+    ) -> BenchRun:
         listed = {"spacing_m": spacing, **settings}
-        return engine_run(case, name, listed, engine, points, figures or {})
+        return engine_run(case, name, listed, engine, scene.points, figures or {})
 
     yield with_engine("robust", engine_on_points(scene))
     for name, limit in (("robust, 1 iteration", 1), ("robust, 4 iterations", 4)):
         engine = engine_on_points(scene, max_iterations=limit)
         yield with_engine(name, engine, max_iterations=limit)
-    if isinstance(scene, Drawn):
-        # Far enough that its ends are not felt.
-        tall = replace(scene, extrude=6 * R)
-        yield with_engine("robust, not planar", engine_on_points(tall), tall.points, planar=False)
     yield with_engine("paper", engine_on_points(scene, rule="paper"))
     if isinstance(scene, (Drawn, Meshed)):
         engine, figures = exact_engine(scene)
-        yield with_engine("exact", engine, figures=figures)
+        yield with_engine("exact", engine, figures)
     points, axis = scene.points, scene.ignore_axis
     mesh = scene.mesh if isinstance(scene, Meshed) else None
     for peer in peers:

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     option("--events-out", type=CSV, metavar="EVENTS.csv",
            help="Write the edits, for `vfplan replay --rule robust --events`."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write a picture of what was removed, and of the force over time."),
+           help="Write a picture of how far each point was lowered, and of the force over time."),
     options.UNITS,
     options.signature_options(),
 )  # fmt: skip
@@ -311,29 +311,21 @@ def largest_step_of_bound(
 
 
 def burr_figure(burred: Burred) -> Figure:
-    """What was removed, in the fixture's plane or in a section through it, and the force."""
+    """The points as they were seen from the tool, by how far each was lowered, and the force."""
     from vfplan.figures.replay import plane_basis
     from vfplan.figures.style import subplots
 
-    before, after, axis = burred.before, burred.after, burred.replayed.fixture.ignore_axis
-    middle, in_view, title = before.mean(axis=0), np.ones(len(before), bool), "in its plane"
+    lowered = burred.before - burred.after
+    axis = burred.replayed.fixture.ignore_axis
     if axis is None:
-        # A section through the middle of what was removed, along the way on which it went.
-        moved, title = before - after, "a section"
-        up = moved.sum(axis=0) if moved.any() else np.array([0.0, 0.0, 1.0])
-        middle = before[moved.any(axis=1)].mean(axis=0) if moved.any() else middle
-        across, axis = np.linalg.svd(up[None])[2][1:]
-        flat = MM * (after - middle)
-        width = 1.6 * max(4.0, np.abs(flat[moved.any(axis=1)]).max(initial=0.0))
-        in_view = (np.abs(flat @ across) < width) & (np.abs(flat @ axis) < 0.1 * width)
-        basis = np.stack((across, up / np.linalg.norm(up))).T
-    else:
-        basis = plane_basis(axis)
-    figure, (section, below) = subplots(7.5, 6.0, 2, 1, height_ratios=(3, 2))
-    for rows, name in ((before, "before"), (after, "after")):
-        section.plot(*(MM * (rows - middle) @ basis)[in_view].T, ".", ms=3, label=name)
-    section.legend(loc="best")
-    section.set(title=title, xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
+        axis = lowered.sum(axis=0) if lowered.any() else np.array([0.0, 0.0, 1.0])
+    flat = (
+        MM * (burred.before - burred.before.mean(axis=0)) @ plane_basis(axis / np.linalg.norm(axis))
+    )
+    figure, (above, below) = subplots(7.5, 6.0, 2, 1, height_ratios=(3, 2))
+    dots = above.scatter(*flat.T, c=MM * row_norms(lowered), s=6, cmap="viridis", lw=0)
+    figure.colorbar(dots, ax=above, label="lowered [mm]")
+    above.set(xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
     ticks = burred.replayed.ticks
     below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
     below.set(xlabel="time [s]", ylabel="force [N]")

@@ -322,12 +322,10 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
 
     C. J. Clopper, E. S. Pearson, Biometrika 26, 1934, 404-413.
     """
-    from scipy.special import betaincinv
+    from scipy.stats import binomtest
 
-    tail = (1 - PROBABILITY) / 2
-    low = float(betaincinv(hits, trials - hits + 1, tail)) if hits > 0 else 0.0
-    high = float(betaincinv(hits + 1, trials - hits, 1 - tail)) if hits < trials else 1.0
-    return low, high
+    low, high = binomtest(hits, trials).proportion_ci(PROBABILITY, method="exact")
+    return float(low), float(high)
 
 
 def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
@@ -459,17 +457,19 @@ def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, pa
     """
     from vfplan.figures.style import save_png, subplots
 
-    entered = table["depth_m"] > beyond_m
-    count = np.bincount(table["point"][entered].astype(int), minlength=len(fixture.points))
+    point = table["point"].astype(int)
+    entered = (table["depth_m"] > beyond_m) & (point >= 0)
+    count = np.bincount(point[entered], minlength=len(fixture.points))
     share = count / len(entered)
     centred = fixture.points - fixture.points.mean(axis=0)
     flat = 1e3 * centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
-    figure, axes = subplots(7.0, 5.0)
+    figure, axes = subplots(7.0, 3.6)
     axes.plot(*flat.T, ".", ms=1.5, color=CLOUD, alpha=0.5)
     hit = share > 0
     discs = axes.scatter(*flat[hit].T, s=300 * share[hit] / max(share.max(), 1e-12), c=share[hit],
                          cmap="autumn_r", vmin=0, alpha=0.6, lw=0)  # fmt: skip
-    figure.colorbar(discs, ax=axes, label="probability")
+    figure.colorbar(discs, ax=axes, label="probability", shrink=0.7)
+    axes.margins(0.1)
     title = f"where the tool is over {1e3 * beyond_m:g} mm beyond"
     axes.set(aspect="equal", xlabel="mm", ylabel="mm", title=title)
     save_png(figure, path)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MM, count, nice_length
+from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
@@ -102,7 +102,7 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     hip = MM * ticks.hip @ basis
     proxy = MM * ticks.proxy @ basis
     radius = MM * fixture.contact_radius
-    low, high = view_corners(hip, cloud, 2.5 * radius)
+    low, high = cloud.min(axis=0) - 3 * radius, cloud.max(axis=0) + 3 * radius
     height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
     figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
@@ -147,18 +147,6 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         # The legend names the tube once.
         label = None
-
-
-def view_corners(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
-    """The corners of what is drawn: the cloud, and the part of the path that is close to it."""
-    low = cloud.min(axis=0) - margin
-    high = cloud.max(axis=0) + margin
-    reach = 0.5 * (high - low).max()
-    close = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
-    if len(close):
-        low = np.minimum(low, close.min(axis=0) - 0.3 * margin)
-        high = np.maximum(high, close.max(axis=0) + 0.3 * margin)
-    return low, high
 
 
 def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
@@ -289,11 +277,5 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     )
     figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", markerscale=6)
-    # A length across the slice, at the bottom on the left.
-    scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
-    length = nice_length(0.2 * width * scale_mm)
-    start, low = 0.03 * width, 0.96 * height
-    axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
-    axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize="small")
     axes.set_axis_off()
     return figure
