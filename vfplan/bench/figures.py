@@ -58,9 +58,10 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     for axes in list(panels.flat)[len(scenes) :]:
         axes.remove()
     for k in range(columns):
-        panels[(len(scenes) - 1 - k) // columns, k].tick_params(labelbottom=True)
+        lowest = panels[(len(scenes) - 1 - k) // columns, k]
+        lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
+        lowest.tick_params(labelbottom=True)
     error_unit = "px" if results[0]["unit"] == "px" else "µm"
-    figure.supxlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
     figure.supylabel(f"RMS error [{error_unit}]", fontsize=8.5)
 
     # A line of the legend for each look, whichever panels have it.
