@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import tempfile
 from contextlib import ExitStack
@@ -17,6 +18,8 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, progress
 
 from vfplan.errors import SettingError
+from vfplan.io.files import to_json_types
+from vfplan.io.writing import write_whole
 
 STAGES = ("extract", "sample", "register", "proxy", "plan")
 
@@ -106,10 +109,10 @@ def measure(
 def write_bench(document: dict[str, Any], drawn: list[str], files: list[Path]) -> None:
     """Write the document as JSON, a diagram of each stage, and the summary's."""
     from vfplan.bench.figures import draw_stage, draw_summary
-    from vfplan.bench.stages import write_json
 
     with outputs(*files) as (json_path, *pictures):
-        write_json(document, json_path)
+        text = json.dumps(to_json_types(document), indent=1) + "\n"
+        write_whole(json_path, [text.encode()], overwrite=True)
         for name, picture in zip(drawn, pictures, strict=True):
             if name == "summary":
                 draw_summary(document, picture)

@@ -242,13 +242,12 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     from vfplan.bundle.read import read_sealed
     from vfplan.images.read import read_slice_of
     from vfplan.review.rendered import check_slice
-    from vfplan.session.result import read_result, require_fixture
+    from vfplan.session.result import read_result
 
     planned, seal = read_sealed(fixture)
     ticks = None
     if result is not None:
-        ticks, attributes = read_result(result)
-        require_fixture(attributes, seal["sha256"], result.name)
+        ticks, _ = read_result(result, seal["sha256"])
     image = None if slice_path is None else read_slice_of(planned, slice_path)
     if image is not None:
         check_slice(planned, image)

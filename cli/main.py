@@ -66,7 +66,6 @@ MODULES = {
     "keygen": "vfplan.cli.sign",
     "verify": "vfplan.cli.sign",
     "accept": "vfplan.cli.sign",
-    "view": "vfplan.cli.review",
     "conformance": "vfplan.cli.bench",
     "surface": "vfplan.surface.command",
     "campaign": "vfplan.campaign.command",

@@ -423,7 +423,7 @@ def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
     if isinstance(margin, float) != (arguments["campaign"] is not None):
         raise click.UsageError("--margin p=P and --campaign DIR belong together. Give both")
     if isinstance(margin, float):
-        from vfplan.campaign.statistics import margin_for
+        from vfplan.campaign.store import margin_for
 
         arguments = arguments | {"margin": margin_for(arguments["campaign"], margin)}
     given = given_settings(FixtureSettings, arguments)
@@ -440,7 +440,7 @@ def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:
 def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
     """Refuse the margin of a campaign on another plan."""
     if arguments["campaign"] is not None:
-        from vfplan.campaign.statistics import require_same_plan
+        from vfplan.campaign.store import require_same_plan
 
         require_same_plan(arguments["campaign"], fixture)
 

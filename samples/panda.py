@@ -20,10 +20,8 @@ from vfplan.session.read import read_session
 from vfplan.session.session import Session
 
 FILES = (
-    "panda-1-depth.png",
     "panda-1-arm.png",
     "panda-1-efforts.png",
-    "panda-2-depth.png",
     "panda-2-arm.png",
     "panda-2-efforts.png",
 )
@@ -37,7 +35,7 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
 
     Returns the numbers of each experiment.
     """
-    from vfplan.arm.figures import depth, draw_forces, draw_in_space
+    from vfplan.arm.figures import draw_forces, draw_in_space
     from vfplan.arm.model import Arm
     from vfplan.arm.rehearsal import rehearse
     from vfplan.figures.style import save_png
@@ -49,7 +47,6 @@ def draw(folder: Path) -> dict[str, dict[str, Any]]:
         ("panda-2", planned_curve(), hand, (0.15, 0.0, 0.0)),
     ):
         rehearsal = rehearse(fixture, session, Arm("panda", base=base))
-        save_png(depth(rehearsal), folder / f"{name}-depth.png")
         save_png(draw_in_space(rehearsal), folder / f"{name}-arm.png")
         save_png(draw_forces(rehearsal), folder / f"{name}-efforts.png")
         # The slope of force over depth, by least squares through the origin.

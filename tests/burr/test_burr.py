@@ -8,7 +8,7 @@ from replays import fixture_of
 
 import vfplan
 from vfplan.bundle.write import write_fixture
-from vfplan.burr.burr import burr, burr_figure
+from vfplan.burr.command import burr, burr_figure
 from vfplan.errors import SettingError
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
@@ -72,7 +72,7 @@ def test_a_line_pressed_through_is_told():
     burred = burr(fixture, vfplan.Session(t, np.stack((0 * t, y, 0 * t), axis=1)), 0.9 * R)
     (held,) = [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
     assert f"The force reached {burred.metrics['force_max_n']:.3g} N" in held["message"]
-    assert len(burr_figure(burred).axes) == 3  # its plane, the force, and the points' count
+    assert len(burr_figure(burred).axes) == 3  # its points, their colours, and the force
 
 
 def test_a_ball_that_is_not_felt_first_is_refused():

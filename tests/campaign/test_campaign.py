@@ -14,15 +14,16 @@ from refusals import refuses
 from replays import fixture_of
 from scipy.stats import binom, norm
 
-from vfplan.bundle.write import write_fixture
-from vfplan.campaign.statistics import (
+from vfplan.campaign.store import (
+    BLOCK,
     clopper_pearson,
     margin_for,
     margins,
     quantile,
+    read_campaign,
     require_same_plan,
+    run_campaign,
 )  # fmt: skip
-from vfplan.campaign.store import BLOCK, read_campaign, run_campaign
 from vfplan.campaign.trial import CampaignSettings, Trials
 from vfplan.errors import CheckFailed, InputError, OutputError, SceneError, SettingError
 from vfplan.fixture import Curve, RegistrationRecord
@@ -156,26 +157,6 @@ def test_the_same_bits_for_any_workers_and_after_a_stop(tmp_path):
     assert run_campaign(line_fixture(), [pressing()], rest, BLOCK, settings()) == BLOCK
     assert run_campaign(line_fixture(), [pressing()], rest, 3 * BLOCK, settings()) == 2 * BLOCK
     same_files(few, rest)
-
-
-def test_a_trial_alone_is_the_trial_of_the_campaign(folder):
-    alone = Trials(line_fixture(), [pressing()], settings()).run(777)
-    table = read_campaign(folder)[1]
-    assert all(table[name][777] == value for name, value in alone.items())
-
-
-def test_without_a_session_the_hand_goes_along_both_sides(tmp_path, vfplan_cli):
-    line = line_fixture()
-    exact = replace(line.registration, residuals_m=np.zeros(9))  # as a bundle wants them
-    write_fixture(replace(line, registration=exact), tmp_path / "line.h5")
-    words = "--trials", "2", "--fle-robot", "0.2", "--workers", "1", "--beyond", "0,1", "--json"
-    found = vfplan_cli("campaign", tmp_path / "line.h5", "-o", tmp_path / "c", *words).json
-    assert found["trials"] == 2
-    assert found["trials_in_contact"] == 2
-    # 5 mm past contact reach the line on average, to the registration error of some tenths.
-    assert abs(found["depth_quantiles_mm"]["0.5"]["value"]) < 1
-    assert len(found["p_enter"]) == 2
-    assert len(json.loads((tmp_path / "c" / "campaign.json").read_text())["session_sha256"]) == 2
 
 
 def test_intervals_against_their_definitions():

@@ -80,10 +80,9 @@ def test_left_out_markers_and_an_exact_fit(figure):
     assert texts(figure(exact, LINE))
 
 
-def in_space(scale=(1.0, 1.0, 1.0)):
+def in_space():
     """A registration of eight markers in the patient's frame, and a curve between them."""
     source, target = solid(8)
-    source = source * scale
     registration = fit_registration(source, target, model="affine")
     t = np.linspace(0, 1, 50)[:, None]
     points = source.min(axis=0) * (1 - t) + source.max(axis=0) * t
@@ -101,13 +100,18 @@ def marker_places(made):
     return next(x for x in made.axes[0].lines if x.get_label() == "marker").get_xydata()
 
 
-def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
-    registration, line = in_space()
+def slice_in_patient():
     place = np.zeros((4, 3))
     place[:3, 0] = [0, 0.3e-3, 0.4e-3]
     place[:3, 1] = [0.6e-3, 0, 0]
     place[:, 2] = [-0.2, -0.1, -0.1, 1]
-    image = PlannedImage(np.full((780, 800, 3), 120, np.uint8), T_patient_image=place)
+    return PlannedImage(np.full((780, 800, 3), 120, np.uint8), T_patient_image=place)
+
+
+def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
+    registration, line = in_space()
+    image = slice_in_patient()
+    place = image.T_patient_image
     made = figure(registration, line, image=image)
     factor = stated_factor(made, "residual, drawn")
     # The residual in the patient's frame, without its part across the slice: least squares.
@@ -120,35 +124,18 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     assert any("mm in the slice" in text for text in texts(made))
 
 
-VIEWS = {"axial": ((1, 1, 0.2), "RLAP"), "coronal": ((1, 0.2, 1), "RLSI"),
-         "sagittal": ((0.2, 1, 1), "APSI")}  # fmt: skip
-
-
-@pytest.mark.parametrize("view", VIEWS)
-def test_without_a_slice_the_plane_of_the_patient_is_shown_that_holds_most(figure, view):
-    scale, letters = VIEWS[view]
-    made = figure(*in_space(scale))
-    shown = texts(made)
-    assert f"{view} view" in shown
-    assert [text for text in shown if text and text in letters] == list(letters)
-    width, height = made.axes[0].get_xlim()[1], made.axes[0].get_ylim()[0]
-    assert (marker_places(made) > 0).all()
-    assert (marker_places(made) < [width, height]).all()
-    assert any(text.startswith("95 % band, drawn") for text in shown)
-
-
 def test_a_surface_is_shown_by_its_points(figure):
     registration, line = in_space()
-    made = figure(registration, replace(line, curve=None))
+    made = figure(registration, replace(line, curve=None), image=slice_in_patient())
     points = made.axes[0].collections[0]
     assert len(points.get_offsets()) == 50
     np.testing.assert_allclose(points.get_array(), 1e3 * registration.tre_m(line.points))
     assert not any(text.startswith("95 % band") for text in texts(made))
 
 
-def test_pixels_of_a_slice_whose_place_is_unknown_are_refused(tmp_path):
-    registration, _ = in_space()
+def test_a_slice_whose_place_in_the_patient_is_unknown_is_refused(tmp_path):
+    registration, line = in_space()
     image = PlannedImage(np.zeros((780, 800, 3), np.uint8))
-    for known in (None, image):
+    for known, curve in ((None, LINE), (image, LINE), (None, line)):
         with refuses(SettingError, "no-slice"):
-            picture.draw_registration(registration, LINE, tmp_path / "p.png", image=known)
+            picture.draw_registration(registration, curve, tmp_path / "p.png", image=known)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from conftest import missing_package
@@ -101,19 +100,11 @@ def test_no_screen_is_said(vfplan_cli, files):
     assert "--screenshot PNG" in run.error_line
 
 
-def test_a_result_of_another_fixture_or_a_damaged_one_is_refused(vfplan_cli, files, tmp_path):
+def test_a_result_of_another_fixture_is_refused(vfplan_cli, files, tmp_path):
     other, result, png = tmp_path / "o.h5", tmp_path / "r.h5", tmp_path / "v.png"
     vfplan.write_fixture(fixture_of(line(length=0.05)), other)
     vfplan.write_result(replay(files[0], probing(1.0)), result)
     run = vfplan_cli("view", other, result, "--screenshot", png)
     assert run.code == 3
     assert "was replayed against the fixture with SHA-256" in run.error_line
-    with h5py.File(result) as file:
-        place = file["proxy"].id.get_chunk_info(0).byte_offset
-    damaged = bytearray(result.read_bytes())
-    damaged[place + 50] ^= 1
-    result.write_bytes(damaged)
-    run = vfplan_cli("view", files[0], result, "--screenshot", png)
-    assert run.code == 3
-    assert "cannot be read" in run.error_line
     assert not png.exists()

@@ -6,7 +6,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-import vfplan.samples.paper_figures as figures
 from chromium import Page
 from conftest import need_program
 from vfplan.samples import paper
@@ -73,14 +72,6 @@ def test_pointer_goes_from_left_to_right_at_mouse_rate(name):
     assert session.hip[0, 0] < fixture.points[:, 0].min()
     assert session.hip[-1, 0] > 0.75 * fixture.points[:, 0].max()
     assert np.linalg.norm(np.diff(session.hip, axis=0), axis=1).max() < 2e-3
-
-
-def test_one_panel_alone(tmp_path):
-    shown = paper.reproduce("fig2b")
-    figures.draw_simulations({"fig2b": ("segment", *shown)}, tmp_path / "fig2b.png")
-    numbers = shown[1]
-    assert (tmp_path / "fig2b.png").stat().st_size > 5000
-    assert figures.lines_of(numbers)[0] == "N = 81"
 
 
 def test_the_page_of_the_simulations_feels_all_four_without_a_network(vfplan_cli, tmp_path):

@@ -1,7 +1,5 @@
 """The scenes' truth against closed forms and against brute force; their clouds and paths."""
 
-import json
-
 import curves
 import numpy as np
 import pytest
@@ -9,7 +7,7 @@ from refusals import refuses
 from scipy.spatial import cKDTree
 
 from vfplan import scenes
-from vfplan.errors import SceneError, SettingError
+from vfplan.errors import SceneError
 from vfplan.scenes import SCENES, god_object, outline
 
 R, FLAT = 5e-3, np.array([1.0, 1.0, 0.0])
@@ -239,40 +237,6 @@ def test_no_path_leads_through_a_closed_polyline(seed):
     follow_closed(corners, start, rng.permutation(places)[:25])
 
 
-def test_a_recording_does_not_lead_through_a_closed_curve(shared_data):
-    """The curve of a planned slice, and a hand that was recorded elsewhere, moved across it."""
-    folder = shared_data / "planned"
-    px = np.loadtxt(folder / "pelvis_b_truth_px.csv", delimiter=",", skiprows=1)[::4]
-    T = np.array(json.loads((folder / "pelvis_b_truth.json").read_text())["T_robot_image_3x3"])
-    corners = np.column_stack([px, np.ones(len(px))]) @ T.T * [1, 1, 0]
-    recording = shared_data / "panda_sessions" / "recording_3.csv"
-    hip = np.loadtxt(recording, delimiter=",", skiprows=1)[:, 1:] * [1, 1, 0]
-    hip = hip[:6000:20] - hip[500] + corners.mean(axis=0)
-    start = np.flatnonzero(distance(corners, hip[:, :2]) > R)[0]
-    assert len(set(inside(corners, hip[start:, :2]))) == 2, "the hand itself goes through"
-    follow_closed(corners, hip[start], hip[start:])
-
-
-@pytest.mark.parametrize(("name", "route"), [
-    ("point", "press"), ("circle", "inside"), ("omega", "beside"), ("sheet", "edge"),
-    ("three-walls", "edge"), ("wedge", "over")])  # fmt: skip
-def test_sensitivity_is_the_slope_of_the_truth(name, route):
-    """Where the truth is smooth, its central differences along the three axes."""
-    scene, e = make(name), 1e-8
-    hips = scene.path(route, speed=1.0)
-    truth = scene.truth(hips, R)
-    found, compared = scene.sensitivity(hips, truth, R), 0
-    for i in range(0, len(hips), max(1, len(hips) // 25)):
-        near = [hips[i] + d for axis in np.eye(3) * e for d in (axis, -axis)]
-        moved = [scene.truth(h[None], R, start=truth[i])[0] for h in near]
-        slopes = np.array([moved[0] - moved[1], moved[2] - moved[3], moved[4] - moved[5]]) / (2 * e)
-        kinks = np.array([moved[0] + moved[1], moved[2] + moved[3], moved[4] + moved[5]])
-        if np.abs(kinks - 2 * truth[i]).max() < 1e-3 * e:
-            compared += 1
-            assert np.linalg.norm(slopes, 2) == pytest.approx(found[i], rel=1e-4)
-    assert compared > 8
-
-
 @pytest.mark.parametrize("name", ["circle", "wedge", "channel", "omega", "teapot"])
 def test_clearance_of_a_drawing_is_that_of_its_pieces(name):
     scene, x = make(name), np.random.default_rng(3).uniform(-0.15, 0.15, (300, 3))
@@ -316,23 +280,6 @@ def test_biarcs_pass_through_their_nodes_with_one_tangent():
         assert unit(arriving) @ unit(leaving) == pytest.approx(1.0, abs=1e-9)
     ends = np.array([link.a for link in run.links[::2]])
     assert ends == pytest.approx(nodes[:-1], abs=1e-12)
-
-
-def test_travel_keeps_its_speed_and_both_ends():
-    way = [[0, 0, 0], [0.1, 0, 0], [0.1, 0.05, 0]]
-    path = scenes.travel(way, speed=0.3, rate=1000)
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    assert path[0].tolist() == way[0]
-    assert path[-1].tolist() == way[-1]
-    assert steps.max() == pytest.approx(0.3e-3)
-    assert np.median(steps) == pytest.approx(0.3e-3)
-
-
-@pytest.mark.parametrize("bad", [
-    lambda: scenes.Sheet(spacing=0.0), lambda: scenes.Point().path("around")])  # fmt: skip
-def test_bad_requests_are_refused(bad):
-    with pytest.raises(SettingError, match="Give "):
-        bad()
 
 
 def test_a_start_inside_is_refused():

@@ -1,5 +1,7 @@
 """The extreme motions of `vfplan stability` come out, and can tell right from wrong."""
 
+import resource
+import time
 from dataclasses import replace
 from functools import partial
 
@@ -33,7 +35,15 @@ def test_case_comes_out_as_the_table_says(case, on):
 
 
 @pytest.mark.full
-def test_long_cases():
+def test_long_cases_need_no_more_time_or_memory_in_the_end():
+    make, times, memory = partial(engine_for, rule="robust"), [], []
+    for _ in range(4):
+        started = time.thread_time()
+        assert cases.breach_by_long_walk(patch(), make, ticks=5_000_000) == 0
+        times.append(time.thread_time() - started)
+        memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+    assert times[-1] < 1.5 * times[0]
+    assert memory[-1] - memory[0] < 4000  # [kB]
     for row in run_extreme_cases([c for c in CASES if c.full or c.name in SLOW]):
         assert row.outcome == "pass", row.detail
 
@@ -57,6 +67,6 @@ def test_breach_sees_what_it_should():
 
 
 def test_the_long_run_takes_the_bundles_own_points():
-    short = partial(cases.figure_of_long_walk, ticks=200_000, figure="breach")
+    short = partial(cases.breach_by_long_walk, ticks=200_000)
     [row] = run_extreme_cases([replace(CASES[-1], measure=short)], whole())
     assert (row.outcome, row.measured) == ("pass", 0.0), row.detail

@@ -51,13 +51,13 @@ def test_ignored_axis_does_no_work_and_adds_no_bound():
 
 @pytest.mark.parametrize("scene", ["flat", "corner", "three-walls", "channel", "point", "omega"])
 def test_the_robust_rule_is_passive(scene):
-    energy, _ = passivity_cases(scene, "robust", 1000.0, cycles=4)
+    energy, _ = passivity_cases(scene, "robust", cycles=4)
     assert energy.outcome == "pass", energy.detail
     assert energy.values["active_cycles"] == 0
 
 
 def test_the_picture_shows_every_rule():
-    rows = [row for rule in ALL_RULES for row in passivity_cases("channel", rule, 1000.0, cycles=2)]
+    rows = [row for rule in ALL_RULES for row in passivity_cases("channel", rule, cycles=2)]
     axes = passivity_plot(rows).axes[0]
     shown = {line.get_color() for line in axes.lines if len(line.get_xdata()) == 2}
     assert shown >= {RULE[rule] for rule in ALL_RULES}

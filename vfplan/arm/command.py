@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from vfplan.cli import options
 from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
-from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress, rough_ticks
-from vfplan.display import millijoules, millimetres
+from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
+from vfplan.display import millimetres
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
 
 
 def rehearsed_text(metrics: dict[str, Any]) -> str:
-    """The short report of one rehearsal; with `-v` the statistics too."""
+    """The short report of one rehearsal."""
     from vfplan.arm.rehearsal import objections
 
     reached = "every place" if metrics["reachable"] else "NOT every place"
@@ -139,38 +139,6 @@ def rehearsed_text(metrics: dict[str, Any]) -> str:
         f"force        max {metrics['force_max_n']:.3f} N, step max "
         f"{metrics['force_step_max_n']:.3f} N; penetration max "
         f"{millimetres(metrics['penetration_max_m'])}",
+        *objections(metrics),
     ]
-    statistics = statistics_lines(metrics) if is_verbose() else []
-    return "\n".join([*lines, *statistics, *objections(metrics)])
-
-
-def statistics_lines(metrics: dict[str, Any]) -> list[str]:
-    """Torques, joints, postures and the governor, as `-v` prints them."""
-    condition = metrics["condition_max"] or float("inf")
-    lines = [
-        f"speed        {metrics['real_time_factor']:.0f} times real time",
-        f"torque       max {metrics['torque_max_nm']:.2f} N·m (joint "
-        f"{metrics['torque_max_joint']}), step max {metrics['torque_step_max_nm']:.4f} N·m (joint "
-        f"{metrics['torque_step_max_joint']})",
-    ]
-    if "joint_margin_min_rad" in metrics:
-        lines.append(
-            f"joints       {metrics['joint_margin_min_rad']:.3f} rad to the end of joint "
-            f"{metrics['joint_margin_min_joint']}'s range"
-        )
-    stable = ""
-    if "k_max_n_per_m" in metrics:
-        stable = (
-            f", stable there up to {metrics['k_max_n_per_m']:.0f} N/m "
-            f"({metrics['k_n_per_m']:.0f} N/m rendered)"
-        )
-    lines.append(
-        f"postures     condition at most {condition:.2f}; mass at the tip from "
-        f"{metrics['mass_min_kg']:.2f} kg{stable}"
-    )
-    if governor := metrics.get("governor"):
-        lines.append(
-            f"governor     up to {governor['held_back_max_n']:.3f} N held back in "
-            f"{governor['held_ticks']} ticks, work {millijoules(governor['work_j'])}"
-        )
-    return lines
+    return "\n".join(lines)

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm.rehearsal import Rehearsal, objections
-from vfplan.display import MAX_DRAWN, MM
+from vfplan.display import MAX_DRAWN
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.metrics import CONTACT_M, row_norms
+from vfplan.replaying.metrics import row_norms
 from vfplan.report.page import document, facts_table, picture, section
 from vfplan.report.tables import table
 
@@ -23,41 +23,14 @@ Array = NDArray[np.float64]
 DRAWN_POSTURES = 6
 
 
-def depth(rehearsal: Rehearsal) -> Figure:
-    """The commanded force against the depth, with a colour for each of two faces.
-
-    Faces differ by the normal: along the axis on which normals differ most, and against it.
-    """
-    ticks = rehearsal.ticks
-    in_contact = ticks.penetration > CONTACT_M
-    normals = ticks.normal[in_contact]
-    force = row_norms(rehearsal.motion.force)[in_contact]
-    depth_mm = MM * ticks.penetration[in_contact]
-    axis = int(np.ptp(normals, axis=0).argmax()) if len(normals) else 0
-    figure, axes = subplots(5.2, 3.6)
-    for sign, word, colour in ((1, "+", CLOUD), (-1, "-", PROXY)):
-        on_face = sign * normals[:, axis] > 0
-        axes.plot(sign * depth_mm[on_face], force[on_face], ".", ms=2, color=colour,
-                  label=f"normal along {word}{'xyz'[axis]}")  # fmt: skip
-    deepest_mm = depth_mm.max(initial=0.1)
-    stiffness = rehearsal.metrics["k_n_per_m"]
-    expected = stiffness * deepest_mm / MM
-    axes.plot([-deepest_mm, 0, deepest_mm], [expected, 0, expected], color=FORCE, lw=0.8, ls="--",
-              label=f"K = {stiffness:.0f} N/m")  # fmt: skip
-    axes.set(xlabel="depth [mm], one face to the right, the other to the left",
-             ylabel="commanded force [N]")  # fmt: skip
-    axes.legend()
-    return figure
-
-
 def draw_in_space(rehearsal: Rehearsal) -> Figure:
     """The arm in some of its postures, the fixture and the tip's path."""
     figure, axes = subplots(6.6, 5.6, subplot_kw={"projection": "3d"})
     arm = rehearsal.arm
     motion = rehearsal.motion
     drawn = np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int)
-    outlines = [arm_outline(rehearsal, q) for q in motion.q[drawn]]
-    for k, line in enumerate(outlines):
+    for k, q in enumerate(motion.q[drawn]):
+        line = arm_outline(rehearsal, q)
         look = {"alpha": 0.25}
         if not k:
             look = {"alpha": 0.85, "label": f"{arm.name}, at the start"}
@@ -70,16 +43,7 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
         place = motion.tip[stop["tick"]]
         axes.plot(*place[:, None], "x", color=CONTACT, ms=9, mew=2, label=f"{stop['kind']}")
 
-    # One scale for all axes.
-    everything = np.concatenate([*outlines, cloud, path])
-    middle = (everything.max(0) + everything.min(0)) / 2
-    half = np.ptp(everything, axis=0).max() / 2
-    axes.set(
-        xlim=(middle[0] - half, middle[0] + half), xlabel="x [m]",
-        ylim=(middle[1] - half, middle[1] + half), ylabel="y [m]",
-        zlim=(middle[2] - half, middle[2] + half), zlabel="z [m]",
-    )  # fmt: skip
-    axes.set_box_aspect((1, 1, 1))
+    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", aspect="equal")
     axes.legend(loc="upper left")
     return figure
 
@@ -100,12 +64,12 @@ def arm_outline(rehearsal: Rehearsal, q: Array) -> Array:
 
 
 def draw_forces(rehearsal: Rehearsal) -> Figure:
-    """Force, torques, their steps and the joints' ranges over time."""
+    """Force, torques and the joints' ranges over time."""
     motion = rehearsal.motion
     arm = rehearsal.arm
     robot = arm.robot
     time = rehearsal.ticks.time
-    figure, (force, torque, step, joint_range) = subplots(7.0, 7.2, 4, 1, sharex=True)
+    figure, (force, torque, joint_range) = subplots(7.0, 5.6, 3, 1, sharex=True)
 
     force.plot(time, row_norms(motion.rendered), color=PROXY, lw=0.8, label="rendered")
     force.plot(time, row_norms(motion.force), color=FORCE, lw=1.0, label="commanded")
@@ -113,17 +77,11 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
     force.set_ylabel("force [N]")
     force.legend(ncols=3)
 
-    steps = np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
-    for axes, values, limits, name in (
-        (torque, np.abs(motion.torque), robot.torque_limit_nm, "torque"),
-        (step, steps, robot.torque_step_limit_nm, "torque step"),
-    ):
-        scale = np.ones(arm.joints) if limits is None else limits
-        for j in range(arm.joints):
-            axes.plot(time, values[:, j] / scale[j], lw=0.8, label=f"{j + 1}")
-        axes.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
-        axes.set_ylabel(f"{name}\n/ limit")
-    step.set(yscale="log", ylim=(1e-5, None))
+    scale = robot.torque_limit_nm or np.ones(arm.joints)
+    for j in range(arm.joints):
+        torque.plot(time, np.abs(motion.torque[:, j]) / scale[j], lw=0.8, label=f"{j + 1}")
+    torque.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
+    torque.set_ylabel("torque\n/ limit")
     torque.legend(ncols=arm.joints, title="joint")
 
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
@@ -132,7 +90,7 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
     joint_range.axhline(0.0, color=CONTACT, lw=1.0, ls="--")
     joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:
-        for axes in (force, torque, step, joint_range):
+        for axes in (force, torque, joint_range):
             axes.axvline(time[stop["tick"]], color=CONTACT, lw=0.8)
     return figure
 

@@ -7,7 +7,6 @@ star is the chosen setting; dotted lines are the tolerance and the budget of a t
 
 from __future__ import annotations
 
-import re
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -63,8 +62,7 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
         lowest.tick_params(labelbottom=True)
     error_unit = "px" if results[0]["unit"] == "px" else "µm"
-    for axes in panels[:, 0]:
-        axes.set_ylabel(f"RMS error [{error_unit}]", fontsize=8.5)
+    figure.supylabel(f"RMS error [{error_unit}]", fontsize=8.5)
 
     # A line of the legend for each look, whichever panels have it.
     handles = {}
@@ -99,15 +97,15 @@ def draw_summary(document: dict[str, Any], path: Path) -> None:
 
 
 def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
-    """A colour and a marker for each method: one colour a rule, one marker a variant."""
-    spare_colours = cycle((HIP, FORCE, PROXY, CONTACT))
-    variants: dict[str, list[str]] = {}
+    """A colour and a marker for each method; a variant of a rule has the rule's colour."""
+    spare = cycle((HIP, FORCE, PROXY, CONTACT))
+    colours = dict(RULES)
     looks: dict[str, Look] = {}
     for method in dict.fromkeys(r["method"] for r in results if not r.get("chosen")):
-        rule = method if method in RULES else re.split(", | in ", method)[0]
-        if rule not in variants:
-            variants[rule] = [RULES.get(rule) or next(spare_colours), *MARKERS[::-1]]
-        looks[method] = {"color": variants[rule][0], "marker": variants[rule].pop()}
+        rule = method.split(", ")[0]
+        if rule not in colours:
+            colours[rule] = next(spare)
+        looks[method] = {"color": colours[rule], "marker": MARKERS[len(looks) % len(MARKERS)]}
     return looks
 
 

@@ -125,11 +125,6 @@ class Peer:
                 [*self._words, str(folder)], capture_output=True, text=True, timeout=TIMEOUT_S,
                 check=False, env=os.environ | {"LC_ALL": "C"},
             )  # fmt: skip
-        except OSError as error:
-            raise SettingError(
-                f"peer {self.name!r} cannot be run: {error.strerror}. Give a program that runs",
-                code="no-such-peer",
-            ) from None
         except subprocess.TimeoutExpired:
             raise SettingError(
                 f"peer {self.name!r} is not done in {TIMEOUT_S:g} s. Give a faster one",

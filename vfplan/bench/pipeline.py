@@ -412,7 +412,8 @@ def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[Bench
     score = partial(score_plan, surface=surface)
     for scene, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
         runs = []
-        for name, listed, *settings in plan_methods(sorted({*tolerances, tolerance_m})[::-1]):
+        steps = sorted({*tolerances, tolerance_m})[::-1]
+        for name, listed, *settings in plan_methods(steps, tolerance_m):
             run = partial(plan_elbow, *settings, exact)
             chosen = name == "ridge" and listed["tolerance_m"] == tolerance_m
             runs.append(BenchRun(scene, name, listed, run, score, "m", chosen))
@@ -420,16 +421,20 @@ def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[Bench
 
 
 def plan_methods(
-    tolerances: list[float],
+    tolerances: list[float], tolerance_m: float
 ) -> Iterator[tuple[str, dict[str, Setting], ExtractSettings, FixtureSettings]]:
-    """The paths through the pipeline: name, setting for the table, and settings of both steps."""
+    """The paths through the pipeline: name, setting for the table, and settings of both steps.
+
+    The default at every tolerance, and the others at the one that is chosen: they take seconds.
+    """
     for tolerance in tolerances:
         settings = FixtureSettings(tolerance_m=tolerance)
-        listed: dict[str, Setting] = {"tolerance_m": tolerance}
-        yield "ridge", listed, ExtractSettings(), settings
-        yield "skeleton", listed, ExtractSettings(method="skeleton"), settings
-        spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
-        yield "ridge, rigid", listed, spacing, replace(settings, model="rigid")
+        yield "ridge", {"tolerance_m": tolerance}, ExtractSettings(), settings
+    listed: dict[str, Setting] = {"tolerance_m": tolerance_m}
+    settings = FixtureSettings(tolerance_m=tolerance_m)
+    yield "skeleton", listed, ExtractSettings(method="skeleton"), settings
+    spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
+    yield "ridge, rigid", listed, spacing, replace(settings, model="rigid")
     yield "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), FixtureSettings()
 
 

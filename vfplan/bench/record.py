@@ -266,7 +266,7 @@ KEY = (
     "* on the front: nothing on this scene is both faster and nearer to the truth",
     "> the setting that is chosen: a plan's own, or what --tolerance leads to",
 )
-SHORT_KEY = "Of each method the setting with the least error is listed; -v lists all of them."
+SHORT_KEY = "Of each method the setting with the least error is listed; -o DIR writes all."
 
 
 def table_lines(document: dict[str, Any], stages: list[str]) -> list[str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import re
@@ -27,8 +26,6 @@ from vfplan.bench.record import (
     measure_runs,
     summaries,
 )
-from vfplan.io.files import to_json_types
-from vfplan.io.writing import write_whole
 from vfplan.planning.settings import FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose
 
@@ -113,12 +110,6 @@ def bench(
         document["refused"] = refused
     document["summary"] = summaries(document)
     return document
-
-
-def write_json(document: dict[str, Any], path: Path) -> None:
-    """Write the document; numbers that are not finite become null."""
-    text = json.dumps(to_json_types(document), indent=1, allow_nan=False) + "\n"
-    write_whole(path, [text.encode()], overwrite=True)
 
 
 def describe_machine() -> dict[str, Any]:

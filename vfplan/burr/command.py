@@ -1,14 +1,35 @@
-"""`vfplan burr`: a ball at the tip removes what it reaches; the demonstration of editing."""
+"""`vfplan burr`: a ball at the tip removes what it reaches, and deeper points appear.
+
+This demonstrates editing; the removal is a ball's, not a bone's. A figure shows what was removed,
+seen from the tool's side, and how the force went.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vfplan.cli import options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.display import micrometres, millimetres
+from vfplan.display import MM, micrometres, millimetres
+from vfplan.engine.parameters import Vector
+from vfplan.engine.proxy import ProxyEngine, Status, sampled
+from vfplan.errors import SceneError, SettingError
+from vfplan.fixture import Fixture
+from vfplan.replaying.findings import finding
+from vfplan.replaying.metrics import row_norms
+from vfplan.replaying.replay import Replay, replay
+from vfplan.session.events import Event, write_events
+from vfplan.session.session import BLOCK, Session
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 @command("burr")
@@ -22,7 +43,7 @@ from vfplan.display import micrometres, millimetres
     option("--events-out", type=CSV, metavar="EVENTS.csv",
            help="Write the edits, for `vfplan replay --rule robust --events`."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write a picture of what was removed, and of the force over time."),
+           help="Write a picture of how far each point was lowered, and of the force over time."),
     options.UNITS,
     options.signature_options(),
 )  # fmt: skip
@@ -37,8 +58,6 @@ def vfplan_burr(
     simulate bone.
     """
     from vfplan.bundle.read import read_sealed
-    from vfplan.burr.burr import burr
-    from vfplan.session.events import write_events
     from vfplan.session.read import read_session
     from vfplan.session.result import write_result
 
@@ -52,7 +71,6 @@ def vfplan_burr(
         if events is not None:
             write_events(events, burred.events)
         if picture is not None:
-            from vfplan.burr.burr import burr_figure
             from vfplan.figures.style import save_png
 
             save_png(burr_figure(burred), picture)
@@ -100,3 +118,215 @@ def burr_text(metrics: dict[str, Any]) -> str:
         f"{burr['force_step_of_bound']:.2f} of K (R/256 + step of the HIP)\n"
         f"clearance    min {micrometres(metrics['clearance_min_m'])}; {same}"
     )
+
+
+# Largest number of points that the ball removes in a tick. Each goes and another appears, and the
+# engine takes 64 changes a tick.
+MAX_POINTS = 32
+
+# Number of neighbours from which the normal of a point is taken: two rings around it.
+NEIGHBOURS = 12
+
+
+@dataclass(frozen=True, eq=False)
+class Burred:
+    """What was burred away, and its replay."""
+
+    # The session again with the edits; its metrics hold `burr` besides
+    replayed: Replay
+    # The edits, each with its tick
+    events: list[Event]
+    # The points (N, 3) [m] at first and at the end: a point that went is now its deeper one
+    before: Vector
+    after: Vector
+
+    @property
+    def metrics(self) -> dict[str, Any]:
+        """The replay's report, with `burr`."""
+        return self.replayed.metrics
+
+
+class Burr:
+    """The ball, and the points as it leaves them.
+
+    A point that the ball reaches by more than `tolerance` moves down onto the ball's surface. Down
+    is against the normal that the cloud has there at first, on the side on which its neighbours
+    were removed, and for the first point on the proxy's side.
+
+    Parameters
+    ----------
+    points
+        (N, 3) [m].
+    radius
+        Radius of the ball [m].
+    tolerance
+        How far a point may be inside the ball [m].
+    axis
+        (3,) the axis along which the fixture is endless; `None`: there is none.
+    """
+
+    def __init__(
+        self, points: Vector, radius: float, tolerance: float, axis: Vector | None
+    ) -> None:
+        from scipy.spatial import cKDTree
+
+        self.points = points.copy()
+        self._radius = radius
+        self._reach = radius - tolerance
+        self._axis = axis
+        self._first_points = points if axis is None else points - np.outer(points @ axis, axis)
+        self._tree = cKDTree(self._first_points)
+        self._normals = np.zeros_like(points)
+        # The engine's number of each point, and that of the next one
+        self._numbers = np.arange(len(points))
+        self._next_number = len(points)
+
+    def bite(self, tick: int, hip: Vector, proxy: Vector) -> Event | None:
+        """The edit for the points that the ball reaches; at most 32, the closest first."""
+        offset = self.points - hip
+        if self._axis is not None:
+            offset -= np.outer(offset @ self._axis, self._axis)
+        square = np.einsum("ij,ij->i", offset, offset)
+        reached = np.flatnonzero(square < self._reach**2)
+        if not len(reached):
+            return None
+        reached = reached[np.argsort(square[reached], kind="stable")][:MAX_POINTS]
+
+        # The normal of a new point is across its first neighbours, towards the proxy.
+        for k in reached:
+            if self._normals[k].any():
+                continue
+            place = self._first_points[k]
+            count = min(NEIGHBOURS, len(self._normals))
+            neighbours = self._tree.query(place, count)[1]
+            centred = self._first_points[neighbours] - self._first_points[neighbours].mean(axis=0)
+            spread = centred.T @ centred
+            if self._axis is not None:
+                # The normal stays in the plane.
+                spread += np.trace(spread) * np.outer(self._axis, self._axis)
+            normal = np.linalg.eigh(spread)[1][:, 0]
+            outwards = self._normals[neighbours].sum(axis=0)
+            if not outwards.any():
+                outwards = proxy - place
+            self._normals[k] = -normal if normal @ outwards < 0 else normal
+
+        # Each point moves down its normal until it lies on the ball.
+        normals = self._normals[reached]
+        depth = -np.einsum("ij,ij->i", offset[reached], normals)
+        distance = np.sqrt(depth**2 + self._radius**2 - square[reached]) - depth
+        removed = self._numbers[reached].copy()
+        self.points[reached] -= distance[:, None] * normals
+        self._numbers[reached] = np.arange(self._next_number, self._next_number + len(reached))
+        self._next_number += len(reached)
+        return Event(tick, remove=removed, add=self.points[reached].copy())
+
+
+def burr(
+    fixture: Fixture, session: Session, radius_m: float, *,
+    done: Callable[[int], None] = lambda ticks: None,
+) -> Burred:  # fmt: skip
+    """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
+
+    Raises
+    ------
+    SettingError
+        A radius not below the fixture's contact radius: it would remove before it is felt.
+    SceneError
+        A fixture whose points are not rendered.
+    """
+    if fixture.rendering is None or fixture.guidance is not None:
+        raise SceneError(
+            "the fixture renders no forbidden region, so nothing is burred. Give one "
+            "without a guide",
+            code="nothing-to-burr",
+        )
+    contact_m = fixture.contact_radius + fixture.point_radius
+    if not 0 < radius_m < contact_m:
+        raise SettingError(
+            f"a ball of radius {1e3 * radius_m:g} mm would remove bone before it is felt. "
+            f"Give more than 0 and less than the contact radius, {1e3 * contact_m:g} mm",
+            code="burr-radius", numbers={"radius_m": radius_m, "contact_radius_m": contact_m},
+        )  # fmt: skip
+    fixture = sampled(fixture)
+    engine = ProxyEngine.of(fixture, "robust", offline=True)
+    engine.make_editable()
+    engine.reset(session.hip[0])
+    tolerance_m = min(2 * engine.parameters.band, 0.1 * radius_m)
+    ball = Burr(fixture.points, radius_m, tolerance_m, fixture.ignore_axis)
+
+    # The hand burrs; an edit takes effect in the next tick.
+    events = []
+    forces = np.empty_like(session.hip)
+    changing = np.zeros(len(forces) + 1, bool)
+    for k, hip in enumerate(session.hip):
+        step = engine.step(hip)
+        forces[k] = step.force
+        changing[k + 1] = step.status & Status.CHANGING
+        is_inside = step.status & Status.INSIDE
+        if not is_inside and engine.distance(hip[None])[0] < radius_m - tolerance_m:
+            event = ball.bite(k + 1, hip, step.proxy)
+            if event is not None and k + 1 < len(session.hip):
+                engine.edit(event.remove, event.add)
+                events.append(event)
+        if k % BLOCK == BLOCK - 1:
+            done(BLOCK)
+
+    # The session again with these edits, as a controller would have it.
+    replayed = replay(fixture, session, rule="robust", events=events)
+    depth = np.linalg.norm(ball.points - fixture.points, axis=1)
+    margin_force_n = float(np.max(fixture.stiffness)) * (contact_m - radius_m)
+    replayed.metrics["burr"] = {
+        "radius_m": radius_m,
+        "burring_ticks": len(events),
+        "points_taken": sum(len(event.remove) for event in events),
+        "places_lowered": int(np.count_nonzero(depth)),
+        "deepest_m": float(depth.max()),
+        "replayed_to_the_bit": bool(np.array_equal(replayed.trace.force, forces)),
+        "margin_force_n": margin_force_n,
+        "force_step_of_bound": largest_step_of_bound(fixture, session, forces, changing),
+    }
+
+    # A tool that removes what it presses on feels no more than about K times the margin.
+    force_n = replayed.metrics["force_max_n"]
+    if events and force_n > 2 * margin_force_n:
+        text = (
+            f"The force reached {force_n:.3g} N, and K times the margin is "
+            f"{margin_force_n:.3g} N: the proxy did not follow the tool into what it "
+            "removed. Feed more slowly, and burr no pit narrower than the proxy and no thin "
+            "wall from both sides."
+        )
+        replayed.metrics["findings"].append(finding("burr-held", "warning", text))
+    return Burred(replayed, events, fixture.points, ball.points)
+
+
+def largest_step_of_bound(
+    fixture: Fixture, session: Session, forces: Vector, changing: NDArray[np.bool_]
+) -> float:
+    """The largest step of the force under edits, as a part of K (R/256 + |step of the HIP|)."""
+    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
+    moved = np.linalg.norm(np.diff(session.hip, axis=0), axis=1)
+    radius = fixture.contact_radius + fixture.point_radius
+    parts = steps / (float(np.max(fixture.stiffness)) * (radius / 256 + moved))
+    return float(parts[(changing[1:-1] | changing[2:])].max(initial=0.0))
+
+
+def burr_figure(burred: Burred) -> Figure:
+    """The points as they were seen from the tool, by how far each was lowered, and the force."""
+    from vfplan.figures.replay import plane_basis
+    from vfplan.figures.style import subplots
+
+    lowered = burred.before - burred.after
+    axis = burred.replayed.fixture.ignore_axis
+    if axis is None:
+        axis = lowered.sum(axis=0) if lowered.any() else np.array([0.0, 0.0, 1.0])
+    flat = (
+        MM * (burred.before - burred.before.mean(axis=0)) @ plane_basis(axis / np.linalg.norm(axis))
+    )
+    figure, (above, below) = subplots(7.5, 6.0, 2, 1, height_ratios=(3, 2))
+    dots = above.scatter(*flat.T, c=MM * row_norms(lowered), s=6, cmap="viridis", lw=0)
+    figure.colorbar(dots, ax=above, label="lowered [mm]")
+    above.set(xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
+    ticks = burred.replayed.ticks
+    below.plot(ticks.time, row_norms(ticks.force), lw=0.8)
+    below.set(xlabel="time [s]", ylabel="force [N]")
+    return figure

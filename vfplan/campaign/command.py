@@ -22,7 +22,7 @@ from vfplan.cli.options import (
     options_in_order,
 )
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, command_line, is_verbose, progress
+from vfplan.cli.run import CommandResult, command, command_line, progress
 from vfplan.display import MAX_LISTED
 from vfplan.errors import SettingError
 from vfplan.settings import settings_from_options
@@ -64,7 +64,7 @@ from vfplan.settings import settings_from_options
     option("--scheduler", metavar="ADDRESS",
            help="Use the workers of this Dask scheduler, e.g. tcp://HOST:8786."),
     option("--picture-out", type=PNG, metavar="PNG",
-           help="Write a picture of where along the curve the tool enters, and how far."),
+           help="Write a picture of where along the curve the tool enters."),
     OVERWRITE,
 )  # fmt: skip
 def vfplan_campaign(
@@ -86,16 +86,8 @@ def vfplan_campaign(
                 f"{probability:g} is no probability. Give --margin-for numbers between 0 and 1",
                 code="no-probability",
             )
-    for depth_mm in beyond:
-        if depth_mm < 0:
-            raise SettingError(
-                f"a depth of {depth_mm:g} mm is below 0. Give --beyond depths of 0 mm or more",
-                code="depth-negative",
-                numbers={"depth_mm": depth_mm, "depth_min_mm": 0},
-            )
     from vfplan.bundle.read import read_fixture
-    from vfplan.campaign.statistics import summary
-    from vfplan.campaign.store import read_campaign, run_campaign
+    from vfplan.campaign.store import draw_campaign, read_campaign, run_campaign, summary
     from vfplan.campaign.trial import CampaignSettings
     from vfplan.replaying.link import approach_sessions
     from vfplan.session.read import read_session
@@ -117,8 +109,6 @@ def vfplan_campaign(
     data |= {"trials_made": new_trials, "trials_per_minute": 60 * new_trials / elapsed_s}
     lines = campaign_lines(data)
     if picture_out is not None:
-        from vfplan.campaign.statistics import draw_campaign
-
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
         lines.append(f"wrote {picture_out}")
@@ -148,15 +138,7 @@ def vfplan_campaign(
 
 def campaign_lines(data: dict[str, Any]) -> list[str]:
     """The probabilities and the margins, each with its interval."""
-    from vfplan.campaign.trial import BLOCK
-
-    line = f"{data['trials']} trials, {data['trials_made']} of them made now"
-    if is_verbose():
-        line += (
-            f" in whole blocks of {BLOCK}, {data['trials_per_minute']:.0f} a minute; the tool "
-            f"touched the fixture in {data['trials_in_contact']}"
-        )
-    lines = [line]
+    lines = [f"{data['trials']} trials, {data['trials_made']} of them made now"]
     lines += [
         f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
         f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"

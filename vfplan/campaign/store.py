@@ -1,10 +1,12 @@
-"""The folder of a campaign: its question, and its trials in blocks, each file written whole.
+"""The folder of a campaign: its question, its trials in blocks, and what they say together.
 
 `campaign.json` names the fixture, the sessions and the settings by their digests; `block-*.parquet`
 hold 64 trials each, in the order of the trials. A later run with the same question continues there;
 another question is refused.
 
-Blocks are made on this machine's cores or on a Dask cluster: the same bits.
+Blocks are made on this machine's cores or on a Dask cluster: the same bits. Probabilities,
+quantiles and margins have their 95 % intervals; `plan --margin p=P --campaign DIR` takes its margin
+from here.
 """
 
 from __future__ import annotations
@@ -26,12 +28,16 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
-from vfplan.errors import InputError, OutputError, requires_extra
+from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
 from vfplan.io.sandbox import worker_processes
 from vfplan.io.writing import write_whole
+from vfplan.palette import CLOUD
+from vfplan.registration.registration import PROBABILITY
 from vfplan.session.session import Session
+
+Array = NDArray[np.float64]
 
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"
@@ -309,3 +315,161 @@ def workers_of_cluster(scheduler: str, trials: bytes) -> Iterator[tuple[Executor
         # Without hash=False the data of two campaigns could count as one.
         sent = client.scatter(trials, broadcast=True, hash=False)
         yield client.get_executor(pure=False, retries=4), sent
+
+
+def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
+    """The exact interval of the probability of an event that `hits` of `trials` had.
+
+    C. J. Clopper, E. S. Pearson, Biometrika 26, 1934, 404-413.
+    """
+    from scipy.stats import binomtest
+
+    low, high = binomtest(hits, trials).proportion_ci(PROBABILITY, method="exact")
+    return float(low), float(high)
+
+
+def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
+    """A quantile with its interval from order statistics; an end that no trial bounds is `None`.
+
+    H. A. David, H. N. Nagaraja, Order Statistics, 3rd edition, Wiley 2003, 7.1.
+    """
+    from scipy.stats import quantile_test
+
+    index = max(0, int(np.ceil(q * len(sorted_values))) - 1)
+    ends = quantile_test(sorted_values, p=q).confidence_interval(PROBABILITY)
+    low, high = (None if np.isnan(end) else float(end) for end in ends)
+    return {"value": float(sorted_values[index]), "low": low, "high": high}
+
+
+def entering(depth: Array, beyond_m: list[float]) -> list[dict[str, float]]:
+    """How probable it is to go further than each of `beyond_m` beyond the true curve."""
+    entries = []
+    for beyond in beyond_m:
+        hits = int((depth > beyond).sum())
+        low, high = clopper_pearson(hits, len(depth))
+        p = hits / len(depth)
+        entries.append({"beyond_mm": 1e3 * beyond, "p": p, "low": low, "high": high})
+    return entries
+
+
+def margins(
+    depth: Array, probabilities: list[float], share: float
+) -> list[dict[str, float | None]]:
+    """The margin [mm] that makes entering less probable than each of the probabilities.
+
+    A margin moves the rendered surface outwards, and the tool by `share` = K / (K + k_h) of that.
+    So the margin for p is the (1 - p) quantile of the depth over this share, not less than 0.
+    """
+    ordered = np.sort(depth)
+
+    def margin_mm(depth_m: float | None) -> float | None:
+        if depth_m is None:
+            return None
+        return 1e3 * max(0.0, depth_m) / share
+
+    entries = []
+    for probability in probabilities:
+        depths = quantile(ordered, 1 - probability)
+        margin, low, high = (margin_mm(depths[name]) for name in ("value", "low", "high"))
+        entries.append({"p": probability, "margin_mm": margin, "low": low, "high": high})
+    return entries
+
+
+def summary(
+    question: dict[str, Any],
+    table: dict[str, Array],
+    beyond_m: list[float],
+    probabilities: list[float],
+) -> dict[str, Any]:
+    """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
+    depth = table["depth_m"]
+    ordered = np.sort(depth)
+    quantiles_mm = {
+        f"{q:g}": {name: None if m is None else 1e3 * m for name, m in quantile(ordered, q).items()}
+        for q in (0.5, 0.9, 0.95, 0.99)
+    }
+    return {
+        "trials": len(depth),
+        "trials_in_contact": int((table["point"] >= 0).sum()),
+        "settings": question["settings"],
+        "p_enter": entering(depth, beyond_m),
+        "margin_for": margins(depth, probabilities, question["share"]),
+        "depth_quantiles_mm": quantiles_mm,
+        "force_max_n": float(table["force_n"].max()),
+        "force_step_max_n": float(table["force_step_n"].max()),
+    }
+
+
+# Number of trials times p from which the 95 % interval of a (1 - p) quantile has an upper end.
+TRIALS_TIMES_P = 3.7
+
+
+def require_same_plan(folder: Path, fixture: Fixture) -> None:
+    """Refuse a margin of a campaign on other markers, another model or another K.
+
+    Raises
+    ------
+    InputError, CheckFailed
+        No campaign, or one of another plan.
+    """
+    if read_question(folder)["markers_sha256"] != markers_sha256(fixture):
+        raise CheckFailed(
+            "is a campaign of another plan: its markers, model or stiffness differ. Run "
+            "vfplan campaign on this plan",
+            where=str(folder), code="campaign-of-another-plan",
+        )  # fmt: skip
+
+
+def margin_for(folder: Path, p: float) -> float:
+    """The margin [m] that makes entering less probable than `p`, to its interval's upper end.
+
+    Raises
+    ------
+    InputError
+        No campaign, or a damaged one.
+    CheckFailed
+        Too few trials to bound the margin from above.
+    """
+    question, table = read_campaign(folder)
+    trials = len(table["depth_m"])
+    high_mm = margins(table["depth_m"], [p], question["share"])[0]["high"]
+    if high_mm is None:
+        needed = round(TRIALS_TIMES_P / p)
+        raise CheckFailed(
+            f"holds {trials} trials, which do not bound the margin for p = {p:g} from above. "
+            f"Make about {needed}",
+            where=str(folder), code="too-few-trials", numbers={"trials": trials, "needed": needed},
+        )  # fmt: skip
+    return 1e-3 * high_mm
+
+
+def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, path: Path) -> None:
+    """Write the curve in its plane, with a disc wherever the tool entered: the more, the larger.
+
+    Parameters
+    ----------
+    fixture
+        In `robot_base`.
+    table
+        The trials, of `read_campaign`.
+    beyond_m
+        The depth beyond the true curve [m] from which on the tool has entered.
+    """
+    from vfplan.figures.style import save_png, subplots
+
+    point = table["point"].astype(int)
+    entered = (table["depth_m"] > beyond_m) & (point >= 0)
+    count = np.bincount(point[entered], minlength=len(fixture.points))
+    share = count / len(entered)
+    centred = fixture.points - fixture.points.mean(axis=0)
+    flat = 1e3 * centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
+    figure, axes = subplots(7.0, 3.6)
+    axes.plot(*flat.T, ".", ms=1.5, color=CLOUD, alpha=0.5)
+    hit = share > 0
+    discs = axes.scatter(*flat[hit].T, s=300 * share[hit] / max(share.max(), 1e-12), c=share[hit],
+                         cmap="autumn_r", vmin=0, alpha=0.6, lw=0)  # fmt: skip
+    figure.colorbar(discs, ax=axes, label="probability", shrink=0.7)
+    axes.margins(0.1)
+    title = f"where the tool is over {1e3 * beyond_m:g} mm beyond"
+    axes.set(aspect="equal", xlabel="mm", ylabel="mm", title=title)
+    save_png(figure, path)

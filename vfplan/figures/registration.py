@@ -28,42 +28,23 @@ STRIP_IN = 2 * MARGIN_IN
 # Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name.
 BAR_IN = 2.5 * MARGIN_IN
 
-# Space around markers and curve where no slice is shown, as a share of their longer extent. It
-# leaves room for labels where they lie on a line, too.
-BORDER = 0.15
-
-
-# The planes of a patient as radiologists look at them: the directions at the left, right, upper and
-# lower border, and (3, 2) what points right and what points down, in the patient's frame (LPS).
-PATIENT_PLANES = {
-    "axial": ("RLAP", np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T),
-    "coronal": ("RLSI", np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]).T),
-    "sagittal": ("APSI", np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]).T),
-}
-
 
 @dataclass(frozen=True)
 class View:
-    """The plane of a registration's source that a picture shows, with pixels u and v in it.
+    """The slice that a picture shows, with its pixels u and v in a registration's source.
 
     width, height: its size [px]
     axes: (k, 2) a step of one pixel along u and along v, in the source
     origin: (k,) the place of the pixel (0, 0), in the source
-    name: what the plane is called in the legend
-    title: which plane of the patient it is; empty for a slice
-    letters: what to write at the left, right, upper and lower border; empty for a slice
     """
 
     width: float
     height: float
     axes: Array
     origin: Array
-    name: str = "slice"
-    title: str = ""
-    letters: str = ""
 
     def pixels(self, places: Array) -> Array:
-        """(M, 2) pixels of places (M, k) in the source, projected onto the plane."""
+        """(M, 2) pixels of places (M, k) in the source, projected onto the slice."""
         return (places - self.origin) @ np.linalg.pinv(self.axes).T
 
 
@@ -77,18 +58,19 @@ def draw_registration(
     the marker (seen in the image) to where it was measured; beside each marker stands the
     whole residual, and its part across the slice's plane, which cannot be drawn there.
 
-    Markers in the patient's frame are projected onto the slice if it says where it lies in the
-    patient, and otherwise onto an axial, coronal or sagittal plane, whichever shows most of them.
+    Markers in the patient's frame are projected onto the slice.
 
-    Raises `SettingError` for markers in the patient's frame with a curve in the pixels of a slice
-    that does not say where it lies.
+    Raises `SettingError` for markers in the patient's frame without a slice that says where it lies
+    in the patient.
     """
     if registration.source.shape[1] == 2:
         places = curve.points[:, :2]
         view = view_of_pixels(registration, curve, image)
     else:
-        places = places_in_patient(curve, image)
-        view = view_of_patient(registration, places, image)
+        view = view_in_patient(image)
+        places = curve.points
+        if curve.frame == "image":
+            places = curve.points[:, :2] @ view.axes.T + view.origin
 
     # A step of one pixel of the view, in the robot's frame.
     linear = registration.T_target_source[:3, : len(view.axes)] @ view.axes
@@ -100,11 +82,9 @@ def draw_registration(
     legend = {"loc": "lower left", "columnspacing": 1.2}
     size = (view.width, view.height)
     with on_slice(path, size, inch, STRIP_IN, BAR_IN, **legend) as (figure, axes):
-        if image is not None and view.name == "slice":
+        if image is not None:
             grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
             axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
-        if view.letters:
-            draw_letters(axes, view)
         if curve.curve is None and registration.source.shape[1] == 3:
             coloured = draw_points(axes, registration, places, view)
         else:
@@ -128,40 +108,16 @@ def view_of_pixels(registration: Registration, curve: Fixture, image: PlannedIma
     return View(width, height, np.eye(2), np.zeros(2))
 
 
-def places_in_patient(curve: Fixture, image: PlannedImage | None) -> Array:
-    """(M, 3) the curve's points in the patient's frame [m]."""
-    if curve.frame != "image":
-        return curve.points
+def view_in_patient(image: PlannedImage | None) -> View:
+    """The slice where it lies in the patient."""
     if image is None or image.T_patient_image is None:
         message = (
-            "The curve is given in the pixels of a slice, and nothing says where that lies in the "
-            "patient. Give the DICOM slice that the curve was drawn on."
+            "The markers are given in the patient's frame, and nothing says where a slice lies "
+            "there. Give the DICOM slice that the curve was drawn on."
         )
         raise SettingError(message, code="no-slice")
-    pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
-    return (pixels @ image.T_patient_image.T)[:, :3]
-
-
-def view_of_patient(registration: Registration, places: Array, image: PlannedImage | None) -> View:
-    """The slice, or the plane of the patient in which markers and curve reach farthest."""
-    if image is not None and image.T_patient_image is not None:
-        place = image.T_patient_image[:3]
-        return View(float(image.width_px), float(image.height_px), place[:, :2], place[:, 2])
-    shown = np.vstack([registration.source, places])
-
-    def extent_in(plane: str) -> Array:
-        return np.ptp(shown @ PATIENT_PLANES[plane][1], axis=0)
-
-    plane = max(PATIENT_PLANES, key=lambda name: extent_in(name).prod())
-    letters, directions = PATIENT_PLANES[plane]
-    across = shown @ directions
-    extent = extent_in(plane)
-    size = extent + 2 * BORDER * extent.max()
-    corner = (across.min(axis=0) + across.max(axis=0) - size) / 2
-    m_per_px = size[0] / WIDTH_PX
-    axes, origin = directions * m_per_px, directions @ corner
-    title = f"{plane} view"
-    return View(float(WIDTH_PX), float(size[1] / m_per_px), axes, origin, "view", title, letters)
+    place = image.T_patient_image[:3]
+    return View(float(image.width_px), float(image.height_px), place[:, :2], place[:, 2])
 
 
 def exaggeration(lengths_px: Array, wanted_px: float) -> float:
@@ -170,15 +126,6 @@ def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     if not longest > 0:
         return 1.0
     return nice_length(max(wanted_px / longest, 1.0))
-
-
-def draw_letters(axes: Any, view: View) -> None:
-    """Which plane of the patient is shown, and the patient's directions at its borders."""
-    look = {"va": "center", "fontsize": "large", "color": FORCE, "transform": axes.transAxes}
-    axes.text(0.02, 0.97, view.title, **look)
-    middles = [(0.02, 0.5), (0.98, 0.5), (0.5, 0.97), (0.5, 0.03)]
-    for letter, (u, v) in zip(view.letters, middles, strict=True):
-        axes.text(u, v, letter, ha="center", **look)
 
 
 def draw_points(axes: Any, registration: Registration, places: Array, view: View) -> Any:
@@ -282,7 +229,7 @@ def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
     """
     words = {"va": "center", "clip_on": False, "fontsize": "small"}
     y = view.height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width / view.height)
-    bars = ((0.02, 1.0, f"in the {view.name}"), (0.36, factor, "of a residual"))
+    bars = ((0.02, 1.0, "in the slice"), (0.36, factor, "of a residual"))
     for share, drawn_factor, what in bars:
         length_mm = nice_length(0.15 * view.width * mm_per_px / drawn_factor)
         first = share * view.width
@@ -291,5 +238,5 @@ def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
         axes.plot([first, last], [y, y], **bar)
         text = f"{length_mm:g} mm {what}"
         axes.text(last + 0.01 * view.width, y, text, **words)
-    note = f"beside each marker: its residual\n(its part across the {view.name})"
+    note = "beside each marker: its residual\n(its part across the slice)"
     axes.text(0.70 * view.width, y, note, **words)

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MM, count, nice_length
+from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import subplots
 from vfplan.fixture import Fixture
@@ -101,7 +101,7 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     hip = MM * ticks.hip @ basis
     proxy = MM * ticks.proxy @ basis
     radius = MM * fixture.contact_radius
-    low, high = view_corners(hip, cloud, 2.5 * radius)
+    low, high = cloud.min(axis=0) - 3 * radius, cloud.max(axis=0) + 3 * radius
     height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
     figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
@@ -146,18 +146,6 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         # The legend names the tube once.
         label = None
-
-
-def view_corners(path: Array, cloud: Array, margin: float) -> tuple[Array, Array]:
-    """The corners of what is drawn: the cloud, and the part of the path that is close to it."""
-    low = cloud.min(axis=0) - margin
-    high = cloud.max(axis=0) + margin
-    reach = 0.5 * (high - low).max()
-    close = path[((path >= low - reach) & (path <= high + reach)).all(axis=1)]
-    if len(close):
-        low = np.minimum(low, close.min(axis=0) - 0.3 * margin)
-        high = np.maximum(high, close.max(axis=0) + 0.3 * margin)
-    return low, high
 
 
 def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
@@ -214,16 +202,11 @@ def guide_plot(replayed: Replay) -> Figure:
     return figure
 
 
-# Number of planned points that a proxy passes in a tick while it slides. One that passes more has
-# left the curve in between.
-MAX_SLIDE = 50
-
-
 def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     """The curve's ruler and (N,) the deepest penetration at each planned point [m].
 
-    A tick counts for the planned point nearest to its proxy, and a slide from one tick to the next
-    for the points between; the depth is 0 where the hand never pressed.
+    A tick counts for the planned point nearest to its proxy. The depth is 0 where the hand never
+    pressed.
 
     Raises
     ------
@@ -239,16 +222,8 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
         )
     ticks = replayed.ticks
     in_contact = ticks.penetration > CONTACT_M
-    penetration = ticks.penetration[in_contact]
-    point = ruler.nearest(ticks.proxy[in_contact])
     depth = np.zeros(len(ruler.points))
-    np.maximum.at(depth, point, penetration)
-    next_tick = np.diff(np.flatnonzero(in_contact)) == 1
-    same_stroke = ruler.stroke[point[1:]] == ruler.stroke[point[:-1]]
-    slid = np.abs(np.diff(point))
-    for k in np.flatnonzero(next_tick & same_stroke & (slid > 1) & (slid <= MAX_SLIDE)):
-        low, high = sorted((point[k], point[k + 1]))
-        depth[low:high] = np.maximum(depth[low:high], min(penetration[k], penetration[k + 1]))
+    np.maximum.at(depth, ruler.nearest(ticks.proxy[in_contact]), ticks.penetration[in_contact])
     return ruler, depth
 
 
@@ -270,24 +245,6 @@ def image_places(fixture: Fixture) -> Array:
     T_robot_image = record.T_robot_image
     from_origin = fixture.points - T_robot_image[:, 2]
     return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
-
-
-def depth_plot(replayed: Replay) -> Figure:
-    """Deepest penetration along the planned curve."""
-    ruler, depth = depth_along(replayed)
-    figure, axes = subplots(7.0, 2.6)
-    for stroke in np.unique(ruler.stroke):
-        part = ruler.stroke == stroke
-        arclength_mm = MM * ruler.arclength[part]
-        depth_mm = MM * depth[part]
-        axes.fill_between(arclength_mm, depth_mm, color=PROXY, alpha=0.25, lw=0)
-        axes.plot(arclength_mm, depth_mm, lw=0.9, color=PROXY, label=f"stroke {stroke}")
-    axes.set(xlabel="along the planned curve [mm]", ylabel="deepest penetration [mm]")
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    if len(np.unique(ruler.stroke)) > 1:
-        axes.legend(fontsize="small")
-    return figure
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
@@ -319,11 +276,5 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     )
     figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", markerscale=6)
-    # A length across the slice, at the bottom on the left.
-    scale_mm = MM * float(np.linalg.norm(replayed.fixture.registration.T_robot_image[:, 0]))
-    length = nice_length(0.2 * width * scale_mm)
-    start, low = 0.03 * width, 0.96 * height
-    axes.plot([start, start + length / scale_mm], [low, low], color="white", lw=2.5)
-    axes.text(start, low - 0.015 * height, f"{length:g} mm", color="white", fontsize="small")
     axes.set_axis_off()
     return figure

@@ -113,7 +113,9 @@ def draw_overlay(
             # Crosses without labels: most slices have the labels on them already.
             places = markers.source[:, :2]
             axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
-        draw_findings(axes, findings)
+        for number, finding in enumerate(findings, 1):
+            if finding.place_px is not None:
+                write_beside(axes, image, finding.place_px, f"F{number}", FORCE)
 
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
@@ -224,19 +226,6 @@ def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
         look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 12, "lw": 0}
         axes.annotate("", xy=b + shift, xytext=a + shift, arrowprops=look, zorder=5)
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
-
-
-def draw_findings(axes: Any, findings: Sequence[Finding]) -> None:
-    """The number of each finding that has a place, beside it."""
-    for number, finding in enumerate(findings, 1):
-        if finding.place_px is None:
-            continue
-        box = {"fc": FORCE, "ec": "white", "pad": 1.5}
-        where = {"xytext": (WORD_DISTANCE_PT,) * 2, "textcoords": "offset points", "zorder": 9}
-        leader = {"arrowstyle": "-", "color": FORCE, "lw": 1.2, "shrinkB": 4}
-        look = {"color": "white", "fontsize": "small", "weight": "bold"}
-        look |= {"bbox": box, "arrowprops": leader}
-        axes.annotate(f"F{number}", finding.place_px, **look, **where)
 
 
 def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:

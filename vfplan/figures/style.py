@@ -121,32 +121,18 @@ def passivity_plot(rows: list[CaseResult]) -> Figure:
     # In the order in which they come first.
     scenes = list(dict.fromkeys(row.values["scene"] for row in cases))
     labels = {row.values["rule"]: f"rule {row.values['rule']}" for row in cases}
-    largest = 0.1
     figure, axes = subplots(7.0, 3.8)
     for row in cases:
-        scene, rule = row.values["scene"], row.values["rule"]
-        excess = np.array(row.values["excess"])
-        largest = max(largest, float(excess.max()))
+        scene, rule, excess = (row.values[name] for name in ("scene", "rule", "excess"))
         # The rules stand side by side, the middle one in the middle of the column.
         middle = scenes.index(scene) + (RULES.index(rule) - len(RULES) // 2) * RULE_WIDTH
         x = middle + np.linspace(-0.4, 0.4, len(excess)) * RULE_WIDTH
         axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=labels.pop(rule, None))
-
     axes.set_yscale("symlog", linthresh=LINEAR_UP_TO)
-    top = 10 * largest
-    axes.axhspan(0.0, top, color=CONTACT, alpha=0.07, linewidth=0)
     axes.axhline(0.0, color=CONTACT, linewidth=1.2)
     axes.text(0.99, 0.97, "active: the fixture gives energy", color=CONTACT,
               ha="right", va="top", transform=axes.transAxes)  # fmt: skip
-    axes.margins(y=0.08)
-    axes.set_ylim(top=top)
-    # Each scene has a column of its own.
-    for column in range(1, len(scenes)):
-        axes.axvline(column - 0.5, color="black", alpha=0.12, linewidth=0.8)
-    axes.set_xlim(-0.5, len(scenes) - 0.5)
     axes.set_xticks(range(len(scenes)), scenes)
-    axes.tick_params(axis="x", length=0)
-    axes.grid(False, axis="x")
     axes.set_ylabel("(net work on the hand − bound) / stored energy")
-    figure.legend(loc="outside upper center", ncols=3, markerscale=2, frameon=False)
+    figure.legend(loc="outside upper center", ncols=3, markerscale=2)
     return figure

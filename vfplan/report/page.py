@@ -23,7 +23,6 @@ from vfplan.display import MAX_DRAWN, MM
 from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import (
     axis_names,
-    depth_plot,
     guide_plot,
     plane_basis,
     scene,
@@ -220,7 +219,9 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     # What a reader wants first: where it happened, and with what force.
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     in_space = section("In space", picture(scene(replayed), words, "tall"))
-    is_on_slice = image is not None and _has_depth(replayed)
+    is_on_slice = (
+        image is not None and replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
+    )
     if is_on_slice:
         on_slice = slice_depth(replayed, read_slice_of(replayed.fixture, image))
         body.append(section("On the slice", picture(on_slice, "depth on the slice")))
@@ -236,9 +237,6 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     if metrics.get("arc_m") is not None:
         words = "lateral error and force over arc length"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
-    if _has_depth(replayed):
-        words = "depth along the planned curve"
-        body.append(section("Along the planned curve", picture(depth_plot(replayed), words)))
     body.append(section("Contact episodes", episodes(metrics)))
     body.append(section("What was planned", review_sheet(replayed, image)))
 
@@ -252,11 +250,6 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body.append(facts_table(facts))
     text = "\n".join(body)
     return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
-
-
-def _has_depth(replayed: Replay) -> bool:
-    """Whether the hand touched a fixture that was drawn as a curve."""
-    return replayed.fixture.curve is not None and bool(replayed.metrics["contact_ticks"])
 
 
 def scrubber(replayed: Replay) -> str:

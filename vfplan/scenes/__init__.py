@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike
 from vfplan import _core, fixture
 from vfplan.engine.parameters import Vector, check_stiffness
 from vfplan.engine.proxy import check_path
-from vfplan.errors import SettingError
 from vfplan.scenes import god_object, outline
 from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres, in_space
 
@@ -51,10 +50,6 @@ class Scene(ABC):
         if "name" not in vars(cls):
             cls.name = re.sub("(?<=[a-z])(?=[A-Z])", "-", cls.__name__).lower()
 
-    def __post_init__(self) -> None:
-        if not 0 < self.spacing < 1:
-            raise SettingError(f"spacing is {self.spacing:g} m. Give more than 0 and less than 1 m")
-
     @cached_property
     @abstractmethod
     def points(self) -> Vector:
@@ -77,8 +72,6 @@ class Scene(ABC):
 
     def path(self, route: str, speed: float = 0.05, rate: float = 1000.0) -> Vector:
         """(T, 3) HIP positions along a route, `speed` [m/s] sampled at `rate` [Hz]."""
-        if route not in self.routes:
-            raise SettingError(f"route is {route!r}. Give one of {', '.join(self.routes)}")
         return travel(self.routes[route], speed, rate)
 
     def truth(self, hips: ArrayLike, radius: float = 5e-3, start: Vector | None = None) -> Vector:
@@ -101,18 +94,6 @@ class Scene(ABC):
             proxy = god_object.follow(pieces, proxy * flat, hip * flat, radius)
             out[i] = proxy + hip * (1 - flat)
         return out
-
-    def sensitivity(self, hips: ArrayLike, truth: Vector, radius: float = 5e-3) -> Vector:
-        """(T,) how far the exact proxy moves for a small step of the HIP, over that step's length.
-
-        See `god_object.sensitivity`; `truth` (T, 3) is that of the HIPs (T, 3).
-        """
-        flat = self.flat
-        values = []
-        for proxy, hip in zip(truth * flat, check_path(hips) * flat, strict=True):
-            pieces = self.pieces_between(proxy, hip, radius)
-            values.append(god_object.sensitivity(pieces, proxy, hip, radius))
-        return np.array(values)
 
     def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
         """The pieces that a proxy (3,) can meet on its path to a HIP (3,); here all of them."""

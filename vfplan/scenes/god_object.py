@@ -118,42 +118,6 @@ def slide(
     )
 
 
-def sensitivity(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> float:
-    """How far the exact proxy moves for a small step of the HIP, at most, over that step's length.
-
-    1 in free motion and on a plane; 1 / (1 - depth/R) on the ball around one point, and without
-    bound as the HIP approaches its centre, where no engine can follow. From the conditions of
-    Karush, Kuhn and Tucker, by the implicit function theorem: 1 over the smallest eigenvalue of
-    I - Σ f_j H_j in the directions that no active piece holds.
-
-    Parameters
-    ----------
-    pieces, radius
-        As for `follow`.
-    proxy, hip
-        (3,) the exact proxy of this HIP, and the HIP [m].
-    """
-    from scipy.optimize import nnls
-
-    view = look(pieces, proxy)
-    active = np.flatnonzero(view.distance < radius * (1 + 1e-9))
-    pull = proxy - hip
-    if active.size == 0 or np.linalg.norm(pull) < 1e-9 * radius:
-        return 1.0
-    force, _ = nnls(view.normal[active].T, pull)
-    is_pushing = force > 1e-9 * force.max(initial=0.0)
-    active, force = active[is_pushing], force[is_pushing]
-
-    # An orthonormal basis (K, 3) of the directions across all active normals.
-    _, size, basis = np.linalg.svd(view.normal[active])
-    free = basis[int((size > 1e-6).sum()) :]
-    if not len(free):
-        return 0.0
-    bent = np.eye(3) - np.einsum("k,kij->ij", force, view.hessian[active])
-    smallest = np.linalg.eigvalsh(free @ bent @ free.T)[0]
-    return np.inf if smallest <= 0 else float(1 / smallest)
-
-
 def _look_scaled(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> Look:
     """As `look`, with lengths in R."""
     view = look(pieces, x / scale)

@@ -16,10 +16,9 @@ rule guarantees that it never recedes by more than the band. docs/stability.md h
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -234,52 +233,20 @@ def difference_by_bad_ticks(contact: Contact, make_engine: EngineFactory) -> flo
     return largest
 
 
-def figure_of_long_walk(
-    contact: Contact, make_engine: EngineFactory, ticks: int, figure: str
-) -> float:
-    """One figure of `walk_long` by its name."""
-    return walk_long(contact, make_engine, ticks)[figure]
-
-
-@lru_cache(1)
-def walk_long(contact: Contact, make_engine: EngineFactory, ticks: int) -> dict[str, float]:
-    """Run a long random walk around the contact. Three cases share one run.
-
-    Returns
-    -------
-    dict
-        `breach` [m]; `slower`, the time of the last tenth over that of the first, less 1; `growth`
-        of memory after the first tenth [bytes].
-    """
+def breach_by_long_walk(contact: Contact, make_engine: EngineFactory, ticks: int) -> float:
+    """Breach in a long random walk around the contact [m]."""
     engine = engine_at_start(contact, make_engine)
     rng = np.random.default_rng(11)
     hip = contact.start
-    largest_breach, times, memory = 0.0, [], []
-    block = min(BLOCK_TICKS, ticks // 10)
-    for _ in range(ticks // block):
-        hips = hip + np.cumsum(rng.normal(scale=WANDER_STEP_M, size=(block, 3)), axis=0)
+    largest = 0.0
+    for _ in range(ticks // BLOCK_TICKS):
+        hips = hip + np.cumsum(rng.normal(scale=WANDER_STEP_M, size=(BLOCK_TICKS, 3)), axis=0)
         # Mirrors around the contact keep the walk within a box.
         folded = np.arcsin(np.sin((hips - contact.touch) / WANDER_M))
         hips = contact.touch + WANDER_M * (2 / np.pi) * folded
-        started = time.thread_time()
-        trace = engine.run(hips)
-        times.append(time.thread_time() - started)
-        largest_breach = max(largest_breach, breach(contact, engine, trace))
-        memory.append(largest_memory_bytes())
+        largest = max(largest, breach(contact, engine, engine.run(hips)))
         hip = hips[-1]
-    tenth = len(times) // 10
-    slower = float(np.median(times[-tenth:]) / np.median(times[:tenth]) - 1)
-    growth = float(memory[-1] - memory[tenth])
-    return {"breach": largest_breach, "slower": slower, "growth": growth}
-
-
-def largest_memory_bytes() -> int:
-    """The most memory that this process had so far; 0 where the system does not say it."""
-    try:
-        import resource
-    except ImportError:
-        return 0
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return largest
 
 
 OUTSIDE = "the proxy stays outside"
@@ -298,13 +265,7 @@ CASES = (
     ExtremeCase("hip/NaN, Inf, 1e7 m, then back", "the same as without the bad ticks",
                 difference_by_bad_ticks, 0.0, "m of difference"),
     ExtremeCase("long/1e8 ticks of random motion", OUTSIDE,
-                partial(figure_of_long_walk, ticks=LONG_TICKS, figure="breach"), full=True),
-    ExtremeCase("long/1e8 ticks, time", "the last tenth takes no longer than the first",
-                partial(figure_of_long_walk, ticks=LONG_TICKS, figure="slower"),
-                0.5, "longer, as a share of the first tenth", full=True),
-    ExtremeCase("long/1e8 ticks, memory", "no growth",
-                partial(figure_of_long_walk, ticks=LONG_TICKS, figure="growth"),
-                4e6, "bytes", full=True),
+                partial(breach_by_long_walk, ticks=LONG_TICKS), full=True),
 )  # fmt: skip
 
 
@@ -389,12 +350,12 @@ def energy_balance(
 
 
 def passivity_cases(
-    on: Fixture | str, rule: Rule, stiffness: float, cycles: int = 20, seed: int = 9
+    on: Fixture | str, rule: Rule, cycles: int = 20, seed: int = 9
 ) -> list[CaseResult]:
     """The results of a named scene, or of a bundle's own points, lines and arcs, or triangles.
 
     Two results: the work over random cycles against its bound, and the largest step away from the
-    HIP against the band. None where no ball fits beside the cloud. `stiffness` is K [N/m].
+    HIP against the band. None where no ball fits beside the cloud.
     """
     scene, places, band = contacts.contacts_on(on, rule)
     places = list(places)
@@ -425,8 +386,6 @@ def passivity_cases(
         unit="of the energy stored",
         values={
             "scene": scene, "rule": rule, "cycles": count, "active_cycles": active,
-            "work_j": [stiffness * balance.work_j for balance in balances],
-            "bound_j": [stiffness * balance.bound_j for balance in balances],
             "excess": excesses,
         },
     )  # fmt: skip

@@ -53,7 +53,7 @@ RESOLUTION = 2.5e-3
 FIRST_GUESS = 0.61
 
 # Largest K that is tried, over the exact bound. A contact that bears more is far from it.
-MAX_RATIO = 16.0
+MAX_RATIO = 32 * FIRST_GUESS
 
 # Longest run of one trial or press [ticks], 20 s at 1 kHz.
 MAX_TICKS = 20_000
@@ -69,18 +69,20 @@ class LargestStiffness:
         The largest K that was stable, within `RESOLUTION` [N/m].
     exact
         The K at which the spectral radius of plant and spring reaches 1 [N/m].
-    is_above_search
-        Whether the loop was still stable at `MAX_RATIO` times `exact`, where the search ended.
     """
 
     measured: float
     exact: float
-    is_above_search: bool = False
 
     @property
     def ratio(self) -> float:
         """The measured K over the exact bound."""
         return self.measured / self.exact
+
+    @property
+    def is_above_search(self) -> bool:
+        """Whether the loop was still stable where the search ended."""
+        return self.ratio >= MAX_RATIO
 
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
@@ -112,20 +114,10 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     def holds(stiffness: float) -> bool:
         return is_stable(contact, robot, engine, stiffness, ticks)
 
-    # A stable K and an unstable one, a factor of 2 apart.
-    low = FIRST_GUESS * exact
-    if holds(low):
-        while holds(2 * low):
-            low *= 2
-            if low >= MAX_RATIO * exact:
-                return LargestStiffness(low, exact, is_above_search=True)
-    else:
-        low /= 2
-        while not holds(low):
-            if low <= RESOLUTION * exact:
-                return LargestStiffness(0.0, exact)
-            low /= 2
-    return LargestStiffness(stable_edge(low, 2 * low, holds, RESOLUTION), exact)
+    measured = stable_edge(
+        FIRST_GUESS * exact, holds, RESOLUTION, least=RESOLUTION * exact, most=MAX_RATIO * exact
+    )
+    return LargestStiffness(measured, exact)
 
 
 def run_length(robot: Robot, exact: float) -> int:
@@ -392,11 +384,7 @@ def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[Case
     def all_rest(tried: float) -> bool:
         return all(strike(robot, tried, speed)["rests"] for speed in BLOW_SPEEDS)
 
-    largest = stiffness / 2
-    while not all_rest(largest) and largest > RESOLUTION * stiffness:
-        largest /= 2
-    if largest > RESOLUTION * stiffness:
-        largest = stable_edge(largest, 2 * largest, all_rest, RESOLUTION)
+    largest = stable_edge(stiffness / 2, all_rest, RESOLUTION, least=RESOLUTION * stiffness)
     speeds = ", ".join(f"{blow['speed_m_per_s']:g} m/s" for blow in blows if not blow["rests"])
     detail = (
         f"at {stiffness:.0f} N/m a push of {blows[0]['push_n']:g} N at {speeds} is not at rest in "

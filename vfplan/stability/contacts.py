@@ -78,9 +78,11 @@ class Contact:
         return self.touch - self.start_distance * self.radius * self.inward
 
 
-def flat() -> Iterator[Contact]:
-    """The sheet of the paper's experiment 1."""
-    yield Contact(scenes.Sheet().points, scenes.Sheet.centre + RADIUS * Y, Y[None])
+def beside(
+    scene: scenes.Scene, touch: Vector, normal: Vector, *, needs_spring: bool = False
+) -> Iterator[Contact]:
+    """The contact at one place of a scene in space, (3,) [m], whose wall has this normal (3,)."""
+    yield Contact(scene.points, touch, normal[None], needs_spring=needs_spring)
 
 
 def patch() -> Contact:
@@ -89,12 +91,6 @@ def patch() -> Contact:
     x, z = np.meshgrid(steps, steps)
     points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
     return Contact(points, RADIUS * Y, Y[None])
-
-
-def convex() -> Iterator[Contact]:
-    """The outside of a cylinder of radius 30 mm."""
-    cylinder = scenes.Circle(radius=0.03, extrude=0.06)
-    yield Contact(cylinder.points, (0.03 + RADIUS) * X, X[None], needs_spring=True)
 
 
 def concave(scene: scenes.Scene, walls: int) -> Iterator[Contact]:
@@ -109,17 +105,6 @@ def channel() -> Iterator[Contact]:
     touch = (RADIUS - scene.width / 2) * -Y
     yield Contact(scene.points, touch, -Y[None], scene.ignore_axis, start_distance=0.0,
                   exact_shape=scene.lines_and_arcs)  # fmt: skip
-
-
-def point() -> Iterator[Contact]:
-    """A single point."""
-    yield Contact(scenes.Point().points, RADIUS * Y, Y[None], needs_spring=True)
-
-
-def double_sheet() -> Iterator[Contact]:
-    """Two sheets 4 mm apart, pressed from above."""
-    scene = scenes.DoubleSheet()
-    yield Contact(scene.points, (scene.gap / 2 + RADIUS) * Y, Y[None])
 
 
 def omega() -> Iterator[Contact]:
@@ -138,11 +123,18 @@ def omega() -> Iterator[Contact]:
                       exact_shape=shape)  # fmt: skip
 
 
-# Every scene of contact by its name.
+# Every scene of contact by its name: a flat sheet, the outside of a cylinder of radius 30 mm,
+# concave corners, a channel, a single point, two sheets 4 mm apart, and the paper's Ω.
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
-    "flat": flat, "convex": convex, "corner": partial(concave, scenes.Corner(extrude=0.04), 2),
+    "flat": partial(beside, scenes.Sheet(), scenes.Sheet.centre + RADIUS * Y, Y),
+    "convex": partial(beside, scenes.Circle(radius=0.03, extrude=0.06), (0.03 + RADIUS) * X, X,
+                      needs_spring=True),
+    "corner": partial(concave, scenes.Corner(extrude=0.04), 2),
     "three-walls": partial(concave, scenes.ThreeWalls(), 3),
-    "channel": channel, "point": point, "double-sheet": double_sheet, "omega": omega,
+    "channel": channel,
+    "point": partial(beside, scenes.Point(), RADIUS * Y, Y, needs_spring=True),
+    "double-sheet": partial(beside, scenes.DoubleSheet(), (2e-3 + RADIUS) * Y, Y),
+    "omega": omega,
 }  # fmt: skip
 
 # The scenes whose lines and arcs are known, which rule "exact" renders.

@@ -164,22 +164,35 @@ def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> 
         held = replace(plant, hand=hand_share * stiffness or plant.hand)
         return spectral_radius(held, stiffness, delay_ticks) < STABLE_RADIUS
 
-    # A stable and an unstable K around the linear bound, then the edge between them.
-    low = high = linear_bound(plant, delay_ticks)
-    while not is_stable(low):
-        low /= 2
-    while is_stable(high):
-        high *= 2
-    return stable_edge(low, high, is_stable, BOUND_RESOLUTION)
+    return stable_edge(linear_bound(plant, delay_ticks), is_stable, BOUND_RESOLUTION)
 
 
 def stable_edge(
-    low: float, high: float, is_stable: Callable[[float], bool], resolution: float
+    guess: float,
+    is_stable: Callable[[float], bool],
+    resolution: float,
+    *,
+    least: float = 0.0,
+    most: float = math.inf,
 ) -> float:
-    """The largest stable K found between a stable and an unstable one [N/m].
+    """The largest stable K found by doubling and halving a guess, then by bisection [N/m].
 
-    It is `resolution`, relative to K, from one that is not stable.
+    It is `resolution`, relative to K, from one that is not stable; 0 where none above `least` is
+    stable. The search ends with the first K of at least `most` that is stable.
     """
+    low = guess
+    if is_stable(low):
+        while is_stable(2 * low):
+            low *= 2
+            if low >= most:
+                return low
+    else:
+        low /= 2
+        while not is_stable(low):
+            if low <= least:
+                return 0.0
+            low /= 2
+    high = 2 * low
     while high > (1 + resolution) * low:
         middle = math.sqrt(low * high)
         if is_stable(middle):

@@ -300,7 +300,7 @@ def study(
     tasks.append(partial(blow_case, robot, stiffness, safety_factor))
     run_on_scenes = ["closed-loop"]
     if "passivity" in parts:
-        tasks += [partial(passivity_cases, on, rule, stiffness) for rule, on in pairs]
+        tasks += [partial(passivity_cases, on, rule) for rule, on in pairs]
         run_on_scenes.append("passivity")
     skipped = {f"{part}/{name}": why for part in run_on_scenes for name, why in reasons.items()}
     if "extremes" in parts:
