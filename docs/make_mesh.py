@@ -145,7 +145,7 @@ def rows(*bones: str):
         robust = judge(vfplan.ProxyEngine(finer, R, band), hips, truth)
         exact_mark = " "
         robust_mark = "*"
-        if _core.by_triangles(points, faces, native):
+        if _core.tick_time_bound(points, faces, native) <= _core.max_tick_time:
             exact_mark = "*"
             robust_mark = " "
         counts = f"{name:<16}{len(faces):>10}{len(finer):>10}"

@@ -51,14 +51,11 @@ def led(e, hips, last, k=K, r=R, before=None):
     return first, rest
 
 
-def test_the_old_way_pops_through_and_an_exchange_does_not():
-    """A plan moved by 0.3 mm under a hand 7 N deep: made anew, +7 N becomes -2.7 N."""
+def test_an_exchange_does_not_pop_through():
+    """A plan moved by 0.3 mm under a hand 7 N deep: an engine made anew would turn the force."""
     e, h = pressed()
     before = e.step(h).force
     assert before == pytest.approx([0, 0, 7.0], abs=0.06)
-    for start in (h, e.step(h).proxy):
-        old = engine(sheet(0.3e-3))
-        assert play(old, np.tile(h, (600, 1)), start).force[-1, 2] == pytest.approx(-2.7, abs=0.1)
     e.exchange(engine(sheet(0.3e-3)))
     first, rest = led(e, np.tile(h, (600, 1)), before)
     assert first.status & Status.INSIDE
@@ -69,13 +66,10 @@ def test_the_old_way_pops_through_and_an_exchange_does_not():
 
 
 def test_a_hole_that_opens_lets_the_force_go_slowly():
-    """6 mm open under the proxy: the old way drops 2 N in one tick."""
+    """6 mm open under the proxy; an engine made anew would drop 2 N in one tick."""
     e, h = pressed(depth=-3e-3)
-    before, hole = e.step(h).force, sheet(hole=6e-3)
-    old = engine(hole)
-    old.reset(e.step(h).proxy)
-    assert np.linalg.norm(old.step(h).force - before) > 1.9
-    e.exchange(engine(hole))
+    before = e.step(h).force
+    e.exchange(engine(sheet(hole=6e-3)))
     _, rest = led(e, np.tile(h, (300, 1)), before)
     assert not rest.force[-1].any()
     changing = np.count_nonzero(rest.status & Status.CHANGING)

@@ -157,17 +157,6 @@ def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
         assert steps.max() <= 1000 * (R / 256 + 1e-9)
 
 
-def test_a_fixture_with_a_mesh():
-    ball = meshed(*meshes.sphere(0.03, 4))
-    engine = vfplan.ProxyEngine.of(ball)
-    assert engine.rule == "exact"
-    middle = ball.points[ball.mesh[0]].mean(axis=0)
-    assert engine.distance([middle])[0] < 1e-15
-    assert vfplan.ProxyEngine.of(ball, "robust").distance([middle])[0] > 1e-4
-    with pytest.raises(SceneError, match="needs a curve of pieces and an axis, or a mesh"):
-        vfplan.ProxyEngine.of(meshed(ball.points, None), "exact")
-
-
 @pytest.mark.parametrize("times", [0, 2])
 def test_a_refined_mesh_is_the_same_surface(times):
     """Turned and moved, so that nothing lies on round numbers."""
@@ -230,30 +219,9 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)
 
 
-def test_what_sticks_out_of_a_plane_or_its_edge_stays():
-    """A spike of no width, a sheet's rounded edge, a dent of a tenth of a micrometre."""
-    points = np.array([[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0], [0.02, 0.02, 0], [3e-3, 3e-3, 1e-7]])
-    fan = np.array([[0, 1, 4], [1, 2, 4], [2, 0, 4], [1, 3, 3], [0, 0, 0]], np.int32)
-    spike = vfplan.ProxyEngine.on(points, fan, R)
-    assert spike.distance(points).max() < 1e-15
-    turn = np.linspace(0, np.pi, 200)
-    edge = 0.02 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    rows = np.column_stack([0 * turn[1:], np.arange(1, 200), np.arange(2, 201)])
-    disc = vfplan.ProxyEngine.on(np.vstack([np.zeros((1, 3)), edge]), rows.astype(int), R)
-    assert disc.distance(edge).max() < 1e-12
-
-
 @pytest.mark.parametrize(("triangles", "said"), [
     ([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
     ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")])  # fmt: skip
 def test_what_is_no_mesh_is_refused(triangles, said):
     with pytest.raises(SceneError, match=said):
         vfplan.ProxyEngine.on(np.eye(3), triangles)
-
-
-def test_too_many_triangles_in_one_place_are_refused():
-    points, triangles = meshes.sphere(0.004, 5)
-    dense = meshed(points, triangles)
-    with pytest.raises(SceneError, match="a tick may take"):
-        vfplan.ProxyEngine.of(dense, "exact")
-    assert vfplan.ProxyEngine.of(dense, "exact", offline=True).rule == "exact"

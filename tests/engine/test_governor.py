@@ -113,7 +113,8 @@ def test_what_is_no_number_fades_out_and_is_said():
 
 @pytest.mark.parametrize(("settings", "numbers"), [
     *(({name: value}, {name: value}) for name, value in (
-        ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_max_n", -1.0), ("mass_kg", 0.0),
+        ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_step_n", 40.1), ("mass_kg", 0.0),
+        ("force_max_n", -1.0),
         ("stiffness_n_per_m", 0.0), ("rate_hz", 0.0), ("torque_step_nm", 0.0))),
     ({"torque_step_nm": [1.0, 2.0], "torque_max_nm": [1.0]}, {}),
     ({"torque_step_nm": np.ones(17)}, {}), ({"torque_step_nm": "much"}, {}),

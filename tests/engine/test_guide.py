@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from motion import NATIVE, K, compiled, output, same, sizes
+from motion import NATIVE, K, compiled, output, sizes
 
 import vfplan
 from vfplan import Status
@@ -63,15 +63,6 @@ def test_force_is_zero_in_the_tube_and_a_spring_beyond():
     assert (beyond.arc_m, beyond.lateral_m, beyond.remaining_m) == pytest.approx([0.04, 3e-3, 0.06])
     assert beyond.held
     assert beyond.status == Status.OK
-
-
-def test_run_is_step_after_step():
-    rng = np.random.default_rng(2)
-    hips = hairpin()[::2] + rng.normal(scale=1e-3, size=(150, 3))
-    one, two = (vfplan.Guide(hairpin(), 1e-3) for _ in range(2))
-    trace = one.run(hips)
-    same(trace, [two.step(hip) for hip in hips], vars(trace))
-    assert len(trace) == 150
 
 
 def test_a_hand_that_crosses_to_the_other_strand_of_a_hairpin_stays_on_its_own():

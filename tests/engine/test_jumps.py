@@ -35,12 +35,6 @@ def test_one_bad_sample_changes_nothing_for_good(rule, bad):
     assert after.force == pytest.approx(np.tile(before.force, (500, 1)), abs=0.02)
 
 
-def test_the_old_way_turned_the_wall_round():
-    engine, hip = pressed("robust", 0)
-    engine.step(BAD[0])
-    assert engine.run(np.tile(hip, (500, 1))).force[-1, 1] < -2
-
-
 def test_a_jump_holds_until_the_tip_is_back_or_the_engine_is_reset():
     engine, hip = pressed("robust", 0.02)
     away = np.add(hip, [0.05, 0, 0])

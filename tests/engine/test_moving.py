@@ -98,17 +98,13 @@ BAD_TICKS = {"good": 0, "stuck": 99, "not a number": 99, "infinite": 99, "back 1
     "back 100 s with its tracker": 99, "one tick back": 1, "one tick not a number": 1}  # fmt: skip
 
 
-def test_a_bad_clock_is_stale_and_a_lag_is_told_in_a_controller(tmp_path):
+def test_a_bad_clock_is_stale_in_a_controller(tmp_path):
     """The fixture stands still in a tick whose time is not later than the one before."""
     printed = output(compiled(tmp_path, NATIVE / "moving_clock.cpp", "-O0"))
     told = dict(line.rsplit(": ", 1) for line in printed.splitlines())
     for case, ticks in BAD_TICKS.items():
         for poses in ("poses", "no poses"):
             assert int(told.pop(f"{case}, {poses}")) == ticks, (case, poses)
-    assert told.pop("lag before") == told.pop("lag nowhere") == "inf"
-    assert told.pop("lag at rest") == "0"
-    # The first pose of the jump arrives in tick 1, and the frame starts in tick 2.
-    assert float(told.pop("lag after 1 s")) == pytest.approx(0.5 - 0.25 * 0.999, abs=1e-9)
     assert told == {}
 
 

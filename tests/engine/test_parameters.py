@@ -6,7 +6,6 @@ from motion import grid
 
 from vfplan import ProxyEngine, ProxyParameters
 from vfplan.engine.parameters import PAPER_BAND, check_points
-from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError, VfplanError
 
 POINT, MAKE = [[0.0, 0.0, 0.0]], ProxyParameters.make
@@ -93,14 +92,6 @@ def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
     make(far)
 
 
-def test_the_ends_of_the_ranges_are_taken():
-    for rc in (1e-9, 1e6):
-        for rv in (0.0, 1e6 if rc > 1 else 1e-7):
-            assert MAKE(POINT, contact_radius=rc, point_radius=rv).outer_radius == 2 * rc
-    assert MAKE(POINT, band=5e-11).band == 5e-11
-    assert MAKE(POINT, outer_radius=2e6).outer_radius == 2e6
-
-
 @pytest.mark.parametrize(("points", "says"), [
     (np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
     ([[0.0, 0.0]], "shape (1, 2)"),
@@ -127,11 +118,3 @@ def test_axis_is_normalised_whatever_its_length():
     for length in (1e-300, 1.0, 1e300):
         axis = MAKE(POINT, ignore_axis=np.array([0.0, 3.0, 4.0]) / 5 * length).ignore_axis
         assert axis == pytest.approx([0.0, 0.6, 0.8], abs=1e-15)
-
-
-def test_paths_keep_non_finite_rows_for_the_engine():
-    assert np.isnan(check_path([[np.nan, 0, 0]])).any()
-    with pytest.raises(SceneError, match="hip"):
-        check_hip([np.nan, 0, 0], finite=True)
-    with pytest.raises(SceneError, match=r"\(2,\)"):
-        check_hip([0, 0])

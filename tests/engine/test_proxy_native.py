@@ -7,7 +7,7 @@ from collections import defaultdict
 from functools import cache
 
 import pytest
-from conftest import need_header, need_program, quick_compiler
+from conftest import ROOT, need_header, need_program, quick_compiler
 from motion import INCLUDE, NATIVE, STRICT, compiled, output
 
 pytestmark = pytest.mark.slow
@@ -84,12 +84,14 @@ def test_vectors_convert_and_what_was_given_away_is_refused(build, compiler):
     output(build("types", optimized, "-DVFPLAN_NARROW", compiler=compiler))
 
 
-def test_a_users_file_compiles_within_3_seconds_against_the_library(tmp_path):
-    source, before = tmp_path / "user.cpp", os.times()
-    source.write_text(
-        '#include "vfplan/controller.hpp"\nint main() { return VFPLAN_VERSION_MAJOR; }\n'
-    )
+@pytest.mark.parametrize("name", ["01_press", "02_render", "controller"])
+def test_a_users_file_compiles_within_3_seconds_against_the_library(name, tmp_path):
+    source = ROOT / "samples" / f"{name}.cpp"
+    if name == "controller":
+        source = tmp_path / "user.cpp"
+        source.write_text('#include "vfplan/controller.hpp"\nint main() {}\n')
     words = ["-std=c++20", "-O2", "-DVFPLAN_COMPILED", f"-I{INCLUDE}", "-c", source, "-o", "u.o"]
+    before = os.times()
     subprocess.run([need_program("g++", "g++"), *words], check=True, cwd=tmp_path)
     after = os.times()
     assert after.children_user + after.children_system < 3 + (
@@ -107,10 +109,11 @@ def sanitizing():
     return probe[0] if done.returncode == 0 else "g++"
 
 
-def test_sanitizers_find_nothing(build):
+@pytest.mark.parametrize("name", ["engine_ticks", "controller_ticks"])
+def test_sanitizers_find_nothing(build, name):
     # One width: the others read the same memory, and would take minutes to compile.
     flags = ["-O0", "-DVFPLAN_NARROW", SANITIZED, "-fno-sanitize-recover=all"]
-    output(build("engine_ticks", *flags, compiler=sanitizing()), 40_000)
+    output(build(name, *flags, compiler=sanitizing()), 40_000)
 
 
 def test_each_state_runs_only_the_loops_it_needs(build):

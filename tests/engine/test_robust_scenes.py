@@ -2,6 +2,7 @@
 
 from functools import partial
 
+import feel
 import numpy as np
 import pytest
 from failures import floor, inside
@@ -263,3 +264,26 @@ def test_a_hollow_hardly_wider_than_the_proxy_is_followed(wide, um):
     off = np.linalg.norm(trace.proxy - (wide * R - R) * round_, axis=1)[100:]
     assert np.sqrt((off**2).mean()) < 1e-6 * um
     assert (trace.status & Status.LIMIT > 0).mean() < 0.01
+
+
+# -- the study of force steps ----------------------------------------------------------------------
+
+WAVE = feel.Wave()
+HIPS = WAVE.hand(16.0, feel.R, np.random.default_rng(0))
+EXACT = WAVE.exact(HIPS, feel.R)
+
+
+def test_the_closed_form_is_what_a_god_object_slides_to():
+    for begin in (1000, 9000):
+        some = slice(begin, begin + 150, 3)
+        slid = WAVE.truth(HIPS[some], feel.R, start=EXACT[begin])
+        assert slid == pytest.approx(EXACT[some], abs=1e-9)
+
+
+def test_neither_exact_nor_robust_steps_on_an_even_curve():
+    _, records = next(feel.scenes(16.0))
+    for method, near in (("exact", 1e-8), ("robust", 5e-5)):
+        errors = records[method]
+        assert errors["force_jumps"] == 0
+        assert errors["limit_share"] < 0.01
+        assert errors["error_rms"] < near

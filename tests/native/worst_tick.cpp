@@ -86,7 +86,7 @@ double worst_us(const vfplan::bundle::Fixture& f, const vfplan::Parameters& p, l
 double bound(const vfplan::bundle::Fixture& f, const vfplan::Parameters& p) {
     if (p.rule != vfplan::Rule::exact) return vfplan::tick_time_bound(f.points.data(), f.size(), p);
     if (f.mesh.empty()) return vfplan::tick_time_bound(f.pieces, p);
-    return vfplan::tick_time_bound(vfplan::bundle::surface(f), p);
+    return vfplan::tick_time_bound(f.surface(), p);
 }
 
 void measure(const char* name, long ticks, int repeats) {

@@ -16,7 +16,6 @@ import pytest
 from conftest import ROOT, need_program
 
 import vfplan
-from vfplan.findings import doubt
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
 from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
@@ -370,21 +369,6 @@ def test_a_curve_has_no_points_to_edit(controller, planned, drawn, tmp_path):
     assert "--arcs" in said
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_every_form_presses_on_the_fixture_and_stays_calm(form, controller, drawn, tmp_path):
-    """A hand of at most 15 N: the fixture answers as much, the proxy keeps out, no sudden push."""
-    session = tmp_path / "session.csv"
-    controller(drawn, "--form", form, "--log", session, SIMULATED)
-    log, _ = logged(session)
-    force = np.linalg.norm(log["force"], axis=1)
-    assert 1.0 < force.max() < 30.0
-    assert np.diff(force).max() < 2.0  # a hand dragged past the line's end is let go at once
-    points = vfplan.read_fixture(drawn).points[:, :2]
-    between = log["proxy"][::20, None, :2] - points[None]
-    nearest = np.linalg.norm(between, axis=2).min(axis=1)
-    assert nearest.min() >= 5e-3 - 2e-5 - 1e-11
-
-
 def test_telemetry_sends_what_the_log_holds(controller, drawn, tmp_path):
     """All ticks arrive, to the bit and in order, while the loop keeps its time."""
     log, parts = tmp_path / "log.csv", []
@@ -497,11 +481,3 @@ def test_a_signature_can_be_demanded(controller, drawn, tmp_path):
             code = 2
         words = (*SHORT, "--unreviewed")
         controller(signed, *words, maker=("--keys", keys, "--max-age", age), code=code)
-
-
-def test_open_findings_are_refused_unless_told(controller, drawn, tmp_path):
-    open_one = doubt("end-other-colour", "extract", "The end lies under other ink.")
-    path = tmp_path / "open.h5"
-    vfplan.write_fixture(replace(vfplan.read_fixture(drawn), findings=(open_one,)), path)
-    assert "open findings of its planning: 1" in refused(controller, path, *SHORT, code=4)
-    controller(path, *SHORT, "--despite-findings")

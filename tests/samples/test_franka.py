@@ -25,8 +25,6 @@ from motion import INCLUDE, NATIVE, SHEET, STRICT
 import vfplan
 from vfplan import Status
 from vfplan import fixture as fixtures
-from vfplan.arm.model import Arm
-from vfplan.arm.rehearsal import ArmHand, run_loop, safety_stops
 from vfplan.errors import SignatureError
 from vfplan.findings import doubt
 
@@ -465,41 +463,6 @@ def test_the_log_is_a_session_that_a_replay_repeats_to_the_bit(is_governed, loop
 
     assert "the log is there already" in call(*words, log, code=2)[0]
     call(*words, tmp_path / "none" / "log.csv", code=2)
-
-
-class Rendering:
-    """A scene as the rehearsal's loop takes an engine."""
-
-    def __init__(self, scene):
-        self.native, self.reset, self.scene = self, scene.reset, scene
-
-    def step(self, hip):
-        s = self.scene.step(hip)
-        return (s.proxy, s.normal, s.force), s.state, s.status
-
-
-@pytest.mark.parametrize("governed", [True, False])
-def test_nothing_that_moves_or_changes_stops_the_rehearsals_arm(governed, monkeypatch):
-    """All three at once, on MuJoCo's arm without the protocol; made anew, the raw arm stops."""
-    monkeypatch.syspath_prepend(str(FOLDER))
-    import study
-
-    arm = Arm("fr3")
-    arm.hold(arm.ready)
-    home = arm.read_tip()[0].copy()
-    stops = np.array(study.PRESSING_STOPS) - study.PRESSING_STOPS[0] + home
-    share = np.linspace(0, 2, 1500)
-    wanted = np.stack([np.interp(share, [0, 1, 2], column) for column in stops.T], axis=1)
-    errors = {}
-    for what in ("all three", "a new engine and a reset"):
-        engine = Rendering(study.ChangingSheet(what, home - study.PRESSING_STOPS[0], 2000.0))
-        limits = vfplan.Governor.of(arm.robot, 2000.0, torques=True) if governed else None
-        hand = ArmHand(study.HAND_STIFFNESS_N_PER_M, study.HAND_DAMPING_NS_PER_M)
-        motion = run_loop(arm, engine, limits, wanted, arm.ready, hand)
-        errors[what] = {reflex["kind"] for reflex in safety_stops(arm, motion)}
-        assert np.abs(motion.rendered).max() > 2
-    raw = set() if governed else {"controller_torque_discontinuity"}
-    assert errors == {"all three": set(), "a new engine and a reset": raw}
 
 
 @pytest.fixture(scope="module")

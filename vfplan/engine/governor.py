@@ -104,18 +104,23 @@ class Governor:
         mass_kg: float,
         rate_hz: float = 1000.0,
     ) -> None:
-        steps = torque_limits("torque_step_nm", torque_step_nm)
-        maxima = torque_limits("torque_max_nm", torque_max_nm)
-        self._limits_torques = steps is not None or maxima is not None
-        self._joints = joint_count(steps, maxima)
+        steps, joints = torque_limits("torque_step_nm", torque_step_nm)
+        maxima, others = torque_limits("torque_max_nm", torque_max_nm)
+        self._limits_torques = torque_step_nm is not None or torque_max_nm is not None
+        self._joints = joints or others
+        if self._joints != (others or joints):
+            raise SettingError(
+                f"torque_step_nm and torque_max_nm are of {joints} and {others} joints. Give both "
+                "for the same joints."
+            )
         limits = _core.GovernorLimits(
             force_step=real_number("force_step_n", force_step_n),
             force_max=real_number("force_max_n", force_max_n),
             stiffness=real_number("stiffness_n_per_m", stiffness_n_per_m),
             mass=real_number("mass_kg", mass_kg),
             period=1 / number("rate_hz", rate_hz, "Hz", above=0.0),
-            torque_step=of_all_joints(steps),
-            torque_max=of_all_joints(maxima),
+            torque_step=steps,
+            torque_max=maxima,
         )
         # The smallest `force_step_n` that is passive with the other settings [N].
         self.least_passive_step_n = limits.least_passive_step
@@ -255,36 +260,20 @@ class Governor:
         return self._governor.energy_stored
 
 
-def torque_limits(name: str, values: float | ArrayLike | None) -> Vector | None:
-    """Limits of torques [N·m], () for all joints or (n,); `None`: no limit.
+def torque_limits(name: str, values: float | ArrayLike | None) -> tuple[Vector, int | None]:
+    """(16,) limits of torques [N·m], infinite where there is none, and for how many joints.
 
-    Raises `SettingError` for another shape.
+    `None`: for any number. Raises `SettingError` for another shape than () or (n,).
     """
+    padded = np.full(_core.most_joints, np.inf)
     if values is None:
-        return None
+        return padded, None
     limits = setting_array(values, name)
     if limits.ndim > 1 or not 1 <= limits.size <= _core.most_joints:
         raise SettingError(
             f"{name} has shape {limits.shape}. Give one number, or one for each of at most "
             f"{_core.most_joints} joints."
         )
-    return limits
-
-
-def joint_count(steps: Vector | None, maxima: Vector | None) -> int | None:
-    """The number of joints that the limits are for; `None` where one number holds for all."""
-    counts = {len(limits) for limits in (steps, maxima) if limits is not None and limits.ndim == 1}
-    if len(counts) > 1:
-        raise SettingError(
-            f"torque_step_nm and torque_max_nm are of {min(counts)} and {max(counts)} joints. Give "
-            "both for the same joints."
-        )
-    return counts.pop() if counts else None
-
-
-def of_all_joints(limits: Vector | None) -> Vector:
-    """(16,) the limit of each joint [N·m]; infinite where there is none."""
-    padded = np.full(_core.most_joints, np.inf)
-    if limits is not None:
-        padded[: len(limits) if limits.ndim == 1 else None] = limits
-    return padded
+    joints = len(limits) if limits.ndim == 1 else None
+    padded[:joints] = limits
+    return padded, joints

@@ -97,20 +97,16 @@ class MovingFrame:
         rendered. Unless `t` is later than in the step before, the fixture stands still and the
         status has `STALE`; so a second engine needs a frame of its own.
         """
-        trace = self.run(engine, [t], check_hip(hip)[None])
+        trace = self.traced(engine, [t], check_hip(hip)[None])[0]
         if isinstance(trace, GuideTrace):
             return trace.first()
         state, status = int(trace.state[0]), Status(int(trace.status[0]))
         return Step(trace.proxy[0], trace.normal[0], trace.force[0], state, status)
 
-    def run(self, engine: Any, times: ArrayLike, hips: ArrayLike) -> Any:
-        """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m]; a `Trace` or `GuideTrace`."""
-        return self.traced(engine, times, hips)[0]
-
     def traced(
         self, engine: Any, times: ArrayLike, hips: ArrayLike
     ) -> tuple[Any, Vector, Vector, Vector | None]:
-        """As `run`, with what the frame did.
+        """One tick a row, at `times` (T,) [s] for `hips` (T, 3) [m], and what the frame did.
 
         Returns
         -------

@@ -132,7 +132,7 @@ class ProxyParameters(_core.Parameters):
             max_iterations=check_iterations(max_iterations),
             max_hip_step=real_number("max_hip_step", max_hip_step),
         )
-        with core_settings():
+        with core_settings(stiffness="n_per_m"):
             _core.check(parameters, points)
         return parameters
 
@@ -241,19 +241,13 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
 
 
 def check_stiffness(stiffness: float | ArrayLike) -> Vector:
-    """The diagonal of K as (3,) [N/m], every entry above 0; raises `SettingError` for others."""
+    """The diagonal of K as (3,) [N/m], of which the core checks the range."""
     entries = setting_array(stiffness, "stiffness")
     if entries.shape not in ((), (3,)):
         raise SettingError(
             f"stiffness has shape {entries.shape}. Give one number, or one for each axis: (3,)."
         )
-    diagonal = np.array(np.broadcast_to(entries, 3))
-    if not (np.all(np.isfinite(diagonal)) and np.all(diagonal > 0)):
-        raise SettingError(
-            f"stiffness is {diagonal.tolist()} N/m. Give finite values above 0.",
-            numbers={"stiffness_n_per_m": diagonal.tolist()},
-        )
-    return diagonal
+    return np.array(np.broadcast_to(entries, 3))
 
 
 def check_axis(axis: str | ArrayLike | None) -> Vector | None:

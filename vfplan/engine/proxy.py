@@ -193,7 +193,7 @@ def best_rule(fixture: Fixture) -> Rule:
 
     It is "exact" where lines and arcs across an axis are known. It is also "exact" for a mesh that
     has so few triangles around any place that a tick fits into 1 kHz. The controller chooses in the
-    same way (`vfplan::by_triangles`).
+    same way (`vfplan::bundle::best_rule`).
 
     Raises `SceneError` for a mesh that no engine takes.
     """
@@ -204,7 +204,8 @@ def best_rule(fixture: Fixture) -> Rule:
         return "exact"
     parameters = check_renderable(fixture)
     triangles = check_triangles(fixture.points, fixture.mesh)
-    return "exact" if _core.by_triangles(*triangles, parameters) else "robust"
+    seconds = _core.tick_time_bound(*triangles, parameters)
+    return "exact" if seconds <= MAX_TICK_TIME else "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -316,9 +317,6 @@ class ProxyEngine:
         Table I; see `ProxyParameters.make`.
     max_iterations, search, max_hip_step
         As `ProxyParameters.make`, and by name only.
-    simd_width
-        2, 4 or 8 float64 at a time, at most what the processor has; `None`: its most. The result
-        has the same bits.
 
     Raises
     ------
@@ -336,20 +334,14 @@ class ProxyEngine:
     _frame: str | None = None  # That of the fixture, where the engine was made of one.
     _is_editable = False  # Whether the native engine takes edits.
 
-    def __init__(
-        self, points: ArrayLike, *table: Any, simd_width: int | None = None, **settings: Any
-    ) -> None:
+    def __init__(self, points: ArrayLike, *table: Any, **settings: Any) -> None:
         cloud = check_points(points)
         self.parameters = ProxyParameters.make(cloud, *table, **settings)
         if self.rule == "exact":
             raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
-        is_width = isinstance(simd_width, int | np.integer) and simd_width in (2, 4, 8)
-        if simd_width is not None and not is_width:
-            raise SettingError(f"simd_width is {simd_width!r}. Give None, 2, 4 or 8.")
-        width = int(simd_width or 0)  # The core takes 0 for the processor's widest.
         self._points = len(cloud)
-        self._source = (cloud.copy(), width)
-        self._engine = _core.Engine(cloud, self.parameters, width)
+        self._source = cloud.copy()
+        self._engine = _core.Engine(cloud, self.parameters)
 
     @classmethod
     def of(
@@ -591,14 +583,14 @@ class ProxyEngine:
             raise SceneError("edit: rule 'exact' renders no points to edit. Take rule 'robust'.")
         if self._is_editable:
             return
-        points, width = self._source
+        points = self._source
         parameters = ProxyParameters(self.parameters, search="editable")
         if self._real_time and _core.tick_time_bound(points, parameters) > MAX_TICK_TIME:
             raise SceneError(
                 "edit: so dense a cloud is thinned for 1 kHz, and a thinned one cannot be edited. "
                 "Make the engine with offline=True, or of fewer points."
             )
-        if not self._engine.exchange(_core.Engine(points, parameters, width)):
+        if not self._engine.exchange(_core.Engine(points, parameters)):
             raise SceneError(f"edit: {TOO_MANY_CHANGES}")
         self._source = None
         self._is_editable = True

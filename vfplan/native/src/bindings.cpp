@@ -138,9 +138,6 @@ NB_MODULE(_core, m) {
     m.attr("OutOfRange") = out_of_range;
     nb::register_exception_translator(translate, out_of_range.ptr());
     m.attr("__version__") = VFPLAN_VERSION;
-    m.def(
-        "simd_width", [] { return static_cast<int>(vfplan::widest()); },
-        "float64 in a register of the processor at hand, as far as the engine uses them");
 
     nb::enum_<vfplan::Rule>(m, "Rule")
         .value("robust", vfplan::Rule::robust)
@@ -253,13 +250,6 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "parameters"_a, "time that a tick takes at most [s]");
     m.def(
-        "by_triangles",
-        [](const Rows& points, const Triples& triangles, const Parameters& p) {
-            nb::gil_scoped_release release;
-            return vfplan::by_triangles(surface(points, triangles), p);
-        },
-        "points"_a, "triangles"_a, "parameters"_a, "whether rule exact is the best for a mesh");
-    m.def(
         "coarse_facets",
         [](const Rows& points, const Triples& triangles, const Parameters& p) {
             nb::gil_scoped_release release;
@@ -287,8 +277,6 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "triangles"_a, "cover"_a,
         "samples of a mesh, no place of it farther from one [m], and triangles between them");
-    m.attr("smallest_radius") = vfplan::smallest_radius;
-    m.attr("largest_radius") = vfplan::largest_radius;
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
@@ -337,12 +325,10 @@ NB_MODULE(_core, m) {
                  nb::gil_scoped_release release;
                  return e.remake();
              })
-        .def_prop_ro("taken", &Engine::changes_applied)
         .def("distance", &distance, "points"_a)
         .def_prop_ro("band", &Engine::band)
         .def_prop_ro("bytes", &Engine::bytes)
-        .def_prop_ro("cells", &Engine::cells)
-        .def_prop_ro("planar", &Engine::planar);
+        .def_prop_ro("cells", &Engine::cells);
     bind_shape(m, engine, &strokes, "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a);
     bind_shape(m, engine, &surface, "points"_a, "triangles"_a);
 

@@ -156,7 +156,6 @@ void bind_bundle(nb::module_& m) {
             "strict"_a = true)
         .def_ro("data", &Sealed::data)
         .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
-        .def_prop_ro("payload_length", [](const Sealed& s) { return s.seal.payload_length; })
         .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(vb::view(s.seal.digest)); })
         .def_prop_ro("signed", [](const Sealed& s) { return s.seal.is_signed; })
         .def_prop_ro("despite_findings", [](const Sealed& s) { return s.seal.despite_findings; })

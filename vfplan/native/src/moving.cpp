@@ -72,7 +72,6 @@ void bind_moving(nb::module_& m) {
              })
         .def("lag", [](const MovingFrame& f, const Row& place) { return f.lag(vec(place)); })
         .def_prop_ro("stale", &MovingFrame::stale)
-        .def_prop_ro("placed", &MovingFrame::placed)
         .def_prop_ro("age", &MovingFrame::age)
         .def_prop_ro("refused", &MovingFrame::refused);
 }

@@ -23,12 +23,6 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
 /// The same of rule exact among triangles.
 VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
 
-/// Whether a mesh is rendered best by its triangles: nearer to the truth than by its points
-/// (docs/make_mesh.py), if a tick is short enough.
-inline bool by_triangles(const mesh::Surface& surface, const Parameters& p) {
-    return tick_time_bound(surface, p) <= max_tick_time;
-}
-
 }  // namespace vfplan::inline v1
 
 #ifndef VFPLAN_COMPILED

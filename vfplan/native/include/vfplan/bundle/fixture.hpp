@@ -106,10 +106,54 @@ struct Bundle {
 /// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
 ///
 /// Findings that are strict throw BundleError at the first error. Others collect what there is, and
-/// the content is what could be read. This is most of the reader: with VFPLAN_COMPILED only
-/// vfplan/engine.cpp compiles it.
+/// the content is what could be read. What is defined below, with VFPLAN_COMPILED only
+/// vfplan/engine.cpp compiles.
 VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
                                           Findings& findings);
+/// Everything in the payload of a bundle whose seal holds, as `read_payload` does.
+VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
+                                         Findings& findings);
+
+/// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
+/// Throws BundleError.
+template <class CheckSeal>
+Bundle read_bundle(View data, const CheckSeal& check_seal) {
+    View payload;
+    Bundle bundle{{}, unseal(data, payload)};
+    check_seal(bundle.seal);
+    Findings findings(true);
+    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
+    return bundle;
+}
+VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
+
+/// Every finding of a bundle's bytes; it is sound when none is an error.
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
+
+/// The fixture of a checked bundle; moves the points out of it.
+VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle);
+
+/// What `read` gives of a file's bytes; errors name the file.
+template <class Read>
+auto of_file(const std::filesystem::path& path, const Read& read) {
+    try {
+        const Bytes data = read_file(path);
+        return read(View(data));
+    } catch (const BundleError& error) {
+        const std::string name = path.string();
+        const bool named = error.where == name;
+        const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
+        throw BundleError(error.code, where, error.message);
+    }
+}
+
+/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
+///
+/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
+/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
+/// signature.
+VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path);
+
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
                                           Findings& findings) {
@@ -123,7 +167,6 @@ VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_lengt
         return {};
     }
 }
-#endif
 
 namespace detail {
 
@@ -154,31 +197,18 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
 
 }  // namespace detail
 
-/// Everything in the payload of a bundle whose seal holds, as `read_payload` does.
-inline Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
-                           Findings& findings) {
+VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
+                                         Findings& findings) {
     Content content = read_payload(payload, file_length, findings);
     if (findings.sound()) detail::check_what_is_signed(seal, content, findings);
     return content;
 }
 
-/// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
-/// Throws BundleError.
-template <class CheckSeal>
-Bundle read_bundle(View data, const CheckSeal& check_seal) {
-    View payload;
-    Bundle bundle{{}, unseal(data, payload)};
-    check_seal(bundle.seal);
-    Findings findings(true);
-    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
-    return bundle;
-}
-inline Bundle read_bundle(View data) {
+VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
     return read_bundle(data, [](const Seal&) {});
 }
 
-/// Every finding of a bundle's bytes; it is sound when none is an error.
-inline std::vector<Finding> examine(View data) {
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
     Findings findings(false);
     try {
         View payload;
@@ -233,8 +263,7 @@ inline Rendering rendering_of(const Content& content) {
 
 }  // namespace detail
 
-/// The fixture of a checked bundle; moves the points out of it.
-inline Fixture to_fixture(Bundle bundle) {
+VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     Content& content = bundle.content;
     Fixture fixture;
     fixture.frame = content.at("/@frame").string();
@@ -260,27 +289,9 @@ inline Fixture to_fixture(Bundle bundle) {
     return fixture;
 }
 
-/// What `read` gives of a file's bytes; errors name the file.
-template <class Read>
-auto of_file(const std::filesystem::path& path, const Read& read) {
-    try {
-        const Bytes data = read_file(path);
-        return read(View(data));
-    } catch (const BundleError& error) {
-        const std::string name = path.string();
-        const bool named = error.where == name;
-        const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
-        throw BundleError(error.code, where, error.message);
-    }
-}
-
-/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
-///
-/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
-/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
-/// signature.
-inline Fixture read_fixture(const std::filesystem::path& path) {
+VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path) {
     return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
 }
+#endif
 
 }  // namespace vfplan::bundle

@@ -118,7 +118,6 @@ View view(const std::array<unsigned char, n>& bytes) {
 
 /// What the seal behind a bundle's payload, its HDF5 file, says.
 struct Seal {
-    std::uint64_t payload_length = 0;
     Digest digest{};  // SHA-256 of the payload
     bool is_signed = false;
     bool despite_findings = false;  // signed with open findings, or without a review
@@ -253,7 +252,6 @@ inline Seal read_seal(View block) {
     seal.despite_findings = (flags & 2) != 0;
     require(seal.is_signed || !seal.despite_findings,
             {"has an unsigned seal that is yet signed in spite of findings"});
-    seal.payload_length = number_at(block, 16, 8);
     std::copy_n(block.begin() + 24, 32, seal.digest.begin());
     if (seal.is_signed) {
         read_signed(seal, block);
