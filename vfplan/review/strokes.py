@@ -24,8 +24,16 @@ from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
-from vfplan.geometry import filters
-from vfplan.geometry.lines import Array, arc_lengths, evenly, normals, ring_of, runs, values_at
+from vfplan.geometry.lines import (
+    Array,
+    arc_lengths,
+    evenly,
+    gaussian,
+    normals,
+    ring_of,
+    runs,
+    values_at,
+)
 
 # Points along a line whose median is what is usual there; longer than a branch's mouth.
 NEARBY_POINTS = 41
@@ -171,7 +179,7 @@ class SliceInk:
         across = ((places[index] - path) * normals(path, closed)).sum(axis=1)
         has_ink = distance <= reach_px
         # Ink is a whole number of pixels wide at each place; its mean nearby is the pen's width.
-        width = filters.gaussian(width[index], tuned.SMOOTH_PX, "wrap" if closed else "edge")
+        width = gaussian(width[index], tuned.SMOOTH_PX, "wrap" if closed else "edge")
         return np.where(has_ink, across, 0.0), has_ink, width
 
     def measure(
