@@ -86,7 +86,8 @@ class Hand:
         for _ in range(60):
             if not any(self.state("review.state.unseen.map((runs) => runs.length)")):
                 return
-            self.press("look")
+            # The button takes no click once all was in view, which may be now.
+            self.browser.click(*self.place_of("look"))
             time.sleep(0.4)
         raise AssertionError(self.state("review.state.unseen"))
 
