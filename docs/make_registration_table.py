@@ -70,7 +70,7 @@ def judge(markers: MarkerSet, target: NDArray[np.float64], model: str) -> tuple[
         refuse_wrong_markers(r, 1e-3)
         curve = curve_of(markers)
         error = target_error(r, curve)
-        refuse_large_error(error, 5e-3, r, curve)
+        refuse_large_error(error, 5e-3)
     except VfplanError as refusal:
         return "refused", refusal.code
     findings = [*registration_findings(r), *error_findings(error)]
