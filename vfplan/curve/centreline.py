@@ -16,7 +16,7 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import Candidate
 from vfplan.curve.coverage import Ink
-from vfplan.curve.profiles import End, Profiles, add_brightness, find_ends, read_profiles
+from vfplan.curve.profiles import End, Profiles, find_ends, read_profiles
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
 from vfplan.geometry import lines
@@ -77,9 +77,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
             ends = find_ends(profiles, valid, noisy)
             valid, whole = _up_to_ends(valid, ends)
             profiles = replace(profiles, valid=profiles.valid | valid)
-        offset = profiles.offset_of_colour(noisy)
-        if noisy:
-            offset = add_brightness(ink, path, normal, profiles, offset)
+        offset = profiles.offset(ink, path, normal, noisy)
         measured = path + offset[:, None] * normal
         spline = fit_spline(measured, whole, profiles.mass, smooth_px, line.closed)
         smooth = spline(np.arange(len(path)))

@@ -70,8 +70,13 @@ class Profiles:
         """(M,) the largest coverage across the line."""
         return np.where(self.is_line, self.coverage, 0).max(1)
 
+    def offset(self, ink: Ink, path: NDArray, normal: NDArray, noisy: bool) -> Array:
+        """(M,) how far off the path, along its (M, 2) normals, the line lies [px]."""
+        by_colour = self.offset_of_colour(noisy)
+        return add_brightness(ink, path, normal, self, by_colour) if noisy else by_colour
+
     def offset_of_colour(self, noisy: bool) -> Array:
-        """(M,) how far off the path, along its normals, the line lies by the pen's coverage [px].
+        """(M,) the same by the pen's coverage alone.
 
         Two measures: the centroid of the line's own ink, and the shift of its mean profile that
         fits best. The centroid follows a pen whose width changes; the shift is less disturbed by
