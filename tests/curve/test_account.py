@@ -60,6 +60,15 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     assert len(extraction.account) == 1
 
 
+def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():
+    aside = CURVE[-1] + [34.0, 36.0]
+    extraction = extract_curve(picture(([aside, np.add(aside, (12, 38))], 3.0)))
+    assert (codes(extraction), len(extraction.account)) == ([], 1)
+    frame = [(8, 8), (331, 8), (331, 291), (8, 291), (8, 8)]
+    extraction = extract_curve(picture((frame, 3.0)))
+    assert (codes(extraction), len(extraction.account)) == ([], 1)
+
+
 def test_a_line_beyond_a_grey_box_is_asked_about():
     image = picture()
     image[:, 190:230] = 128  # A quarter of the curve lies beyond.

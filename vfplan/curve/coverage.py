@@ -74,13 +74,17 @@ def parse_colour(colour: str) -> Array:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
-    from matplotlib.colors import to_rgb
+    import difflib
+
+    from matplotlib.colors import CSS4_COLORS, to_rgb
 
     try:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
+        similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
+        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
-            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
+            f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
             code="colour-unknown",
         ) from None
 
