@@ -92,8 +92,11 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
         raise click.UsageError(
             "no output is named. Give -o OUT.h5 for the page, or --sheet-out PNG for the sheet"
         )
+    if print_out is None:
+        options.refuse_unused("without --print-out", "paper")
     if output is not None:
         return serve_page(output, arguments)
+    options.refuse_unused("without the page of -o", "port", "by", "key", "case")
     return draw_sheet(sheet_out, print_out, arguments)
 
 
