@@ -135,7 +135,7 @@ def typed_review_options() -> list[str]:
         name: not parameter.is_flag
         for parameter in review.params
         if isinstance(parameter, click.Option)
-        and not parameter.name.endswith(("as_json", "_out", "output"))
+        and not parameter.name.endswith(("as_json", "_out", "output", "paper"))
         for name in parameter.opts
     }
     words = []

@@ -99,8 +99,11 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
             "-o opens the page, and --sheet-out and --print-out only draw. Leave -o out, and call "
             "the command again for the page"
         )
+    if print_out is None:
+        options.refuse_unused("without --print-out", "paper")
     if output is not None:
         return serve_page(output, arguments)
+    options.refuse_unused("without the page of -o", "port", "by", "key", "case")
     return draw_sheet(sheet_out, print_out, arguments)
 
 

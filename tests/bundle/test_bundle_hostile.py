@@ -200,6 +200,5 @@ def test_four_million_points_are_read_within_bounds(name, command, tmp_path_fact
     )
     said = output(sys.executable, "-c", small, program, command, path, "-q")
     peak_kib, seconds = map(float, said.split())
-    assert peak_kib / 1024 < MOST_MIB
-    if command == "info":
-        assert seconds < MOST_SECONDS
+    assert peak_kib / 1024 < 420
+    assert seconds < (MOST_SECONDS if command == "info" else 15)

@@ -124,21 +124,6 @@ def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path)
     assert np.linalg.norm(found.force - 1000 * (exact - found.hip), axis=1).max() < 0.05
 
 
-def test_covering_radius_is_that_of_a_fine_search():
-    """Against the largest distance to the nearest corner over a grid inside each triangle."""
-    draw = np.random.default_rng(3)
-    corners = draw.normal(size=(60, 3, 3))
-    corners[::4, 2] = corners[::4, 0] * 0.45 + corners[::4, 1] * 0.55 + 0.05  # obtuse needles
-    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, 300), np.linspace(0, 1, 300)))
-    weights = np.column_stack([1 - u, u * (1 - v), u * v])
-    for triangle in corners:
-        radius = largest_cover(np.array([[0, 1, 2]]), triangle)
-        inside = weights @ triangle
-        nearest = np.min([np.linalg.norm(inside - c, axis=1) for c in triangle], axis=0).max()
-        assert nearest <= radius * (1 + 1e-9)
-        assert nearest == pytest.approx(radius, rel=0.02)
-
-
 @pytest.mark.parametrize("suffix", [".csv", ".npy", ".ply"])
 def test_points_come_back(suffix, vfplan_cli, tmp_path):
     points = bundles.minimal().points

@@ -186,6 +186,7 @@ def test_leaving_and_a_signal_write_no_bundle_and_keep_the_draft(tmp_path):
 WRONG_CALLS = [
     ((SLICE,), 2), ((SLICE, "-o", "/proc/o.h5"), 2), ((SLICE, "-o", "mine.h5"), 2),
     ((SLICE, "-o", "o.h5", "--sheet-out", "s.png"), 2), ((SLICE, "-o", "o.h5", "--case", "c"), 2),
+    ((SLICE, "--sheet-out", "s.png", "--port", 1), 2),
     ((SLICE, "-o", "o.h5", "--curve", MARKERS[0]), 3), ((SLICE, "-o", "o.h5", "--slice", SLICE), 2),
     ((SLICE, "--sheet-out", "s.png", "--slice", SLICE), 2),
     ((SLICE, "-o", "o.h5", "--key", "no.key"), 3), ((SLICE, "-o", "o.h5", "--by", "\u3164"), 2),

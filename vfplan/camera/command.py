@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import threading
 import time
@@ -10,6 +11,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -156,15 +158,16 @@ def show_wall(
 ) -> CommandResult:
     """Draw the wall on every frame of a source, show and write the frames, and say how many."""
     import cv2
-    import numpy as np
 
     from vfplan.camera.overlay import Film, frames_of
 
     refusals, seconds = Counter(), []
-    shown = last = None
+    shown = last = window = None
+    end_s = arguments["seconds"] or math.inf
     with outputs(output) as (path,), noted_signals() as is_stopped, ExitStack() as stack:
         overlay = overlay_of(stack, fixture, arguments)
-        window = open_window(stack, fixture, arguments) if arguments["window"] else None
+        if arguments["window"]:
+            window = open_window(stack, fixture, arguments)
         film = Film(path)
         begun = time.monotonic()
         for time_s, rate_hz, frame in frames_of(source, overlay.camera.size):
@@ -182,33 +185,50 @@ def show_wall(
             film.add(frame, rate_hz, last["refused"])
             if window is not None:
                 window.show(frame, last["refused"], started)
-            if is_stopped() or time_s >= (arguments["seconds"] or np.inf):
+            if is_stopped() or time_s >= end_s:
                 break
-        film.close(has_wall=shown is not None)
+        film.close()
 
-    frames, ms = len(seconds), 1e3 * float(np.median(seconds))
     # Of a video the last frame with a wall speaks for all, or the last one.
-    data = (shown or last) | {
+    latencies_ms = [] if window is None else window.latencies_ms
+    return shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
+
+
+def shown_frames(
+    report: dict[str, Any], refusals: Counter[str], seconds: list[float],
+    latencies_ms: list[float], output: Path | None, arguments: dict[str, Any],
+) -> CommandResult:  # fmt: skip
+    """How many frames show the wall, and why the others do not.
+
+    report: of the frame that speaks for all
+    refusals: how often each code refused a frame
+    seconds, latencies_ms: how long each frame took, and until a page showed it
+    """
+    written = None
+    if output is not None and report["refused"] is None:
+        written = str(output)
+    frames, ms = len(seconds), 1e3 * median(seconds)
+    data = report | {
         "frames": frames, "shown": frames - refusals.total(), "refusals": refusals,
-        "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": shown and output and str(output),
+        "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": written,
     }  # fmt: skip
     text = f"{data['shown']} of {frames} frames show the wall; {ms:.0f} ms a frame"
-    if window is not None and window.latencies_ms:
-        data["window_latency_ms"] = float(np.median(window.latencies_ms))
+    if latencies_ms:
+        data["window_latency_ms"] = median(latencies_ms)
         text += f"\nthe page shows a frame {data['window_latency_ms']:.0f} ms after it came"
     for code, number in refusals.items():
         text += f"\n{number} without: {code}"
     warnings = []
     if arguments["tags"] is None and arguments["measured_mm"] is None:
         warnings = ["The scale of the print was not checked. Give --measured-mm"]
-    if shown is None:
+    if report["refused"] is not None:
         return CommandResult(
             data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
             next_step=f"then try again: {command_line()}",
         )  # fmt: skip
     look = f"keep it: {command_line()} -o OUT.png"
-    if output is not None:
-        text, look = f"{text}\nwrote {output}", f"look at {output}"
+    if written is not None:
+        text, look = f"{text}\nwrote {written}", f"look at {written}"
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
 
 

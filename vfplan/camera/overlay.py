@@ -226,25 +226,27 @@ class Film:
         self.path = path
         self.codec = None if path is None else CODECS.get(path.suffix.lower())
         self.video: Any = None
+        # The last frame with a wall.
         self.picture: Picture | None = None
 
     def add(self, frame: Picture, rate_hz: float, refused: str | None) -> None:
         """Take a frame, with the reason where it shows no wall."""
+        if refused is None:
+            self.picture = frame
         if self.codec is None:
-            self.picture = self.picture if refused else frame
             return
         if self.video is None:
             code = cv2.VideoWriter.fourcc(*self.codec)
             self.video = cv2.VideoWriter(str(self.path), code, rate_hz, frame.shape[1::-1])
         self.video.write(frame)
 
-    def close(self, *, has_wall: bool) -> None:
+    def close(self) -> None:
         """Finish the file; without a wall in any frame there is none."""
         if self.video is not None:
             self.video.release()
-            if not has_wall:
+            if self.picture is None:
                 self.path.unlink()
-        elif self.path is not None and has_wall:
+        elif self.picture is not None and self.path is not None:
             data = cv2.imencode(self.path.suffix.lower(), self.picture)[1].tobytes()
             write_whole(self.path, [data], overwrite=True)
 
