@@ -43,9 +43,15 @@ def main() -> None:
         plan = ["plan", *(str(sample / file) for file in inputs), "--overwrite"]
         session = str(write_session(sample, folder))
         # A build from before the review sheet has no option that leaves it out.
+        words = [arguments.beside, "-m", "vfplan", "plan", "--help-all"]
+        help_text = subprocess.run(words, capture_output=True, text=True).stdout
+        bare = ["--no-sheet"] if "--no-sheet" in help_text else []
         commands = {
             "plan --help": (["plan", "--help"], ["plan", "--help"]),
-            "plan --no-sheet": ([*plan, "-o", "old.h5"], [*plan, "-o", "new.h5", "--no-sheet"]),
+            "plan --no-sheet": (
+                [*plan, "-o", "old.h5", *bare],
+                [*plan, "-o", "new.h5", "--no-sheet"],
+            ),
             "plan": ([*plan, "-o", "old.h5"], [*plan, "-o", "new.h5"]),
             "replay": (["replay", "old.h5", session], ["replay", "new.h5", session]),
         }

@@ -49,17 +49,14 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
 
 
 def arm_outline(rehearsal: Rehearsal, q: Array) -> Array:
-    """(m, 3) from the base over the links to the tip [m]."""
+    """(m, 3) from the first link over the others to the tip [m]."""
     arm = rehearsal.arm
     arm.hold(q)
     chain = [arm.read_tip()[0].copy()]
     body = int(arm.model.site_bodyid[arm.site])
-    base = np.zeros(3)
     while body:
         chain.append(arm.data.xpos[body].copy())
-        base = arm.model.body_pos[body] * [1, 1, 0]
         body = int(arm.model.body_parentid[body])
-    chain.append(base)
     return np.array(chain)[::-1]
 
 

@@ -166,7 +166,6 @@ DEFAULT_ROBOT = Robot("assumed", mass_kg=1.0, damping_n_s_per_m=5.0, rate_hz=100
 # Stiffness that is judged where neither the caller nor a bundle gives one [N/m].
 DEFAULT_STIFFNESS = 1000.0
 
-ALL_RULES: tuple[Rule, ...] = (*RULES, "exact")
 # The parts of the study by name, in the order of the report.
 PARTS = ("closed-loop", "passivity", "extremes")
 
