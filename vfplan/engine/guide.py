@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan import _core
 from vfplan.engine.parameters import (
@@ -37,50 +37,27 @@ HOLDS: tuple[Hold, ...] = get_args(Hold)
 
 
 @dataclass(frozen=True, eq=False)
-class GuideTrace:
-    """The answer to a path, one row a tick.
+class GuideStep:
+    """The answer of one tick.
 
     Parameters
     ----------
     proxy, force
-        (T, 3) nearest place of the tube [m], the HIP's own where it is free; force on the hand [N].
+        (3,) nearest place of the tube [m], the HIP's own where it is free; force on the hand [N].
     arc_m
-        (T,) the place on the curve as arc length from its first point [m].
+        The place on the curve as arc length from its first point [m].
     lateral_m
-        (T,) the HIP's distance from that place [m].
+        The HIP's distance from that place [m].
     remaining_m
-        (T,) what remains of the curve from that place on [m].
+        What remains of the curve from that place on [m].
     stroke
-        (T,) int32, the curve that is followed.
+        The curve that is followed.
     held
-        (T,) bool, whether the guide holds the tip.
+        Whether the guide holds the tip.
     status
-        (T,) uint8, values of `Status`: `BAD_HIP`, or `LIMIT` where the place moves on in the next
-        tick, as the force may change no faster.
+        A `Status`: `BAD_HIP`, or `LIMIT` where the place moves on in the next tick, as the force
+        may change no faster.
     """
-
-    proxy: Vector
-    force: Vector
-    arc_m: Vector
-    lateral_m: Vector
-    remaining_m: Vector
-    stroke: NDArray[np.int32]
-    held: NDArray[np.bool_]
-    status: NDArray[np.uint8]
-
-    def __len__(self) -> int:
-        return len(self.arc_m)
-
-    def first(self) -> GuideStep:
-        """The answer of the first tick."""
-        figures = [getattr(self, name)[0].item()
-                   for name in ("arc_m", "lateral_m", "remaining_m", "stroke", "held")]  # fmt: skip
-        return GuideStep(self.proxy[0], self.force[0], *figures, Status(int(self.status[0])))
-
-
-@dataclass(frozen=True, eq=False)
-class GuideStep:
-    """The answer of one tick: a row of a `GuideTrace`."""
 
     proxy: Vector
     force: Vector
@@ -90,6 +67,22 @@ class GuideStep:
     stroke: int
     held: bool
     status: Status
+
+
+class GuideTrace(GuideStep):
+    """The answer to a path: the fields of `GuideStep`, with one row a tick.
+
+    `stroke` is (T,) int32, `held` (T,) bool and `status` (T,) uint8.
+    """
+
+    def __len__(self) -> int:
+        return len(self.arc_m)
+
+    def first(self) -> GuideStep:
+        """The answer of the first tick."""
+        figures = [getattr(self, name)[0].item()
+                   for name in ("arc_m", "lateral_m", "remaining_m", "stroke", "held")]  # fmt: skip
+        return GuideStep(self.proxy[0], self.force[0], *figures, Status(int(self.status[0])))
 
 
 class Guide:

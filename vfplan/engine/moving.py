@@ -69,8 +69,9 @@ class MovingFrame:
     def pose(self, t: float, base_from_fixture: ArrayLike) -> bool:
         """Take the fixture's pose (4, 4) [m] at time `t` [s] of the loop's clock.
 
-        Returns False, and counts it in `refused`, for a pose that is not younger than the last one,
-        or that finds 64 others waiting. After one stray time, the third of poses in order is taken.
+        Returns False, and counts it in `refused`, for a pose that is further than 100 m from the
+        base, that is not younger than the last one, or that finds 64 others waiting. After one
+        stray time, the third of poses in order is taken.
 
         Raises
         ------

@@ -83,25 +83,11 @@ class Step:
     status: Status
 
 
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """The answer to a path, one row a tick, with the fields of `Step`.
+class Trace(Step):
+    """The answer to a path: the fields of `Step`, with one row a tick.
 
-    Parameters
-    ----------
-    proxy, normal, force
-        (T, 3) float64 [m], [1], [N].
-    state
-        (T,) int8.
-    status
-        (T,) uint8, values of `Status`.
+    `state` is (T,) int8 and `status` (T,) uint8.
     """
-
-    proxy: Vector
-    normal: Vector
-    force: Vector
-    state: NDArray[np.int8]
-    status: NDArray[np.uint8]
 
     def __len__(self) -> int:
         return len(self.state)

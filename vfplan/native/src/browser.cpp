@@ -45,11 +45,8 @@ vfplan::Parameters engine_parameters(const Array& array) {
     Reader r{array.numbers.data()};
     vfplan::Parameters p;
     p.rule = static_cast<vfplan::Rule>(static_cast<int>(r.number()));
-    p.contact_radius = r.number();
-    p.band = r.number();
-    p.point_radius = r.number();
-    p.outer_radius = r.number();
-    p.gain = r.number();
+    for (double* x : {&p.contact_radius, &p.band, &p.point_radius, &p.outer_radius, &p.gain})
+        *x = r.number();
     p.stiffness = r.vector();
     p.ignore_axis = r.axis();
     p.max_iterations = static_cast<int>(r.number());
@@ -66,9 +63,7 @@ vfplan::GuideParameters guide_parameters(const Array& array) {
     p.hold = static_cast<vfplan::Hold>(static_cast<int>(r.number()));
     p.cut_bends = r.number() != 0;
     p.ignore_axis = r.axis();
-    p.lead_force = r.number();
-    p.lead_speed = r.number();
-    p.period = r.number();
+    for (double* x : {&p.lead_force, &p.lead_speed, &p.period}) *x = r.number();
     return p;
 }
 

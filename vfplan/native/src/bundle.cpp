@@ -89,7 +89,7 @@ nb::tuple certificate(const Rows& points, const std::optional<Row>& axis, double
                       std::optional<double> sample_radius) {
     vb::detail::CertifiedShape shape;
     shape.points = {points.data(), points.size()};
-    shape.axis = values(axis);
+    if (axis) shape.axis = vec(*axis);
     shape.stroke = values(stroke);
     shape.closed = values(closed);
     shape.triangles = values(triangles);

@@ -40,28 +40,25 @@ inline bundle::Fixture load_signed(bundle::View data, const Demand& demand) {
 }
 
 inline void check_frame(const bundle::Fixture& fixture) {
-    if (fixture.frame != "robot_base")
-        bundle::detail::refuse("unsafe.frame", "",
-                               {"is in the frame ", bundle::Quoted{fixture.frame},
-                                ", and the arm moves in robot_base"},
-                               "Register it first: vfplan register");
+    bundle::detail::require(fixture.frame == "robot_base", "unsafe.frame", "",
+                            {"is in the frame ", bundle::Quoted{fixture.frame},
+                             ", and the arm moves in robot_base"},
+                            "Register it first: vfplan register");
 }
 
 inline void check(const bundle::Fixture& fixture, const Demand& demand) {
     check_frame(fixture);
-    if (demand.tool && fixture.tool != *demand.tool)
-        bundle::detail::refuse(
-            "unsafe.tool", "",
-            {"names ", bundle::Quoted{fixture.tool}, " as the tool that touched the markers, and ",
-             bundle::Quoted{*demand.tool}, " is demanded"},
+    const std::string tool = demand.tool.value_or(fixture.tool);
+    using bundle::detail::require, bundle::Quoted;
+    require(fixture.tool == tool, "unsafe.tool", "",
+            {"names ", Quoted{fixture.tool}, " as the tool that touched the markers, and ",
+             Quoted{tool}, " is demanded"},
             "Touch them with this tool, and give plan its file by --tip");
-    if (!fixture.reviewed && !demand.accept_unreviewed)
-        bundle::detail::refuse("unsafe.review", "", {"was approved by nobody"},
-                               "Approve it with `vfplan review`, or accept_unreviewed");
-    if (fixture.findings_unanswered > 0 && !demand.accept_doubts)
-        bundle::detail::refuse("unsafe.findings", "",
-                               {"has open findings of its planning: ", fixture.findings_unanswered},
-                               "Answer them with `vfplan review`, or accept_doubts");
+    require(fixture.reviewed || demand.accept_unreviewed, "unsafe.review", "",
+            {"was approved by nobody"}, "Approve it with `vfplan review`, or accept_unreviewed");
+    require(fixture.findings_unanswered == 0 || demand.accept_doubts, "unsafe.findings", "",
+            {"has open findings of its planning: ", fixture.findings_unanswered},
+            "Answer them with `vfplan review`, or accept_doubts");
 }
 
 /// What a fixture asks for: a forbidden region, a guide, or both at once, whose forces add.

@@ -122,8 +122,9 @@ class Governor {
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
         const int n = std::clamp(joints, 0, max_joints);
         if (n == 0 || !is_sound(jacobian, 3 * n)) {
+            constexpr double none[max_joints] = {};
             const Governed g = govern({}, false, GovernorStatus::bad_jacobian, {});
-            fade_torques();
+            ramp_torques(none, max_joints);
             return g;
         }
         const bool good = is_sound(force.c, 3);
@@ -195,10 +196,8 @@ class Governor {
         : limits_(limits), by_torque_(by_torque) {}
 
     static bool is_sound(const double* values, int n) noexcept {
-        if (values == nullptr) return false;
-        for (int k = 0; k < n; ++k)
-            if (!(std::abs(values[k]) <= largest)) return false;
-        return true;
+        const auto is_number = [](double x) { return std::abs(x) <= largest; };
+        return values != nullptr && std::all_of(values, values + n, is_number);
     }
 
     /// One tick. A force that is not sound counts as none.
@@ -274,19 +273,15 @@ class Governor {
     /// Moves the torques towards J^T F where the Jacobian has changed by more than their steps
     /// allow.
     void torques_towards(const Jacobian& jacobian) noexcept {
-        double change[max_joints];
-        for (int j = 0; j < jacobian.joints; ++j)
-            change[j] = jacobian.torque(j, force_) - torque_[j];
-        ramp_torques(change, jacobian.joints);
+        double goal[max_joints];
+        for (int j = 0; j < jacobian.joints; ++j) goal[j] = jacobian.torque(j, force_);
+        ramp_torques(goal, jacobian.joints);
     }
-    void fade_torques() noexcept {
-        double change[max_joints];
-        for (int j = 0; j < max_joints; ++j) change[j] = -torque_[j];
-        ramp_torques(change, max_joints);
-    }
-    void ramp_torques(const double* change, int n) noexcept {
+    void ramp_torques(const double* goal, int n) noexcept {
         Shares shares;
+        double change[max_joints];
         for (int j = 0; j < n; ++j) {
+            change[j] = goal[j] - torque_[j];
             shares.smallest = 0;
             shares.keep(0, change[j], below * limits_.torque_step[j]);
             shares.smallest = 0;

@@ -142,12 +142,9 @@ class Guide {
     explicit Guide(const GuideParameters& p) : p_(p) { check(p); }
 
     void add(const double* xyz, std::size_t n, bool closed) {
+        check_coordinates(xyz, n);
         std::vector<Vec3> points(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            const Vec3 x = point_at(xyz, i);
-            if (!is_within_range(x)) reject("points must be finite, coordinates up to 1e6 m");
-            points[i] = across(x);
-        }
+        for (std::size_t i = 0; i < n; ++i) points[i] = across(point_at(xyz, i));
         path_.add(points, closed);
     }
     void check_tube() {
@@ -181,8 +178,7 @@ class Guide {
     }
 
     Vec3 across(const Vec3& x) const noexcept {
-        if (!p_.ignore_axis) return x;
-        return x - dot(*p_.ignore_axis, x) * *p_.ignore_axis;
+        return p_.ignore_axis ? vfplan::across(x, *p_.ignore_axis) : x;
     }
     const Strand& strand() const noexcept { return path_.strands()[strand_]; }
     /// What the stretch may change in a tick besides following the HIP [m]. A pull takes the other

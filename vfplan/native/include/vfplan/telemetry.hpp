@@ -40,17 +40,14 @@ class Telemetry {
 
     /// @param address IPv4 address to send to; the loopback unless told
     /// @param port UDP port
-    /// @param capacity ticks that the queue holds, a power of two
+    /// @param capacity ticks that the queue holds at least
     /// @param period how often the sender looks into the queue [s]
-    /// @throws std::invalid_argument for an address, port, capacity or period out of range;
+    /// @throws std::invalid_argument for an address, port or period out of range;
     ///         std::runtime_error where the system gives no socket
     explicit Telemetry(std::uint16_t port, const std::string& address = "127.0.0.1",
                        std::size_t capacity = 4096, double period = 0.005)
         : queue_(capacity), period_(period) {
         static_assert(std::endian::native == std::endian::little, "the layout is little-endian");
-        if (capacity < 2 || !std::has_single_bit(capacity))
-            reject("telemetry: capacity " + std::to_string(capacity) +
-                   ": a power of two of at least 2 is wanted");
         if (port == 0) reject("telemetry: port 0: 1 to 65535 is wanted");
         if (!(period > 0 && period <= 1))
             reject("telemetry: period " + std::to_string(period) +

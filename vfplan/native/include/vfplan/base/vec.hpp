@@ -170,9 +170,7 @@ Vec<D> operator*(double s, const Vec<D>& a) noexcept {
 }
 template <int D>
 bool operator==(const Vec<D>& a, const Vec<D>& b) noexcept {
-    for (int k = 0; k < D; ++k)
-        if (a.c[k] != b.c[k]) return false;
-    return true;
+    return std::equal(a.c, a.c + D, b.c);
 }
 template <int D>
 double dot(const Vec<D>& a, const Vec<D>& b) noexcept {
@@ -204,6 +202,9 @@ Vec<D> along(const Vec<D>& v, double d) noexcept {
     const double length = norm(v);
     return length > 0 ? (d / length) * v : Vec<D>{};
 }
+
+/// x without its part along a unit vector.
+inline Vec3 across(const Vec3& x, const Vec3& axis) noexcept { return x - dot(axis, x) * axis; }
 
 template <int D>
 void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {

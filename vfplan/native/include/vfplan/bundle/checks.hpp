@@ -185,9 +185,8 @@ class Walk {
 inline void check_one_curve(const Content& content, Findings& findings) {
     if (!content.has_group("/pieces")) return;
     const Vec3 axis = point_at(content.at("/rendering/ignore_axis").f8.data(), 0);
-    const auto across = [&](const std::vector<double>& table, std::size_t i) {
-        const Vec3 x = point_at(table.data(), i);
-        return x - dot(axis, x) * axis;
+    const auto place = [&](const std::vector<double>& table, std::size_t i) {
+        return across(point_at(table.data(), i), axis);
     };
     const std::vector<double>& points = content.at("/points").f8;
     const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
@@ -209,14 +208,13 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         const std::size_t first_point = point, count = stroke.bulges.size();
         std::vector<Vec3> places;
         for (; point < stroke_of_point.size() && stroke_of_point[point] == number; ++point)
-            places.push_back(across(points, point));
+            places.push_back(place(points, point));
         std::vector<Piece> pieces;
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < count; ++i) {
-            vfplan::detail::cut(across(stroke.vertices, i),
-                                across(stroke.vertices, (i + 1) % count), stroke.bulges[i], axis,
-                                infinity, pieces, 0.0);
+            vfplan::detail::cut(place(stroke.vertices, i), place(stroke.vertices, (i + 1) % count),
+                                stroke.bulges[i], axis, infinity, pieces, 0.0);
         }
-        const Vec3 dot = across(stroke.vertices, 0);
+        const Vec3 dot = place(stroke.vertices, 0);
         if (pieces.empty()) pieces.push_back(vfplan::detail::straight(dot, dot));
         const std::size_t followed = Walk(pieces, places, stroke.closed, apart).follow();
         ++number;

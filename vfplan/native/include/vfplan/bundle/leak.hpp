@@ -17,11 +17,17 @@ namespace vfplan::bundle::detail {
 /// What a certificate is about; the arrays stay their owner's.
 struct CertifiedShape {
     std::span<const double> points;           // x y z of each in turn [m]
-    std::span<const double> axis;             // the ignored one, or nothing
+    Vec3 axis;                                // the ignored one, or 0
     std::span<const std::int32_t> stroke;     // of each point of a curve, or nothing
     std::span<const std::uint8_t> closed;     // whether each stroke is
     std::span<const std::int32_t> triangles;  // three rows of points each, or nothing
     double sample_radius = infinity;          // as far as a reader takes samples of a mesh [m]
+
+    /// Between two points, across the ignored axis [m].
+    [[nodiscard]] double distance(std::size_t i, std::size_t j) const {
+        const double* xyz = points.data();
+        return norm(across(point_at(xyz, i), axis) - across(point_at(xyz, j), axis));
+    }
 };
 
 /// What follows from a shape and the reach of its proxy.
@@ -33,34 +39,12 @@ struct Certificate {
     std::vector<std::size_t> rows;  // the points around the largest opening
 };
 
-/// Distances between a shape's points, across the ignored axis if there is one.
-class PointDistances {
-  public:
-    explicit PointDistances(const CertifiedShape& shape) : points_(shape.points) {
-        if (!shape.axis.empty()) axis_ = point_at(shape.axis.data(), 0);
-    }
-    [[nodiscard]] double distance(std::size_t i, std::size_t j) const {
-        return norm(across(i) - across(j));
-    }
-
-  private:
-    /// A point without its part along the axis.
-    [[nodiscard]] Vec3 across(std::size_t i) const {
-        const Vec3 x = point_at(points_.data(), i);
-        return x - dot(x, axis_) * axis_;
-    }
-
-    std::span<const double> points_;
-    Vec3 axis_;
-};
-
 /// The widest gap between neighbours along the strokes. Of equal gaps it is the first in the order
 /// of the points, and those that close a stroke come behind all others.
 inline void find_largest_gap(const CertifiedShape& shape, Certificate& certificate) {
-    const PointDistances points(shape);
     certificate.rows = {0, 0};
     const auto measure = [&](std::size_t i, std::size_t j) {
-        const double gap = points.distance(i, j);
+        const double gap = shape.distance(i, j);
         if (!(gap > certificate.largest)) return;
         certificate.largest = gap;
         certificate.rows = {i, j};
@@ -79,14 +63,13 @@ inline void find_largest_gap(const CertifiedShape& shape, Certificate& certifica
 /// How far a place of the mesh may be from the nearest sample: of the samples in the file, or of
 /// those that a reader takes where it renders points.
 inline void find_largest_cover(const CertifiedShape& shape, Certificate& certificate) {
-    const PointDistances points(shape);
     const std::span<const std::int32_t> t = shape.triangles;
     std::size_t worst = 0;
     for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
         const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
-        const double cover = mesh::covering_radius({points.distance(corner(0), corner(1)),
-                                                    points.distance(corner(1), corner(2)),
-                                                    points.distance(corner(2), corner(0))});
+        const double cover = mesh::covering_radius({shape.distance(corner(0), corner(1)),
+                                                    shape.distance(corner(1), corner(2)),
+                                                    shape.distance(corner(2), corner(0))});
         if (!(cover > certificate.largest)) continue;
         certificate.largest = cover;
         worst = i;
@@ -117,7 +100,8 @@ inline Certificate certify(const CertifiedShape& shape, double reach) {
 inline CertifiedShape certified_shape(const Content& content) {
     CertifiedShape shape;
     shape.points = content.at("/points").f8;
-    if (const Value* axis = content.find("/rendering/ignore_axis")) shape.axis = axis->f8;
+    if (const Value* axis = content.find("/rendering/ignore_axis"))
+        shape.axis = point_at(axis->f8.data(), 0);
     if (content.has("/curve/stroke")) {
         shape.stroke = content.at("/curve/stroke").i4;
         shape.closed = content.at("/curve/closed").u1;

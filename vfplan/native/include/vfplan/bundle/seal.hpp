@@ -146,32 +146,28 @@ inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "
 
 /// Says why a file that does not end in a seal is no bundle of this version.
 [[noreturn]] inline void refuse_unsealed(View data) {
-    if (data.begins(seal_magic)) {
-        refuse("version.seal", "",
-               {"has its seal in front, as versions 1.0 and 1.1 had it; this program reads 2.x"},
-               "Plan it anew, or get the program that wrote it");
-    }
+    require(!data.begins(seal_magic), "version.seal", "",
+            {"has its seal in front, as versions 1.0 and 1.1 had it; this program reads 2.x"},
+            "Plan it anew, or get the program that wrote it");
+    const auto must = [](bool good, Sentence wrong, std::string_view todo) {
+        detail::require(good, "corrupt.seal", "", wrong, todo);
+    };
     // `vfplan replay -o` names its format in the header of the file's root, which comes first.
     constexpr std::size_t first_objects = 1 << 16;
-    const bool is_result =
-        data.text().substr(0, first_objects).find("vfplan-result") != std::string_view::npos;
-    if (data.begins(hdf5_signature) && is_result) {
-        refuse("corrupt.seal", "", {"is a result of `vfplan replay`, and no fixture bundle"},
-               "Give the bundle that was replayed");
-    }
-    if (data.begins(hdf5_signature)) {
-        refuse("corrupt.seal", "",
-               {"has no seal: the file was cut, or opened for writing by another program"},
-               "Fetch it again");
-    }
-    if (data.size() == 0) {
-        refuse("corrupt.seal", "", {"is no fixture bundle: the file is empty"},
-               "Give a bundle that `vfplan register` or `vfplan import` wrote");
-    }
+    const bool is_hdf5 = data.begins(hdf5_signature);
+    const std::string_view first = data.text().substr(0, first_objects);
+    must(!is_hdf5 || first.find("vfplan-result") == first.npos,
+         {"is a result of `vfplan replay`, and no fixture bundle"},
+         "Give the bundle that was replayed");
+    must(!is_hdf5, {"has no seal: the file was cut, or opened for writing by another program"},
+         "Fetch it again");
+    constexpr std::string_view give =
+        "Give a bundle that `vfplan register` or `vfplan import` wrote";
+    must(data.size() > 0, {"is no fixture bundle: the file is empty"}, give);
     refuse("corrupt.seal", "",
-           {"is no fixture bundle: it begins with ",
-            Quoted{data.text().substr(0, hdf5_signature.size())}, ", not as an HDF5 file does"},
-           "Give a bundle that `vfplan register` or `vfplan import` wrote");
+           {"is no fixture bundle: it begins with ", Quoted{first.substr(0, hdf5_signature.size())},
+            ", not as an HDF5 file does"},
+           give);
 }
 
 /// The seal that a file ends in: it is there, and says of the file's length what is true.

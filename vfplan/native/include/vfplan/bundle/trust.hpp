@@ -22,10 +22,9 @@ using PublicKey = std::shared_ptr<EVP_PKEY>;
 inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
     std::array<unsigned char, 32> raw{};
     std::size_t length = raw.size();
-    if (EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) != 1) {
-        detail::refuse("signature.key", "", {"has a trusted key that is not Ed25519"},
-                       "Trust a key that `vfplan keygen` wrote");
-    }
+    const bool is_raw = EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) == 1;
+    detail::require(is_raw, "signature.key", "", {"has a trusted key that is not Ed25519"},
+                    "Trust a key that `vfplan keygen` wrote");
     const Digest digest = sha256(view(raw));
     std::array<unsigned char, 16> id{};
     std::copy_n(digest.begin(), id.size(), id.begin());
@@ -33,6 +32,8 @@ inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
 }
 
 namespace detail {
+
+inline constexpr std::string_view give_keys = "Give the public keys that `vfplan keygen` wrote";
 
 /// The next PEM block of a public key in a file of them, or nothing at its end.
 ///
@@ -44,15 +45,12 @@ inline std::string next_key(std::istream& file, const std::string& where) {
         line.erase(line.find_last_not_of(blank) + 1);
         line.erase(0, line.find_first_not_of(blank));
         if (block.empty() && (line.empty() || line[0] == '#')) continue;
-        if (block.empty() && line != "-----BEGIN PUBLIC KEY-----") {
-            detail::refuse("input", where, {"holds something that is no public key in PEM form"},
-                           "Give the public keys that `vfplan keygen` wrote");
-        }
+        require(!block.empty() || line == "-----BEGIN PUBLIC KEY-----", "input", where,
+                {"holds something that is no public key in PEM form"}, give_keys);
         block += line + '\n';
         if (line == "-----END PUBLIC KEY-----") return block;
     }
-    if (!block.empty())
-        detail::refuse("input", where, {"ends within a public key"}, "Fetch the file again");
+    require(block.empty(), "input", where, {"ends within a public key"}, "Fetch the file again");
     return block;
 }
 
@@ -64,9 +62,10 @@ inline std::string next_key(std::istream& file, const std::string& where) {
 inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
     constexpr std::size_t max_bytes = 1 << 20;
     const Bytes data = read_file(path);
-    if (data.size() > max_bytes)
-        detail::refuse("input", path.string(), {"is too long for a file of keys"},
-                       "Give the public keys that `vfplan keygen` wrote");
+    const auto must = [&](bool good, Sentence wrong, std::string_view todo = detail::give_keys) {
+        detail::require(good, "input", path.string(), wrong, todo);
+    };
+    must(data.size() <= max_bytes, {"is too long for a file of keys"});
     std::istringstream file(std::string(data.begin(), data.end()));
     std::vector<PublicKey> keys;
     for (;;) {
@@ -75,19 +74,11 @@ inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
         const std::unique_ptr<BIO, int (*)(BIO*)> bio(
             BIO_new_mem_buf(block.data(), static_cast<int>(block.size())), BIO_free);
         PublicKey key(PEM_read_bio_PUBKEY(bio.get(), nullptr, nullptr, nullptr), EVP_PKEY_free);
-        if (key == nullptr) {
-            detail::refuse("input", path.string(), {"holds a public key that cannot be read"},
-                           "Fetch the file again");
-        }
-        if (EVP_PKEY_base_id(key.get()) != EVP_PKEY_ED25519) {
-            detail::refuse("input", path.string(), {"holds a key that is not Ed25519"},
-                           "Give the public keys that `vfplan keygen` wrote");
-        }
+        must(key != nullptr, {"holds a public key that cannot be read"}, "Fetch the file again");
+        must(EVP_PKEY_base_id(key.get()) == EVP_PKEY_ED25519, {"holds a key that is not Ed25519"});
         keys.push_back(std::move(key));
     }
-    if (keys.empty())
-        detail::refuse("input", path.string(), {"holds no public key"},
-                       "Give the public keys that `vfplan keygen` wrote");
+    must(!keys.empty(), {"holds no public key"});
     return keys;
 }
 
@@ -112,37 +103,32 @@ inline bool signature_holds(const Seal& seal, const PublicKey& key) {
 inline void require_signature(
     const Seal& seal, const Trust& trust,
     std::chrono::system_clock::time_point now = std::chrono::system_clock::now()) {
-    if (!seal.is_signed) detail::refuse("signature.missing", "", {"is not signed"});
+    detail::require(seal.is_signed, "signature.missing", "", {"is not signed"});
     const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
                                   [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
-    if (key == trust.keys.end()) {
-        detail::refuse("signature.key", "",
-                       {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
-    }
-    if (!signature_holds(seal, *key))
-        detail::refuse("signature.wrong", "", {"has a signature that does not hold"});
-    if (trust.case_token && *trust.case_token != seal.case_token) {
-        if (seal.case_token.empty())
-            detail::refuse("signature.case", "", {"is signed for no particular case"},
-                           "Sign it for this case with `vfplan sign --case`");
-        detail::refuse("signature.case", "", {"is signed for another case"});
-    }
-    if (trust.robot_serial && *trust.robot_serial != seal.robot_serial) {
-        if (seal.robot_serial.empty())
-            detail::refuse("signature.robot", "", {"is signed for no particular robot"},
-                           "Sign it for this robot with `vfplan sign --robot-serial`");
-        detail::refuse("signature.robot", "", {"is signed for another robot"});
-    }
+    detail::require(key != trust.keys.end(), "signature.key", "",
+                    {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
+    detail::require(signature_holds(seal, *key), "signature.wrong", "",
+                    {"has a signature that does not hold"});
+    const auto check_for = [](const std::optional<std::string>& wanted, const std::string& found,
+                              const std::string& noun, const char* option) {
+        if (!wanted || *wanted == found) return;
+        const std::string todo = "Sign it for this " + noun + " with `vfplan sign " + option + "`";
+        detail::require(!found.empty(), "signature." + noun, "",
+                        {"is signed for no particular ", noun}, todo);
+        detail::refuse("signature." + noun, "", {"is signed for another ", noun});
+    };
+    check_for(trust.case_token, seal.case_token, "case", "--case");
+    check_for(trust.robot_serial, seal.robot_serial, "robot", "--robot-serial");
     if (!trust.max_age) return;
-    if (seal.signed_at == 0)
-        detail::refuse("signature.age", "", {"does not state when it was signed"});
+    detail::require(seal.signed_at != 0, "signature.age", "",
+                    {"does not state when it was signed"});
     const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
                      std::chrono::seconds(static_cast<std::int64_t>(seal.signed_at));
-    if (age > *trust.max_age) detail::refuse("signature.age", "", {"was signed too long ago"});
-    if (age < std::chrono::seconds(-60)) {
-        detail::refuse("signature.age", "", {"was signed at a time that lies in the future"},
-                       "Set the clock of this machine, or sign the bundle again");
-    }
+    detail::require(age <= *trust.max_age, "signature.age", "", {"was signed too long ago"});
+    detail::require(age >= std::chrono::seconds(-60), "signature.age", "",
+                    {"was signed at a time that lies in the future"},
+                    "Set the clock of this machine, or sign the bundle again");
 }
 
 /// Checks seal and signature, then the rest as read_bundle(data) does. Throws BundleError.

@@ -249,7 +249,6 @@ class PointIndex {
 
     const Box<D>& box() const noexcept { return box_; }
     bool has_grid() const noexcept { return grid_.has_value(); }
-    bool is_editable() const noexcept { return !slot_.empty(); }
     double cell() const noexcept { return grid_ ? grid_->cell() : 0; }
     std::size_t cells() const noexcept { return grid_ ? grid_->cells() : 0; }
     std::size_t bytes() const noexcept {

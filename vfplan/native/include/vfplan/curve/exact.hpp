@@ -277,26 +277,16 @@ class FeatureQuery {
         }
         return hit;
     }
-    /// Whether the path up to `max_t` may come within R of a box. A line is cut with the box, one
-    /// axis after the other. Of a circle it is enough to know that it gets no further from its
-    /// start than t.
+    /// Whether the path up to `max_t` may come within R of a box. Of a circle it is enough to know
+    /// that it gets no further from its start than t.
     bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
-        double from = 0;
-        double to = max_t;
+        double from, to;
+        if (path.q == 0) return box.clip(path.x, path.T, max_t, R_, from, to);
         for (int k = 0; k < 2; ++k) {
-            const double low = box.low.c[k] - R_ - path.x.c[k];
-            const double high = box.high.c[k] + R_ - path.x.c[k];
-            if (path.q != 0 || path.T.c[k] == 0) {
-                const double reach = path.q != 0 ? max_t : 0;
-                if (low > reach || high < -reach) return false;
-            } else {
-                const double a = low / path.T.c[k];
-                const double b = high / path.T.c[k];
-                from = std::max(from, std::min(a, b));
-                to = std::min(to, std::max(a, b));
-            }
+            if (box.low.c[k] - R_ - path.x.c[k] > max_t) return false;
+            if (box.high.c[k] + R_ - path.x.c[k] < -max_t) return false;
         }
-        return from <= to;
+        return true;
     }
 
     /// Makes sure that the list holds all that a path from x up to `max_t` can meet, and gathers it

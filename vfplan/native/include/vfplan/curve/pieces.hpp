@@ -37,8 +37,7 @@ inline void check(const std::vector<Stroke>& strokes) {
         must(!s.vertices.empty() && s.vertices.size() % 3 == 0,
              "a stroke needs at least one vertex, of three coordinates");
         must(s.bulges.size() == s.vertices.size() / 3, "a stroke needs a bulge a vertex");
-        for (double c : s.vertices)
-            must(std::abs(c) <= largest_coordinate, "vertices must be within 1e6 m");
+        check_coordinates(s.vertices.data(), s.bulges.size());
         for (double b : s.bulges) must(std::abs(b) <= 1, "bulges must be from -1 to 1");
     }
 }

@@ -51,10 +51,8 @@ class Path {
     /// but into `max_parts` at most. How wide a tube may be is looked for at their ends.
     void add(const Stroke& stroke, const Vec3& axis, double longest) {
         std::vector<Vec3> p(stroke.bulges.size());
-        for (std::size_t i = 0; i < p.size(); ++i) {
-            const Vec3 x = point_at(stroke.vertices.data(), i);
-            p[i] = x - dot(axis, x) * axis;
-        }
+        for (std::size_t i = 0; i < p.size(); ++i)
+            p[i] = across(point_at(stroke.vertices.data(), i), axis);
         const std::size_t sides = p.size() - (stroke.closed ? 0 : 1);
         double length = 0;
         for (std::size_t i = 0; i < sides; ++i) length += norm(p[(i + 1) % p.size()] - p[i]);

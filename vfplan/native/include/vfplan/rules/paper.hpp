@@ -101,13 +101,7 @@ class PaperRule {
         return length > cancelled * weights ? (1 / length) * sum : Vec<D>{};
     }
 
-    /// Eqs. (4), (5): along u_p, at most xi r1.
-    Vec<D> tangential(const Vec<D>& u, const Vec<D>& n) const noexcept {
-        const Vec<D> up = u - dot(n, u) * n;
-        return slide(up, norm(up));
-    }
-
-    /// Algorithm 3, eq. (6).
+    /// Algorithm 3, eqs. (4) to (6): along u_p where the HIP lies beyond, at most xi r1.
     Vec<D> contact_step(const Vec<D>& u, const Vec<D>& n) const noexcept {
         const double into = dot(n, u);
         const Vec<D> up = u - into * n;
@@ -135,7 +129,7 @@ class PaperRule {
         if (d >= length) return u;  // nothing in the way: special case 2 would change nothing
         const bool hip_inside = dot(n, u) < 0;
         if (!hip_inside && moves_away(proxy, hip)) return u;
-        if (d == 0 && hip_inside) return tangential(u, n);
+        if (d == 0 && hip_inside) return contact_step(u, n);
         return (d / length) * u;
     }
 
