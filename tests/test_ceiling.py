@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (32_875, 356_560, 182),
-    ("tests",): (27_170, 345_700, 223),
+    ("vfplan", "cli"): (32_065, 347_910, 174),
+    ("tests",): (26_640, 338_825, 220),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

@@ -46,7 +46,6 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
 @pytest.mark.parametrize(("more", "code", "says"), [
     (("--fle-robot", "nan"), 2, "'nan' is no number"),
     (("--margin-for", "2"), 2, "2 is no probability"),
-    (("--beyond=-1",), 2, "-1 mm is below 0"),
     (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), 2, "exclude each other"),
 ])  # fmt: skip
 def test_usage(vfplan_cli, planned, tmp_path, more, code, says):

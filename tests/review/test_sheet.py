@@ -411,7 +411,7 @@ def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
     assert np.allclose(marked.slicer_points, points_px, atol=0.05)
     others = {k: v for k, v in marked.fixture.provenance.settings.items() if "slicer_" not in k}
     provenance = replace(marked.fixture.provenance, settings=others)
-    plain = replace(marked, fixture=replace(marked.fixture, provenance=provenance))
+    plain = Plan.of(replace(marked.fixture, provenance=provenance), "c", marked.image)
     with_ticks, without = checked(marked), checked(plain)
     legend = [words for words in words_of(with_ticks) if "set in" in words]
     assert len(legend) == 1
