@@ -164,6 +164,11 @@ def test_a_reset_beyond_the_wall_says_so_and_stops(tmp_path):
         out = controller.step([0.02, beyond, 0])
         assert out.status & Status.CROSSED
         assert out.stopping == Status.CROSSED
+    press(controller)
+    controller.reset([20, -8000, 0])
+    assert controller.step([0.02, -8e-3, 0]).proxy[1] > 0, "a reset to no place is none"
+    controller.reset([0.02, -8e-3, 0])
+    assert controller.step([0.02, -8e-3, 0]).status & Status.CROSSED
     controller.reset([0.02, beyond, 0])
     assert controller.step([0.02, beyond, 0]).stopping == 0, "who resets again means it"
     for same in ([0.02, 2e-3, 0], [-0.04, 5e-3, 0], [0.02, 0.4, 0.1]):

@@ -40,10 +40,10 @@ inline bundle::Fixture load_signed(bundle::View data, const Demand& demand) {
 }
 
 inline void check_frame(const bundle::Fixture& fixture) {
-    bundle::detail::require(fixture.frame == "robot_base", "unsafe.frame", "",
-                            {"is in the frame ", bundle::Quoted{fixture.frame},
-                             ", and the arm moves in robot_base"},
-                            "Register it first: vfplan register");
+    bundle::detail::require(
+        fixture.frame == "robot_base", "unsafe.frame", "",
+        {"is in the frame ", bundle::Quoted{fixture.frame}, ", and the arm moves in robot_base"},
+        "Register it first: vfplan register");
 }
 
 inline void check(const bundle::Fixture& fixture, const Demand& demand) {
@@ -102,7 +102,7 @@ class Rendered {
     /// Whether a wall lies on the straight way from the proxy to this place: whether the way comes
     /// nearer to it than its end is.
     bool is_beyond(const Vec3& tip) const noexcept {
-        if (!last_proxy_ || !is_within_range(tip)) return false;
+        if (!last_proxy_) return false;
         constexpr int max_places = 1000;
         const double R = parameters.R();
         const double nearest = std::min(free_distance(), region->distance(tip) - R / 8);
@@ -120,7 +120,7 @@ class Rendered {
         last_proxy_.reset();
         if (region) {
             region->reset(tip);
-            if (is_within_range(tip) && region->distance(tip) >= free_distance()) last_proxy_ = tip;
+            if (region->distance(tip) >= free_distance()) last_proxy_ = tip;
         }
         if (guide) guide->reset(tip);
     }
@@ -171,7 +171,9 @@ struct AllRendered {
     HipGate gate;
     bool is_beyond = false;  // the last reset was, from where the proxy had been
 
+    /// Without a place nothing is forgotten: else the next one could be beyond a wall, untold.
     void reset(const Vec3& tip) noexcept {
+        if (!is_within_range(tip)) return;
         gate.reset(tip);
         is_beyond = std::ranges::any_of(parts, [&](auto& part) { return part.is_beyond(tip); });
         for (Rendered& part : parts) part.reset(tip);
