@@ -229,8 +229,17 @@ def test_torques_fade_as_the_force_does(tmp_path):
 
 
 def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path):
-    with pytest.raises(SettingError, match="the bundle's"):
-        Controller(stored(tmp_path / "g.h5"), **ANY).set_stiffness(1001)
+    uneven = replace(
+        bundles.small().rendering, stiffness=np.array([1000.0, 200.0, 1000.0]), band=5e-5
+    )
+    for name, most, changes in (("g.h5", 1000, {}), ("h.h5", 200, {"rendering": uneven})):
+        least = Controller(stored(tmp_path / name, **changes), **ANY)
+        least.set_stiffness(most)
+        with pytest.raises(SettingError, match="the bundle's"):
+            least.set_stiffness(most + 1)
+    for wrong in (-1.0, np.nan):
+        with pytest.raises(SettingError, match="max_stiffness_n_per_m"):
+            Controller(tmp_path / "g.h5", max_stiffness_n_per_m=wrong, **ANY)
     controller = Controller(stored(tmp_path / "f.h5"), max_stiffness_n_per_m=2500, **ANY)
     forces = [press(controller).force]
     controller.set_stiffness(2500)

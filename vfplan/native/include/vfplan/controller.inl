@@ -80,9 +80,9 @@ class Rendered {
     double stiffness() const noexcept {
         return (region ? parameters.stiffest() : 0) + (guide ? guide->parameters().stiffness : 0);
     }
-    /// The bundle's K, which was reviewed and signed [N/m].
+    /// The bundle's K, which was reviewed and signed, where it is least [N/m].
     double stiffness_of_bundle() const noexcept {
-        return *std::ranges::max_element(fixture_.rendering->stiffness);
+        return *std::ranges::min_element(fixture_.rendering->stiffness);
     }
     /// Renders what another one renders, whose engine takes the place of this one's; false where
     /// too many changes wait.
@@ -212,6 +212,7 @@ struct ControllerImpl {
           all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
+        check_from("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
         check_hip_step(settings.max_hip_step);
         if ((settings.stop_at & no_position) != no_position || settings.stop_at & Status::capped)
             reject(
