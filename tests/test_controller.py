@@ -164,6 +164,11 @@ def test_a_reset_beyond_the_wall_says_so_and_stops(tmp_path):
         out = controller.step([0.02, beyond, 0])
         assert out.status & Status.CROSSED
         assert out.stopping == Status.CROSSED
+    press(controller)
+    controller.reset([20, -8000, 0])
+    assert controller.step([0.02, -8e-3, 0]).proxy[1] > 0, "a reset to no place is none"
+    controller.reset([0.02, -8e-3, 0])
+    assert controller.step([0.02, -8e-3, 0]).status & Status.CROSSED
     controller.reset([0.02, beyond, 0])
     assert controller.step([0.02, beyond, 0]).stopping == 0, "who resets again means it"
     for same in ([0.02, 2e-3, 0], [-0.04, 5e-3, 0], [0.02, 0.4, 0.1]):
@@ -224,8 +229,17 @@ def test_torques_fade_as_the_force_does(tmp_path):
 
 
 def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path):
-    with pytest.raises(SettingError, match="the bundle's"):
-        Controller(stored(tmp_path / "g.h5"), **ANY).set_stiffness(1001)
+    uneven = replace(
+        bundles.small().rendering, stiffness=np.array([1000.0, 200.0, 1000.0]), band=5e-5
+    )
+    for name, most, changes in (("g.h5", 1000, {}), ("h.h5", 200, {"rendering": uneven})):
+        least = Controller(stored(tmp_path / name, **changes), **ANY)
+        least.set_stiffness(most)
+        with pytest.raises(SettingError, match="the bundle's"):
+            least.set_stiffness(most + 1)
+    for wrong in (-1.0, np.nan):
+        with pytest.raises(SettingError, match="max_stiffness_n_per_m"):
+            Controller(tmp_path / "g.h5", max_stiffness_n_per_m=wrong, **ANY)
     controller = Controller(stored(tmp_path / "f.h5"), max_stiffness_n_per_m=2500, **ANY)
     forces = [press(controller).force]
     controller.set_stiffness(2500)

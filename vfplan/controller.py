@@ -145,7 +145,8 @@ class Controller(_core.Controller):
     @contextmanager
     def _demanded(self, path: str | Path) -> Iterator[bytes]:
         """A bundle's bytes, signed as demanded; what the core refuses of them is raised as ours."""
-        units = {"force_step": "n", "force_max": "n", "stiffness": "n_per_m", "hold_time": "s"}
+        units = {"force_step": "n", "force_max": "n", "hold_time": "s"}
+        units |= dict.fromkeys(("stiffness", "max_stiffness"), "n_per_m")
         with opened_source(path) as stream, core_errors(SceneError), core_settings(**units):
             sealed = unsealed(stream)
             if self._trust is not None:

@@ -157,6 +157,15 @@ def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
         assert steps.max() <= 1000 * (R / 256 + 1e-9)
 
 
+def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
+    points, triangles = refined(*meshes.box(), 5e-3)
+    engine = vfplan.ProxyEngine.on(points, triangles, R)
+    for hip in points:
+        engine.reset(hip)
+        proxy = engine.run(np.tile(hip, (1500, 1))).proxy[-1:]
+        assert meshes.winding(points[triangles], proxy)[0] == 0
+
+
 @pytest.mark.parametrize("times", [0, 2])
 def test_a_refined_mesh_is_the_same_surface(times):
     """Turned and moved, so that nothing lies on round numbers."""

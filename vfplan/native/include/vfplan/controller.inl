@@ -40,10 +40,10 @@ inline bundle::Fixture load_signed(bundle::View data, const Demand& demand) {
 }
 
 inline void check_frame(const bundle::Fixture& fixture) {
-    bundle::detail::require(fixture.frame == "robot_base", "unsafe.frame", "",
-                            {"is in the frame ", bundle::Quoted{fixture.frame},
-                             ", and the arm moves in robot_base"},
-                            "Register it first: vfplan register");
+    bundle::detail::require(
+        fixture.frame == "robot_base", "unsafe.frame", "",
+        {"is in the frame ", bundle::Quoted{fixture.frame}, ", and the arm moves in robot_base"},
+        "Register it first: vfplan register");
 }
 
 inline void check(const bundle::Fixture& fixture, const Demand& demand) {
@@ -80,9 +80,9 @@ class Rendered {
     double stiffness() const noexcept {
         return (region ? parameters.stiffest() : 0) + (guide ? guide->parameters().stiffness : 0);
     }
-    /// The bundle's K, which was reviewed and signed [N/m].
+    /// The bundle's K, which was reviewed and signed, where it is least [N/m].
     double stiffness_of_bundle() const noexcept {
-        return *std::ranges::max_element(fixture_.rendering->stiffness);
+        return *std::ranges::min_element(fixture_.rendering->stiffness);
     }
     /// Renders what another one renders, whose engine takes the place of this one's; false where
     /// too many changes wait.
@@ -102,7 +102,7 @@ class Rendered {
     /// Whether a wall lies on the straight way from the proxy to this place: whether the way comes
     /// nearer to it than its end is.
     bool is_beyond(const Vec3& tip) const noexcept {
-        if (!last_proxy_ || !is_within_range(tip)) return false;
+        if (!last_proxy_) return false;
         constexpr int max_places = 1000;
         const double R = parameters.R();
         const double nearest = std::min(free_distance(), region->distance(tip) - R / 8);
@@ -120,7 +120,7 @@ class Rendered {
         last_proxy_.reset();
         if (region) {
             region->reset(tip);
-            if (is_within_range(tip) && region->distance(tip) >= free_distance()) last_proxy_ = tip;
+            if (region->distance(tip) >= free_distance()) last_proxy_ = tip;
         }
         if (guide) guide->reset(tip);
     }
@@ -171,7 +171,9 @@ struct AllRendered {
     HipGate gate;
     bool is_beyond = false;  // the last reset was, from where the proxy had been
 
+    /// Without a place nothing is forgotten: else the next one could be beyond a wall, untold.
     void reset(const Vec3& tip) noexcept {
+        if (!is_within_range(tip)) return;
         gate.reset(tip);
         is_beyond = std::ranges::any_of(parts, [&](auto& part) { return part.is_beyond(tip); });
         for (Rendered& part : parts) part.reset(tip);
@@ -210,6 +212,7 @@ struct ControllerImpl {
           all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
+        check_from("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
         check_hip_step(settings.max_hip_step);
         if ((settings.stop_at & no_position) != no_position || settings.stop_at & Status::capped)
             reject(

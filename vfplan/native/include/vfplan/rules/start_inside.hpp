@@ -124,8 +124,8 @@ class WayOut {
         for (double& t : reached_) t = 0;
         ticks_to_choose_ = max_ticks_to_choose;
         leads_to_other_side_ = false;
-        leaves_body_ = !free_before_ && is_in_body(geometry, hip);
-        if (leaves_body_) direction_ = nearest_ = -nearest_;
+        keeps_out_ = !free_before_;
+        if (keeps_out_ && is_in_body(geometry, hip)) direction_ = nearest_ = -nearest_;
     }
 
     /// One tick; true once the proxy has reached the free space.
@@ -265,12 +265,12 @@ class WayOut {
         return infinity;
     }
     /// Distance from y along d out of all that y is in; `free` where it is in nothing. What lies
-    /// deep in a body that the proxy is to leave is not free, and R further is in it or its skin.
+    /// deep in a closed body is not free, and R further is in it or its skin.
     template <class Geometry>
     double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
-        return leaves_body_ && is_in_body(geometry, y) ? R_ : free;
+        return keeps_out_ && is_in_body(geometry, y) ? R_ : free;
     }
 
     double R_, ramp_;
@@ -283,7 +283,7 @@ class WayOut {
     int chosen_ = 0;  // of the candidates
     const FreeBefore<D>* free_before_ = nullptr;
     bool leads_to_other_side_ = false;
-    bool leaves_body_ = false;  // it began under the skin of a closed body
+    bool keeps_out_ = false;  // of closed bodies, also where it began on their skin
     int ticks_to_choose_ = 0;
 };
 
