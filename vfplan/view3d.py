@@ -215,7 +215,7 @@ class Stage:
         self._add_slice(image)
         height = 0.035 * len(self._legend)
         self.plotter.add_legend(
-            self._legend, bcolor="white", face="circle", loc="upper right", size=(0.26, height)
+            self._legend, bcolor="white", face="circle", loc="upper right", size=(0.14, height)
         )
         if ticks is not None:
             self.show_tick(int(ticks.penetration.argmax()))
