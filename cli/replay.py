@@ -225,9 +225,6 @@ def replay_with_outputs(
         if arguments["governor"]:
             step_n, max_n = arguments["governor"]
             governed_robot = replace(governed_robot, force_step_limit_n=step_n, force_limit_n=max_n)
-    is_typed = click.get_current_context().get_parameter_source("seed").name == "COMMANDLINE"
-    if is_typed and arguments["drop"] is None and arguments["jitter_s"] is None:
-        raise click.UsageError("--seed is for random faults. Give --drop or --jitter too")
     senses = ("at_most", "at_least")
     limits = [(name, sense, limit) for sense in senses for name, limit in arguments[sense]]
     second_rule = "paper" if rule == "both" else None
