@@ -192,6 +192,13 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     assert left.state()["account"][0]["left_out"]
 
 
+def test_a_line_that_touches_little_ink_is_drawn():
+    session = Session.open(SLICE).apply({"do": "exclude", "box": [612, 585, 31, 33]})
+    places = [[237.495, 418.7], [275.744, 426.902], [612.017, 584.504], [399.175, 298.024]]
+    drawn = session.apply({"do": "draw", "points": places, "replace": True})
+    assert np.allclose(curve_of(drawn)[-1], places[-1], atol=0.1)
+
+
 def test_strokes_that_touch_are_joined_without_a_doubled_place():
     session = Session.open(SLICE)
     for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
