@@ -200,12 +200,13 @@ class Stage:
         start[across] = fixture.points[:, across].min() - 0.08 * sides[along]
         length = nice_length(max(float(sides[along]), 1e-3) / 4)
         stop = start + length * np.eye(3)[along]
+        words = f"{length:g} px" if fixture.frame == "image" else f"{1e3 * length:g} mm"
         bar = pyvista.Line(start, stop)
         # A white edge shows the bar on a dark slice.
         self.plotter.add_mesh(bar, color="white", line_width=10)
         self.plotter.add_mesh(bar, color="black", line_width=6)
         self.plotter.add_point_labels(
-            [stop], [f"{1e3 * length:g} mm"], font_size=18, shape_color="white", shape_opacity=0.8,
+            [stop], [words], font_size=18, shape_color="white", shape_opacity=0.8,
             show_points=False, always_visible=True, text_color="black",
         )  # fmt: skip
         self.plotter.camera_position = "iso"
@@ -215,7 +216,7 @@ class Stage:
         self._add_slice(image)
         height = 0.035 * len(self._legend)
         self.plotter.add_legend(
-            self._legend, bcolor="white", face="circle", loc="upper right", size=(0.26, height)
+            self._legend, bcolor="white", face="circle", loc="upper right", size=(0.14, height)
         )
         if ticks is not None:
             self.show_tick(int(ticks.penetration.argmax()))
@@ -255,7 +256,7 @@ class Stage:
         """
         size = image or self._fixture.image
         plane = plane_of_slice(self._fixture, image)
-        if size is None or plane is None:
+        if size is None or plane is None or self._fixture.frame == "image":
             return
         right, bottom = size.width_px - 0.5, size.height_px - 0.5
         pixels = [[-0.5, -0.5, 1], [right, -0.5, 1], [right, bottom, 1], [-0.5, bottom, 1]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -13,7 +15,7 @@ from vfplan.errors import InputError
 from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, image_places, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
-from vfplan.fixture import Fixture, Provenance, RegistrationRecord
+from vfplan.fixture import Fixture, Guidance, Provenance, RegistrationRecord
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay, thinned
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
@@ -41,6 +43,12 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
     np.testing.assert_allclose([extents.width, extents.height], 10.0, rtol=1e-6)  # mm
     np.testing.assert_allclose(extents.p0 + 5, 1e3 * pressed.ticks.proxy[marks[0], :2], atol=1e-3)
     assert axes.get_aspect() == 1.0
+
+
+def test_scene_shows_the_whole_tube_of_a_guide():
+    guided = replace(fixture_of(line()), guidance=Guidance(0.05, 1000.0))
+    [axes] = scene(replay(guided, probing(1.0))).axes
+    assert axes.get_ylim()[0] < -50 < 50 < axes.get_ylim()[1]  # mm
 
 
 def test_solid_scenes_are_drawn_too(tmp_path):

@@ -321,6 +321,38 @@ def test_markers_are_pasted_found_renamed_placed_and_left_out(browser, opened):
     assert hand.state("review.state.markers.length") == 0
 
 
+@pytest.mark.slow
+def test_buttons_insert_cut_turn_join_and_leave_out(browser, opened, tmp_path):
+    _, hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
+    for _ in range(4):
+        browser.key("k")
+    count = hand.state("review.state.knots_px[0].length")
+    hand.press("Insert behind")
+    browser.until(f"review.state.knots_px[0].length === {count + 1}")
+    place = hand.state("review.state.knots_px[0][Number(review.selected.key.split('/')[1])]")
+    hand.press("Cut before")
+    hand.until_steps(2)
+    assert np.allclose(hand.state("review.state.curve_px[0][0]"), place, atol=0.1)
+    browser.key("k")
+    hand.press("Turn round")
+    hand.until_steps(3)
+    assert np.allclose(hand.state("review.state.curve_px[0].at(-1)"), place, atol=0.1)
+    lengths = hand.state("review.state.curve_px.map((line) => line.length)")
+    hand.press("Join with stroke 2")
+    hand.until_steps(4)
+    [joined] = hand.state("review.state.curve_px.map((line) => line.length)")
+    assert joined >= sum(lengths)
+    # What was cut off is other ink now.
+    browser.run("document.querySelector('#account button').click()")
+    hand.press("Leave out")
+    hand.until_steps(5)
+    assert hand.state("review.state.account.some((ink) => ink.left_out)")
+    for _ in range(5):
+        browser.key("z", modifiers=CTRL)
+    hand.until_steps(0)
+    assert hand.state("review.state.knots_px[0].length") == count
+
+
 RENEW = "review.receive({state: review.state, version: review.version})"
 
 

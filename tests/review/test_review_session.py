@@ -192,6 +192,21 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     assert left.state()["account"][0]["left_out"]
 
 
+def test_a_line_that_touches_little_ink_is_drawn():
+    session = Session.open(SLICE).apply({"do": "exclude", "box": [612, 585, 31, 33]})
+    places = [[237.495, 418.7], [275.744, 426.902], [612.017, 584.504], [399.175, 298.024]]
+    drawn = session.apply({"do": "draw", "points": places, "replace": True})
+    assert np.allclose(curve_of(drawn)[-1], places[-1], atol=0.1)
+
+
+def test_strokes_that_touch_are_joined_without_a_doubled_place():
+    session = Session.open(SLICE)
+    for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
+        session = session.apply({"do": "draw", "points": list(places), how: True})
+    [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
+    assert np.hypot(*np.diff(joined.points, axis=0).T).min() > 0.9
+
+
 def test_a_step_on_the_curve_leaves_the_bound_of_the_markers_to_the_whole_state(sample):
     u, v = sample.quick_state()["knots_px"][0][7]
     moved = sample.apply({"do": "move_knot", "stroke": 0, "knot": 7, "to": [u, v + 30]})

@@ -323,7 +323,7 @@ def burr_figure(burred: Burred) -> Figure:
         MM * (burred.before - burred.before.mean(axis=0)) @ plane_basis(axis / np.linalg.norm(axis))
     )
     figure, (above, below) = subplots(7.5, 6.0, 2, 1, height_ratios=(3, 2))
-    dots = above.scatter(*flat.T, c=MM * row_norms(lowered), s=6, cmap="viridis", lw=0)
+    dots = above.scatter(*flat.T, c=MM * row_norms(lowered), s=6, cmap="viridis", lw=0, zorder=3)
     figure.colorbar(dots, ax=above, label="lowered [mm]")
     above.set(xlabel="[mm]", ylabel="[mm]", aspect="equal", adjustable="datalim")
     ticks = burred.replayed.ticks

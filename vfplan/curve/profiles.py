@@ -303,7 +303,8 @@ def _pen_width(profiles: Profiles, valid: Flags) -> tuple[float, float]:
     edge = (_crossing(usual, high, LOW) - high) * tuned.STEP_PX
     width = 2 * _crossing(usual, high, tuned.HALF) * tuned.STEP_PX
     edges, shares = _blurred_pens()
-    share = float(np.interp(edge / width, edges, shares))
+    # Ink that lies beside the path alone leaves no width at half height.
+    share = float(np.interp(edge / max(width, 1e-6), edges, shares))
     return max(width * share, 1.0), edge  # No picture shows a line narrower than its pixels.
 
 

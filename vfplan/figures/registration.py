@@ -113,7 +113,7 @@ def view_in_patient(image: PlannedImage | None) -> View:
     if image is None or image.T_patient_image is None:
         message = (
             "The markers are given in the patient's frame, and nothing says where a slice lies "
-            "there. Give the DICOM slice that the curve was drawn on."
+            "there. Give the DICOM slice of the curve by --image, or leave --picture-out out."
         )
         raise SettingError(message, code="no-slice")
     place = image.T_patient_image[:3]

@@ -101,7 +101,10 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     hip = MM * ticks.hip @ basis
     proxy = MM * ticks.proxy @ basis
     radius = MM * fixture.contact_radius
-    low, high = cloud.min(axis=0) - 3 * radius, cloud.max(axis=0) + 3 * radius
+    around = 3 * radius
+    if fixture.guidance is not None:
+        around = max(around, 2 * MM * fixture.guidance.radius)
+    low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
     height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
     figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)

@@ -142,11 +142,18 @@ def draw_scale_bar(
 
 
 def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
-    """The points, or the edges of the triangles."""
+    """The points, or the triangles, those in front over those behind."""
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     flat, mesh = view.project(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
-        paper.draw_line(canvas, flat[mesh], LINE_COLOUR, 1, closed=True)
+        # Darker the more a triangle is turned away from the viewer.
+        corners = fixture.points[mesh] @ view.turn.T
+        across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
+        facing = np.abs(across[:, 2:]) / np.maximum(np.linalg.norm(across, axis=1)[:, None], 1e-30)
+        colours = (0.35 + 0.6 * facing) * (255 + np.array(LINE_COLOUR)) / 2
+        for k in np.argsort(corners[..., 2].mean(axis=1)):
+            outline = paper.fixed_point(flat[mesh[k]])
+            cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))

@@ -526,6 +526,7 @@ class MendedStroke(Stroke):
         whole = concatenated([first, second], False, np.r_[first.knots, count + second.knots])
         # A smooth stretch over the gap, from a little before it to a little behind it.
         around = whole.points[[last - reach, last, count, count + reach]]
+        around = around[np.r_[True, np.hypot(*np.diff(around, axis=0).T) > 1e-6]]
         return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
 
     def measured_in(self, box: tuple[int, int, int, int], ink: SliceInk) -> MendedStroke:
