@@ -37,6 +37,9 @@ NEAR_END_SHARE = 0.25
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
 
+# Most of those later ones. More lie near each other only where a curve runs often over itself.
+FOLD_COLUMNS = 1024
+
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
@@ -397,6 +400,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         # Each point of the block is held against the later ones in the box around the block.
         is_in_box = (points >= block.min(axis=0) - reach) & (points <= block.max(axis=0) + reach)
         candidates = start + np.flatnonzero(is_in_box.all(axis=1)[start:])
+        candidates = candidates[:: len(candidates) // FOLD_COLUMNS + 1]
         is_close = ((block[:, None] - points[candidates]) ** 2).sum(axis=2) <= reach**2
         earlier, later = np.nonzero(is_close)
         earlier, later = start + earlier, candidates[later]
