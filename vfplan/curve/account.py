@@ -237,8 +237,15 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
-    at_end = [piece for piece in leftover if piece.is_at_end(max_gap_px)]
-    touching = [p for p in leftover if p.touches and not p.is_at_end(max_gap_px)]
+    reach = tuned.END_REACH_GAPS * max_gap_px
+    dots = [p for p in leftover if p.is_dot and not p.touches and p.end_distance <= reach]
+    at_end, touching = [], []
+    for piece in leftover:
+        # One dot carries no line on, while several are dashes, or a pen that ran dry.
+        if piece.is_at_end(max_gap_px) or (len(dots) > 1 and piece in dots):
+            at_end.append(piece)
+        elif piece.touches:
+            touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
         text = (
