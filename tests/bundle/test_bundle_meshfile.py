@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import vfplan
 from vfplan.bundle.exporting import export
 from vfplan.bundle.importing import STL_FACET, drawn, import_cloud, read_mesh
-from vfplan.errors import InputError, SessionError
+from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import RegistrationRecord
 from vfplan.session.read import read_npz
 
@@ -250,6 +250,8 @@ def test_arrays_of_every_kind_come_back(order, kind, tmp_path):
     assert np.array_equal(fixture.points, points.astype(float) * 1e-3)
     digest = hashlib.sha256((tmp_path / "a.npy").read_bytes()).hexdigest()
     assert fixture.provenance.inputs == {"cloud": digest}
+    with pytest.raises(SettingError, match="Give one of m, cm"):
+        import_cloud(tmp_path / "a.npy", units="furlong")
 
 
 def claimed(shape):

@@ -60,6 +60,14 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     assert len(extraction.account) == 1
 
 
+def test_dots_in_a_row_from_an_end_are_asked_about():
+    starts = [CURVE[-1] + [gap, 0.0] for gap in (10, 18, 26)]
+    extraction = extract_curve(
+        picture(*[([start, np.add(start, (1, 0))], 3.0) for start in starts])
+    )
+    assert codes(extraction) == ["ink-at-end"] * 3
+
+
 def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():
     aside = CURVE[-1] + [34.0, 36.0]
     extraction = extract_curve(picture(([aside, np.add(aside, (12, 38))], 3.0)))

@@ -97,6 +97,7 @@ def test_nothing_there_is_an_error_by_name():
         (far, (40, 40), "no cross or dot"),
         (canvas(), (900, 40), "no cross or dot"),
         (canvas(), (40, -90), "no cross or dot"),
+        (canvas(), (-12, 40), "no cross or dot"),
     ):
         with pytest.raises(MarkerError, match=words):
             found(image, at)

@@ -232,6 +232,7 @@ IN_IMAGEJ = {
     "1,s.png,0,7,7,7,10,20\n2,s.png,0,9,9,9,30,25\n3,s.png,0,8,8,8,12,60\n",
     "multi-point results": " ,Area,Mean,X,Y,Counter,Count\n1,0,7,10,20,0,3\n2,0,9,30,25,0,3\n"
     "3,0,8,12,60,0,3\n",
+    "centres of mass": " ,X,Y,XM,YM\n1,10,20,9,9\n2,30,25,9,9\n3,12,60,9,9\n",
     "a list": "X\tY\n10\t20\n30\t25\n12\t60\n",
     "centroids of areas": " ,Area,X,Y\n1,40,10.5,20.5\n2,41,30.5,25.5\n3,39,12.5,60.5\n",
     "in millimetres": " ,X (mm),Y (mm)\n1,4,5\n2,12,6.25\n3,4.8,15\n",
@@ -259,6 +260,10 @@ def test_names_that_a_person_gave_in_imagejs_table_stay(write):
     assert read_markers(write("i.csv", text), write("r.csv", ROBOT)).labels == ("x3", "x1", "x2")
     with refuses(MarkerError, "label-doubled"):
         read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
+    with refuses(MarkerError, "column-unknown"):
+        read_markers(
+            write("i.csv", "label,X (\u0131n),Y (\u0131n)\na,1,2\n"), write("r.csv", ROBOT)
+        )
 
 
 def test_common_takes_the_labels_that_both_sides_have(write):

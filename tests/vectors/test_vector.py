@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -59,8 +60,18 @@ def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
 def test_a_curve_that_runs_back_along_itself_is_doubted(tmp_path, points, told):
     for given in (points, points[::-1]):
         curve = polyline(tmp_path, given)
-        codes = [found.code for found in extract(capture(tmp_path), curve=curve).findings]
-        assert codes == ["curve-folds"] * told
+        for made in (extract(capture(tmp_path), curve=curve), extract(curve, ExtractSettings())):
+            assert [found.code for found in made.findings] == ["curve-folds"] * told
+
+
+def test_a_curve_laid_on_itself_often_takes_little_memory(tmp_path):
+    curve = polyline(tmp_path, np.tile([(10, 10), (60, 10)], (100, 1)))
+    tracemalloc.start()
+    made = extract(curve, ExtractSettings())
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert {found.code for found in made.findings} == {"curve-folds"}
+    assert peak < 40e6
 
 
 def test_a_curve_alone_is_in_the_patients_frame(tmp_path):

@@ -135,6 +135,8 @@ def import_cloud(
         A parameter outside its range.
     """
     radius = contact_radius + point_radius
+    if units not in METRES:
+        raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
     if curve not in (None, "open", "closed"):
         raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
     if not (0 < contact_radius < np.inf and 0 <= point_radius < np.inf):

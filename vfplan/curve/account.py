@@ -37,6 +37,9 @@ NEAR_END_SHARE = 0.25
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
 
+# Most of those later ones. More lie near each other only where a curve runs often over itself.
+FOLD_COLUMNS = 1024
+
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
@@ -234,8 +237,15 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
-    at_end = [piece for piece in leftover if piece.is_at_end(max_gap_px)]
-    touching = [p for p in leftover if p.touches and not p.is_at_end(max_gap_px)]
+    reach = tuned.END_REACH_GAPS * max_gap_px
+    dots = [p for p in leftover if p.is_dot and not p.touches and p.end_distance <= reach]
+    at_end, touching = [], []
+    for piece in leftover:
+        # One dot carries no line on, while several are dashes, or a pen that ran dry.
+        if piece.is_at_end(max_gap_px) or (len(dots) > 1 and piece in dots):
+            at_end.append(piece)
+        elif piece.touches:
+            touching.append(piece)
     findings = []
     for piece in at_end[:NAMED]:
         text = (
@@ -397,6 +407,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         # Each point of the block is held against the later ones in the box around the block.
         is_in_box = (points >= block.min(axis=0) - reach) & (points <= block.max(axis=0) + reach)
         candidates = start + np.flatnonzero(is_in_box.all(axis=1)[start:])
+        candidates = candidates[:: len(candidates) // FOLD_COLUMNS + 1]
         is_close = ((block[:, None] - points[candidates]) ** 2).sum(axis=2) <= reach**2
         earlier, later = np.nonzero(is_close)
         earlier, later = start + earlier, candidates[later]

@@ -32,8 +32,10 @@ ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with si
 
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": MM}
 
-# A column of ImageJ's coordinates, with the unit that it is calibrated in.
-IMAGEJ_COLUMN = re.compile(rf"([XY])(?:[ _]?[(\[]?({'|'.join(METRES)})[)\]]?)?", re.IGNORECASE)
+# A column of ImageJ's coordinates, with the unit that it is calibrated in. XM is a centre of mass.
+IMAGEJ_COLUMN = re.compile(
+    rf"([XY])(?:[ _(\[]+({'|'.join(METRES)})[)\]]?)?", re.IGNORECASE | re.ASCII
+)
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")

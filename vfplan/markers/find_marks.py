@@ -137,11 +137,11 @@ def find_mark(
 ) -> DrawnMarker | None:
     """The cross or dot nearest to a place (u, v) on the slice, or `None`."""
     u, v = place
+    if not (-0.5 <= u <= rgb.shape[1] - 0.5 and -0.5 <= v <= rgb.shape[0] - 0.5):
+        return None
     half = int(np.ceil(search_px)) + MAX_SIDE_PX // 2
     column, row = max(0, round(u) - half), max(0, round(v) - half)
-    window = rgb[row : max(0, round(v) + half + 1), column : max(0, round(u) + half + 1)]
-    if window.size == 0:
-        return None
+    window = rgb[row : round(v) + half + 1, column : round(u) + half + 1]
     picture = window / float(np.iinfo(rgb.dtype).max)
     local = (u - column, v - row)
 

@@ -233,6 +233,7 @@ def vector_alone(
     path: str | Path, settings: ExtractSettings, contact_radius: float
 ) -> ExtractResult:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
+    from vfplan.curve.account import fold_findings
     from vfplan.vectors.curve import FINE_M
     from vfplan.vectors.read import onto_slice, read_vector_curve
 
@@ -258,6 +259,8 @@ def vector_alone(
         described = {"length_px": stroke.length}
     described |= {"closed": stroke.closed, "points": len(points)}
     findings = tuple(vector_findings(curve, contact_radius))
+    if is_in_image:
+        findings += tuple(fold_findings([stroke]))
     provenance = Provenance.now({"curve": curve.sha256}, settings)
     fixture = Fixture(frame, points, provenance, curve=Curve.of([stroke]), findings=findings)
     report: dict[str, Any] = {
