@@ -76,6 +76,14 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     assert not (tmp_path / "d.h5").exists()
 
 
+@pytest.mark.parametrize(("spacing", "noted"), [("1,5", True), ("1,2", False), ("0.5", False)])
+def test_a_decimal_comma_in_a_pixel_spacing_is_noted(spacing, noted, vfplan_cli, image, tmp_path):
+    words = "--pixel-spacing", spacing, "--json"
+    done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *words)
+    codes = [finding["code"] for finding in done.json["findings"]]
+    assert ("pixel-spacing-uneven" in codes) == noted
+
+
 def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     image = draw(tmp_path / "two.png", [CURVE, RING])
     out, mask = tmp_path / "c.h5", tmp_path / "m.png"

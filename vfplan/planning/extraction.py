@@ -47,6 +47,10 @@ UNTURNED = (
     "Compare them with the picture, and say it: --pixels as-shown or --pixels as-stored"
 )
 
+# Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
+# has a ratio of 5, while pixels of slices are nearly square.
+MAX_SPACING_RATIO = 2.0
+
 # Points of Slicer's curve that a sheet marks: each takes 16 signs, and a setting holds 4096.
 MAX_SLICER_POINTS = 250
 
@@ -131,6 +135,14 @@ def extract(
     elapsed = time.perf_counter() - started
 
     findings = (*image.findings, *extraction.findings)
+    if settings.pixel_spacing_mm is not None:
+        along_u, along_v = settings.pixel_spacing_mm
+        if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
+            text = (
+                f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "
+                "with a point if the comma was meant as one."
+            )
+            findings += (note("pixel-spacing-uneven", "extract", text),)
     strokes = extraction.strokes
     points = np.concatenate([stroke.points for stroke in strokes])
     sigma = None
