@@ -110,7 +110,9 @@ def test_the_marked_rows_are_what_an_engine_reads():
     """By the source of what `Engine(fixture)` is made of."""
     include = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
     source = (include / "fixture.hpp").read_text()
-    source = source[source.index("strokes_of(const Content") : source.index("What `read` gives")]
+    source = source[
+        source.index("strokes_of(const Content") : source.rindex("Fixture read_fixture(")
+    ]
     content = (include / "content.hpp").read_text()
     source += content[content.index("pieces_of(const Content") :]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}

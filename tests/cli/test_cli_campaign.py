@@ -32,7 +32,7 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     again = vfplan_cli(*words, "--trials", "128", "--json").json
     assert (again["trials"], again["trials_made"]) == (128, 64)
     part = vfplan_cli(*words, "--trials", "130", "-v").stdout
-    assert part.startswith("130 trials, 64 of them made now in whole blocks of 64, ")
+    assert part.startswith("130 trials, 64 of them made now\n")
     assert "verdict: the tool goes more than 0 mm beyond the true curve with p = " in part
 
     margin = ("--margin", "p=0.2", "--campaign", tmp_path / "c")
