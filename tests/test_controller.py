@@ -11,6 +11,7 @@ from vfplan import Controller, Status
 from vfplan.bundle.seal import keygen, sign
 from vfplan.conformance import fixtures
 from vfplan.controller import ASKED
+from vfplan.engine.governor import GovernorStatus
 from vfplan.errors import SettingError, VfplanError
 from vfplan.findings import doubt
 from vfplan.fixture import Curve
@@ -261,3 +262,32 @@ def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path)
         seconds.append(np.count_nonzero(np.array(status) & Status.INSIDE) / rate_hz)
     assert seconds[0] > 0.1
     assert seconds[1] == pytest.approx(seconds[0], rel=0.1)
+
+
+def test_a_reset_after_an_exchange_or_past_the_line_is_told(tmp_path):
+    """What the loop knows of the tool's side, no reset loses."""
+    for up, places in ((9e-3, [DEEP]), (0, [[0.02, -4e-4, 0]]), (0, [LINE[280], [0.02, -0.02, 0]])):
+        controller = Controller(stored(tmp_path / "f.h5"), **ANY)
+        press(controller, [0.02, 3e-3, 0])
+        if up:
+            controller.request_stop()
+            assert ending(controller, ABOVE)[-1].stop
+            controller.exchange(stored(tmp_path / "up.h5", up=up))
+        for place in places:
+            controller.reset(place)
+        assert controller.step(places[-1]).stopping == Status.CROSSED
+        (tmp_path / "f.h5").unlink()
+        controller.reset(np.multiply(places[-1], 1e4))
+        assert controller.step(places[-1]).stopping == Status.CROSSED, "a reset to no place"
+
+
+def test_an_arm_that_takes_torques_is_let_go_when_its_jacobian_stays_away(tmp_path):
+    jacobian = np.linspace(-0.5, 0.5, 21).reshape(3, 7)
+    controller = Controller(stored(tmp_path / "f.h5"), **ANY)
+    press(controller)
+    for _ in range(50):
+        controller.step(DEEP, None, jacobian)
+    answers = [controller.step(DEEP) for _ in range(50)]
+    assert answers[-1].stop
+    assert not controller.torque_nm.any()
+    assert answers[-1].stopping == 256 * GovernorStatus.BAD_JACOBIAN

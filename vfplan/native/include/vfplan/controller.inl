@@ -99,30 +99,15 @@ class Rendered {
                parameters == p;
     }
 
-    /// Whether a wall lies on the straight way from the proxy to this place: whether the way comes
-    /// nearer to it than its end is.
-    bool is_beyond(const Vec3& tip) const noexcept {
-        if (!last_proxy_) return false;
-        constexpr int max_places = 1000;
-        const double R = parameters.R();
-        const double nearest = std::min(free_distance(), region->distance(tip) - R / 8);
-        const double length = norm(tip - *last_proxy_);
-        const Vec3 way = along(tip - *last_proxy_, 1);
-        double t = 0;
-        for (int i = 0; i < max_places && t < length; ++i) {
-            const double distance = region->distance(*last_proxy_ + t * way);
-            if (distance < nearest) return true;
-            t += std::max(distance - free_distance(), R / 4);
-        }
-        return t < length;
-    }
-    void reset(const Vec3& tip) noexcept {
-        last_proxy_.reset();
-        if (region) {
-            region->reset(tip);
-            if (region->distance(tip) >= free_distance()) last_proxy_ = tip;
-        }
+    /// Begins here. True where a wall lies on the straight way from the last proxy, unless the
+    /// reset before said so too: who resets again means it.
+    bool reset(const Vec3& tip) noexcept {
         if (guide) guide->reset(tip);
+        if (!region) return false;
+        region->reset(tip);  // with the fixture that it was exchanged for
+        is_beyond_ = !is_beyond_ && last_proxy_ && is_behind_wall(tip);
+        if (region->distance(tip) >= free_distance()) last_proxy_ = tip;
+        return is_beyond_;
     }
     /// The region's answer with both forces; of a guide alone its own.
     Step step(const Vec3& tip) noexcept {
@@ -154,10 +139,26 @@ class Rendered {
 
   private:
     /// From the geometry to a proxy that is outside [m].
-    double free_distance() const noexcept { return parameters.R() - 2 * region->band(); }
+    double free_distance() const noexcept { return region->radius() - 2 * region->band(); }
+    /// Whether the straight way from the last proxy comes nearer to the wall than its end is.
+    bool is_behind_wall(const Vec3& tip) const noexcept {
+        constexpr int max_places = 4000;
+        const double step = region->radius() / 32;
+        const double nearest = std::min(free_distance(), region->distance(tip) - step);
+        const double length = norm(tip - *last_proxy_);
+        const Vec3 way = along(tip - *last_proxy_, 1);
+        double t = 0;
+        for (int i = 0; i < max_places && t < length; ++i) {
+            const double distance = region->distance(*last_proxy_ + t * way);
+            if (distance < nearest) return true;
+            t += std::max(distance - free_distance(), step);
+        }
+        return t < length;
+    }
 
     bundle::Fixture fixture_;
     std::optional<Vec3> last_proxy_;  // of the region, outside
+    bool is_beyond_ = false;          // the last reset was, from there
 };
 
 /// All fixtures together, in their frame: what a MovingFrame takes for an engine.
@@ -175,8 +176,8 @@ struct AllRendered {
     void reset(const Vec3& tip) noexcept {
         if (!is_within_range(tip)) return;
         gate.reset(tip);
-        is_beyond = std::ranges::any_of(parts, [&](auto& part) { return part.is_beyond(tip); });
-        for (Rendered& part : parts) part.reset(tip);
+        is_beyond = false;
+        for (Rendered& part : parts) is_beyond |= part.reset(tip);
     }
     /// Forces and bits of all; the rest is of the one that pushes most.
     Step step(const Vec3& tip) noexcept {
@@ -258,6 +259,7 @@ struct ControllerImpl {
     }
     void reset(const Vec3& given) noexcept {
         const Vec3 tip = checked(given);
+        if (!is_within_range(tip)) return;  // what stopped has not begun anew
         // A moving fixture begins at its first pose.
         if (frame && !frame->placed())
             all.reset(HipGate::nowhere);
@@ -266,7 +268,7 @@ struct ControllerImpl {
         governor.reset();
         stopping = 0;
         bad_ticks = 0;
-        has_torque = false;
+        joints = 0;
     }
     /// `govern`: the governor's tick for a force.
     template <class F>
@@ -281,7 +283,7 @@ struct ControllerImpl {
         const std::uint8_t status = s.status | (governed.is_capped ? Status::capped : Status::ok);
         Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
                     status,         governed.status, stopping, false};
-        out.stop = stopping && governed.force == Vec3{} && !(has_torque && has_torque_left());
+        out.stop = stopping && governed.force == Vec3{} && !(joints && has_torque_left());
         return out;
     }
     void note_stops(std::uint8_t status) noexcept {
@@ -315,7 +317,7 @@ struct ControllerImpl {
     double time = 0;             // [s]
     double bad_ticks = 0;        // without a good position, less `recovery` for each good one
     std::uint16_t stopping = 0;  // as in Command
-    bool has_torque = false;
+    int joints = 0;              // of the Jacobians since the reset
 };
 
 /// Of a controller that was moved from.
@@ -360,14 +362,16 @@ VFPLAN_COMPILED_ONCE void Controller::reset(const Vec3& tip) noexcept {
 VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip,
                                               std::optional<double> time_s) noexcept {
     if (!impl_) return detail::command_of_nothing();
+    if (impl_->joints) return step(tip, time_s, nullptr, 0);  // an arm that takes torques
     return impl_->step(tip, time_s, [&](const Vec3& f) { return impl_->governor.step(f); });
 }
 VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
                                               const double* jacobian, int joints) noexcept {
     if (!impl_) return detail::command_of_nothing();
-    impl_->has_torque = true;
+    if (!impl_->joints) impl_->joints = joints;
+    const int n = joints == impl_->joints ? joints : 0;  // another arm's is none
     return impl_->step(tip, time_s,
-                       [&](const Vec3& f) { return impl_->governor.step(f, jacobian, joints); });
+                       [&](const Vec3& f) { return impl_->governor.step(f, jacobian, n); });
 }
 VFPLAN_COMPILED_ONCE const double* Controller::torque() const noexcept {
     static constexpr double none[Governor::max_joints] = {};

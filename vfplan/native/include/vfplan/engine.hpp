@@ -193,6 +193,8 @@ class Engine {
         return changes ? changes->queue.size() : 0;
     }
 
+    /// R of what the loop renders [m].
+    double radius() const noexcept { return impl_ ? impl_->radius : 0; }
     /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
     double band() const noexcept { return impl_ ? impl_->band : 0; }
     /// Memory in use [bytes].
