@@ -146,19 +146,24 @@ def vfplan_export(fixture, output, study) -> CommandResult:
     exported = read_fixture(fixture)
     with outputs(output) as (path,):
         export(exported, path, study=study)
-    data = {"output": str(output), "points": len(exported.points), "frame": exported.frame}
+    # The frame that the file is in: a .dcm is the patient's, as are others where one knows how.
+    frame, ending = exported.frame, output.name.lower()
+    if ending.endswith((".mrk.json", ".stl")):
+        frame = in_patient(exported, exported.points)[1]
+    elif ending.endswith(".dcm"):
+        frame = "patient_lps"
+    data = {"output": str(output), "points": len(exported.points), "frame": frame}
     what = count(len(exported.points), "point")
-    if output.name.lower().endswith(".dxf"):
+    if ending.endswith(".dxf"):
         what = f"{exported.pieces.count} lines and arcs"
-    text = f"wrote {what} of frame {exported.frame} to {output}"
+    text = f"wrote {what} of frame {frame} to {output}"
     verdict = f"exported {what}"
     missing = left_out(exported, output)
     if missing:
         data["left_out"] = missing
         verdict += f", without {', '.join(missing)}, which this format does not hold"
     warnings = []
-    frame = in_patient(exported, exported.points)[1]
-    if frame == "robot_base" and output.name.lower().endswith((".mrk.json", ".stl")):
+    if frame == "robot_base" and ending.endswith((".mrk.json", ".stl")):
         warnings.append(
             "the points are the robot's, which Slicer takes for LPS: do not lay them over a patient"
         )

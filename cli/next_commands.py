@@ -132,7 +132,7 @@ def typed_review_options() -> list[str]:
     """
     review = cli.get_command(click.Context(cli), "review")
     takes_value = {
-        name: not parameter.is_flag
+        name: not (parameter.is_flag or parameter.count)
         for parameter in review.params
         if isinstance(parameter, click.Option)
         and not parameter.name.endswith(("as_json", "_out", "output", "paper"))

@@ -408,6 +408,8 @@ def next_step(
     again = command_line()
     if wrote_files and "--overwrite" not in again:
         again += " --overwrite"
+    if "start_depth_m" in report:
+        return "replay a session that begins outside the mesh; check --units and the registration"
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
     if "checks" not in report:

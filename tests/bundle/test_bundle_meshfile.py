@@ -210,6 +210,25 @@ def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
             imported(text, frame)
 
 
+@pytest.mark.parametrize(("text", "units", "frame", "wanted"), [
+    (b"frame image, unit px", "mm", None, "units-differ"),
+    (b"frame image", "mm", None, "units-differ"), (b"frame robot_base, unit m", "mm", None,
+    "units-differ"), (b"Exported with units: MM\r", "m", None, "units-differ"),
+    (b"frame robot_base, unit m", "m", "patient_lps", "frames-differ"),
+    (b"frame robot_base, unit m SPACE=LPS", "m", None, "frames-differ"),
+    (b"frame patient_lps, unit m SPACE=LPS", "m", None, "patient_lps"),
+    (b"frame patient_lps, unit m", "m", None, "patient_lps"),
+    (b"one unit in each file, frame image 7", "m", None, "robot_base"),
+])  # fmt: skip
+def test_the_unit_and_frame_that_a_ply_names_are_obeyed(text, units, frame, wanted, tmp_path):
+    (tmp_path / "a.ply").write_bytes(ply().replace(b"1.0\n", b"1.0\ncomment %b\n" % text, 1))
+    if wanted.endswith("differ"):
+        with refuses(InputError, wanted):
+            import_cloud(tmp_path / "a.ply", units=units, frame=frame)
+    else:
+        assert import_cloud(tmp_path / "a.ply", units=units, frame=frame).frame == wanted
+
+
 def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):
     (tmp_path / "a.stl").write_bytes(binary_stl(head=b"SPACE=RAS"))
     made = import_cloud(tmp_path / "a.stl", units="m")

@@ -13,8 +13,10 @@ from meshes import sphere
 from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian
 from refusals import refuses
 
+import vfplan
 from vfplan.bundle.exporting import export
 from vfplan.errors import InputError, SettingError
+from vfplan.fixture import RegistrationRecord
 from vfplan.surface.build import surface
 from vfplan.surface.sources import read_contours
 from vfplan.vectors.read import read_vector_curve
@@ -69,6 +71,23 @@ def test_strokes_come_back_from_an_rtstruct(tmp_path, study, is_closed):
         ours = read_vector_curve(path, number=number)
         assert ours.closed == stroke.closed
         assert np.allclose(ours.points, 1e-3 * points_mm, rtol=0, atol=1e-12)
+
+
+def test_the_frame_that_is_printed_is_that_of_the_file(vfplan_cli, tmp_path, study):
+    fixture = in_study(study)
+    marks = np.vstack([np.zeros(3), 0.1 * np.eye(3)])
+    carried = RegistrationRecord(
+        "rigid", "patient_lps", np.eye(4), tuple("abcd"), marks, marks, np.zeros(4), 0, 0, 0
+    )
+    vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    vfplan.write_fixture(replace(fixture, registration=carried), tmp_path / "b.h5")
+    for name, output, *words in (
+        ("a", "a.rtstruct.dcm", "--study", study), ("b", "b.mrk.json"), ("a", "a.mrk.json"),
+        ("b", "b.ply"),
+    ):  # fmt: skip
+        run = vfplan_cli("export", tmp_path / f"{name}.h5", "-o", tmp_path / output, *words)
+        is_patient = output in ("a.rtstruct.dcm", "b.mrk.json")
+        assert f"of frame {'patient_lps' if is_patient else 'robot_base'} to" in run.stdout
 
 
 def ball(radius_mm=12.0, height_m=-0.48):

@@ -57,6 +57,15 @@ def test_a_command_that_follows_is_understood(name):
         assert (parsed["case"], parsed["robot_serial"]) == ("it's", "a 7")
 
 
+def test_options_without_a_value_are_repeated_without_one(monkeypatch):
+    options = cli.get_command(click.Context(cli), "review").params
+    names = [one.opts[0] for one in options if getattr(one, "is_flag", 0) or one.name == "verbose"]
+    names = [name for name in names if name not in ("--json", "--help-all")]
+    for typed in ([*names, "-v"], ["-v", "--curve", "2", *names, "--margin", "1 mm"]):
+        monkeypatch.setattr(sys, "argv", ["vfplan", "review", *typed])
+        assert shlex.split(page_command(ODD, output=ODD))[3:-2] == typed
+
+
 def result_calls():
     """Each call of `CommandResult` in a command: where, and its keywords."""
     for path in sorted([*(ROOT / "cli").glob("*.py"), *(ROOT / "vfplan").glob("*/command.py")]):

@@ -10,7 +10,8 @@ import h5py
 import numpy as np
 import pytest
 from conftest import ELBOW, output
-from replays import fixture_of, line, probing, write_session
+from meshes import sphere
+from replays import fixture_of, line, meshed, probing, write_session
 
 import vfplan
 from vfplan.findings import doubt
@@ -175,6 +176,17 @@ def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verd
     following = run.json["next"].replace(" --json", "")
     assert told[0].startswith(f"verdict: {verdict}, never beyond the drawn line; ")
     assert told[1] == f"next: {following}"
+
+
+@pytest.mark.parametrize("limits", [(), ("--at-least", "force_max_n=3")])
+def test_a_session_that_begins_inside_is_told_to_begin_outside(vfplan_cli, limits, tmp_path):
+    vfplan.write_fixture(meshed(*sphere(30e-3, 4)), tmp_path / "ball.h5")
+    hip = np.outer(np.linspace(5e-3, 8e-3, 300), [0, 0, 1.0])
+    write_session(tmp_path / "deep.csv", vfplan.Session(1e-3 * np.arange(300), hip))
+    run = vfplan_cli("replay", tmp_path / "ball.h5", tmp_path / "deep.csv", *limits)
+    verdict, following = run.stdout.splitlines()[-2:]
+    assert " mm inside the surface; " in verdict
+    assert following.startswith("next: replay a session that begins outside the mesh")
 
 
 def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, far, tmp_path):

@@ -51,6 +51,9 @@ WELD_SHARE = 1e-5
 SUFFIXES = (".ply", ".stl", ".obj", ".csv", ".npy")
 # How 3D Slicer writes the axes of the patient into the header of a mesh.
 SPACE = re.compile(rb"SPACE=([^\s\0;,]*)")
+# How a header names the unit and the frame of the numbers, as `vfplan export` does.
+WORDS = r"\b(?:units?[ :=]+|frame )(px|[cmu]?m|in|image|robot_base|patient_lps)"
+SAID = re.compile(WORDS + r"\s*(?:[,;]|space=|$)", re.MULTILINE)
 # A name of such axes -> the sign of each against LPS.
 SIGNS_OF_SPACE = {"LPS": (1, 1, 1), "RAS": (-1, -1, 1)}
 # Longest header of a PLY file that is looked for [bytes].
@@ -91,6 +94,8 @@ class Mesh:
     left_out: tuple[str, ...] = ()
     # The patient's axes that it says its numbers have; "" where it says none.
     space: str = ""
+    # The units and frames that it names.
+    said: tuple[str, ...] = ()
 
 
 def import_cloud(
@@ -116,8 +121,8 @@ def import_cloud(
     units
         Unit of the file's numbers, a key of `METRES`.
     frame
-        Frame of the file's numbers. `None`: "patient_lps" where the file says that it has the
-        patient's axes (`SPACE=`), else "robot_base".
+        Frame of the file's numbers. `None`: the one that the file says (`SPACE=` is
+        "patient_lps"), else "robot_base".
     curve
         "open" or "closed": the points are one curve, in order; `None`: a bare cloud.
     spacing
@@ -147,12 +152,18 @@ def import_cloud(
     axis = check_axis(ignore_axis)
     with naming_place(path):
         cloud, digest = read_cloud(Path(path), units)
-        if cloud.space and frame == "robot_base":
-            raise InputError(
-                f"The file says SPACE={cloud.space}, axes of the patient, and the frame was given "
-                "as robot_base. Leave --frame out, or remove SPACE= from the file's header.",
-                code="frames-differ",
-            )
+        for name in cloud.said:
+            unit = "px" if name == "image" else name
+            if unit not in (units, "robot_base", "patient_lps"):
+                do = "Register the curve first" if unit == "px" else f"Give --units {unit}"
+                text = f"The file says unit {unit}, and {units} was given as the unit. {do}."
+                raise InputError(text, code="units-differ")
+        frames = {f"frame {name}": name for name in cloud.said if name != units}
+        frames |= {f"SPACE={cloud.space}": "patient_lps"} if cloud.space else {}
+        frames |= {f"--frame {frame}": frame} if frame else {}
+        if len({*frames.values()}) > 1:
+            text = f"Frames differ: {'; '.join(frames)}. Leave --frame out, or correct the header."
+            raise InputError(text, code="frames-differ")
         numbers = cloud.points * SIGNS_OF_SPACE[cloud.space or "LPS"]
         points = check_cloud(METRES[units] * numbers)
     ignored = list(cloud.left_out)
@@ -206,7 +217,7 @@ def import_cloud(
     if ignored:
         settings["left_out"] = short_text(", ".join(ignored))
     return Fixture(
-        frame=frame or ("patient_lps" if cloud.space else "robot_base"),
+        frame=next(iter(frames.values()), "robot_base"),
         points=points,
         provenance=Provenance.now({"cloud": digest}, settings),
         mesh=mesh,
@@ -434,7 +445,8 @@ def read_mesh(data: bytes, suffix: str) -> Mesh:
             f"The file says {said}. Save it from Slicer with LPS or RAS as its coordinate system.",
             code="space-unknown",
         )
-    return replace(mesh, space="".join(spaces))
+    said = tuple(SAID.findall(header.decode("latin-1").lower()))
+    return replace(mesh, space="".join(spaces), said=said)
 
 
 def read_obj(data: bytes) -> tuple[Mesh, bytes]:

@@ -48,6 +48,8 @@ def beyond_words(metrics: dict[str, Any]) -> str:
     drawn = "the drawn line" if scene["planar"] else "the points"
     if "triangles" in scene:
         drawn = "the surface"
+    if "start_depth_m" in metrics:
+        return f"began {millimetres(metrics['start_depth_m'], 2)} inside {drawn}"
     beyond_m = metrics.get("overlap_max_m", 0.0)
     return (
         f"up to {millimetres(beyond_m, 2)} beyond {drawn}" if beyond_m else f"never beyond {drawn}"
