@@ -1,4 +1,4 @@
-"""`vfplan review`: a plan on a page to mend and approve, or as a sheet; `vfplan view`: in space."""
+"""`vfplan review`: a plan on a page, to mend and approve, or as a sheet."""
 
 from __future__ import annotations
 

@@ -281,8 +281,11 @@ def tick_messages(tick: NDArray[np.void]) -> bytes:
     )
 
 
-# A message that announces more bytes is none. Long ones are passed over part by part.
-MAX_MESSAGE_BYTES, PART_BYTES = 2**32, 2**20
+# A message that announces more bytes is none: no volume that a tracker's server sends is larger.
+MAX_MESSAGE_BYTES = 2**32
+
+# Bytes of a long message that are read at once, so that a volume takes no memory.
+PART_BYTES = 2**20
 
 
 class PoseReceiver:
