@@ -16,7 +16,7 @@ import numpy as np
 
 import vfplan
 from vfplan.camera.overlay import Overlay
-from vfplan.camera.sheet import draw_print, plan_of, printed_tags
+from vfplan.camera.sheet import SCALE_MM, draw_print, plan_of, printed_tags
 from vfplan.review.plan import Plan
 from vfplan.session.bags import TICK
 
@@ -43,7 +43,7 @@ def main() -> None:
     shown = Plan.of(planned.fixture, "elbow.h5", planned.extracted.image)
     page = camera_scene.page(draw_print(shown, "a4"))
     plan = plan_of(planned.fixture)
-    overlay = Overlay(plan, printed_tags(plan), camera_scene.CAMERA)
+    overlay = Overlay(plan, printed_tags(plan), camera_scene.CAMERA, measured_mm=SCALE_MM)
     if sys.argv[1:2] == ["--speed"]:
         measure_speed(overlay, page, int(sys.argv[2]))
         return

@@ -116,6 +116,22 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
         assert np.array_equal(frame[30:], before[30:])
 
 
+def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(page):
+    frames = {}
+    for measured_mm in (None, 100.0):
+        rng = np.random.default_rng(0)
+        T_true = scene.pose(rng)
+        frames[measured_mm] = scene.photograph(page, T_true, rng)
+        Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(frames[measured_mm], 0.0)
+    heads = {key: frame[:30].reshape(-1, 3) for key, frame in frames.items()}
+    is_red = {key: (head[:, 0] > head[:, 2].astype(int) + 50).any() for key, head in heads.items()}
+    assert is_red == {None: True, 100.0: False}
+    # A print of 97 % at 97 % of the distance gives the same picture.
+    turn, shift = cv2.Rodrigues(T_true[:3, :3])[0].ravel(), T_true[:3, 3]
+    near, far = (CAMERA.project(s * PLACES, np.hstack([turn, s * shift]))[0] for s in (0.97, 1.0))
+    assert np.allclose(near, far, atol=1e-9)
+
+
 def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli):
     write_fixture(FIXTURE, tmp_path / "plan.h5")
     for name, size_mm in (("a4", (210, 297)), ("letter", (215.9, 279.4))):

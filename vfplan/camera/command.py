@@ -237,7 +237,7 @@ def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Ov
     from vfplan.bundle.read import read_sealed
     from vfplan.camera.overlay import Overlay
     from vfplan.camera.pose import read_camera
-    from vfplan.camera.sheet import SCALE_MM, plan_of, printed_tags, touched_tags
+    from vfplan.camera.sheet import plan_of, printed_tags, touched_tags
     from vfplan.io.files import naming_place
 
     camera, touched = read_camera(arguments["camera"]), arguments["tags"]
@@ -247,7 +247,7 @@ def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Ov
         tags = printed_tags(plan) if touched is None else touched_tags(touched, plan)
     return Overlay(
         plan, tags, camera, touched is None, arguments["limit_mm"],
-        arguments["measured_mm"] or SCALE_MM,
+        arguments["measured_mm"],
         ticks_to_show(stack, plan.fixture, seal["sha256"], arguments),
     )  # fmt: skip
 

@@ -92,7 +92,8 @@ class Overlay:
     limit_mm
         A frame whose bound is larger shows no wall.
     measured_mm
-        Length of the printed scale by a ruler.
+        Length of the printed scale by a ruler. A camera cannot know it: a print of half the size
+        looks the same from half the distance. Where it is `None`, each frame of a print says so.
     tick_at
         The tick of `vfplan.session.bags.TICK` at the time of a frame [s]; `None`: no tool is shown.
     """
@@ -102,7 +103,7 @@ class Overlay:
     camera: Camera
     is_printed: bool = True
     limit_mm: float = LIMIT_MM
-    measured_mm: float = SCALE_MM
+    measured_mm: float | None = None
     tick_at: Callable[[float], Any] = lambda time_s: None
     finder: Any = field(default_factory=make_finder)
     # What is said of the error of the plan's registration; empty where nothing is known of it.
@@ -139,7 +140,7 @@ class Overlay:
                 sizes = f"{self.camera.size} pixels, not {frame.shape[1::-1]}"
                 text = f"The camera was calibrated in {sizes}"
                 raise CheckFailed(text, code="camera-size")
-            if abs(self.measured_mm - SCALE_MM) > RULER_MM:
+            if abs((self.measured_mm or SCALE_MM) - SCALE_MM) > RULER_MM:
                 text = f"The scale is {self.measured_mm:g} mm long. Print the sheet at 100 %"
                 raise CheckFailed(text, code="wrong-scale")
             found = find_tags(self.finder, cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY))
@@ -173,6 +174,8 @@ class Overlay:
                 self.draw_tool(frame, pose, tick)
             words = f"the camera within {report['bound_mm']:.2f} mm{self.plan_bound} (95 %)"
             colour = paper.BLACK
+            if self.is_printed and self.measured_mm is None:
+                words, colour = f"Scale not measured; {words}", paper.WALL_COLOUR
         frame[:30] = 255
         cv2.putText(frame, words, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 1, cv2.LINE_AA)
         return report
