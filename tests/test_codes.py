@@ -57,7 +57,6 @@ from vfplan.scenes import god_object
 from vfplan.scenes.outline import Look
 from vfplan.session import bags
 from vfplan.session.events import Event, _check_counts
-from vfplan.session.read import _NpzMember
 from vfplan.session.result import ResultWriter, read_result
 from vfplan.surface import mesh, outline, sources, volumes
 from vfplan.surface.build import read_contours
@@ -72,13 +71,6 @@ def written(path, data):
 
 def table(data, columns=("a",)):
     list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(columns))
-
-
-def npy(array, cut=0):
-    file = io.BytesIO()
-    np.save(file, array)
-    data = file.getvalue()[: len(file.getvalue()) - cut]
-    return _NpzMember(lambda: io.BytesIO(data), "hip")
 
 
 def mended(points, closed=False):
@@ -220,7 +212,6 @@ CALLS = {
         empty_bag(d / "bag"), ros=bags.RosOptions(topic="/pose")),
     "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
     "result-empty": lambda d: read_result(stored_result(d)),
-    "file-cut": lambda d: npy(np.ones((3, 3)), cut=8).read_numbers(9),
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
     # Files, tables and folders.
     "file-unreadable": lambda d: opened_file(d / "a\0b"),

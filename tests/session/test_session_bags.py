@@ -345,19 +345,19 @@ def test_franka_state_in_a_ros1_bag(tmp_path):
 def test_a_row_major_matrix_is_refused():
     pose = np.eye(4)
     pose[:3, 3] = 0.3, 0.1, 0.5
-    np.testing.assert_array_equal(tip_position(pose.T.ravel(), None, 1.0), pose[:3, 3])
-    with refuses(SessionError, "not-a-transform"):
-        tip_position(pose.ravel(), None, 1.0)
-    read = tip_position(pose.ravel(), None, 1.0, row_major=True)
-    np.testing.assert_array_equal(read, pose[:3, 3])
+    for row_major in (False, True):
+        ros, sent = RosOptions(row_major=row_major), pose if row_major else pose.T
+        np.testing.assert_array_equal(tip_position(sent.ravel(), ros, 1.0)[0], pose[:3, 3])
+        with refuses(SessionError, "not-a-transform"):
+            tip_position(sent.T.ravel(), ros, 1.0)
 
 
 def test_a_quaternion_that_is_not_of_unit_length_is_refused():
     point = SimpleNamespace(x=0.0, y=0.0, z=0.0)
     pose = SimpleNamespace(position=point, orientation=SimpleNamespace(x=0.0, y=0.0, z=0.0, w=0.0))
     with refuses(SessionError, "quaternion-not-unit"):
-        tip_position(pose, np.zeros(3), 1.0)
-    assert not tip_position(pose, None, 1.0).any(), "without a tip no turn is needed"
+        tip_position(pose, RosOptions(tool_tip=(0, 0, 0)), 1.0)
+    assert not tip_position(pose, RosOptions(), 1.0)[0].any(), "without a tip no turn is needed"
 
 
 def test_broken_bags_and_options_without_a_bag(tmp_path):

@@ -10,10 +10,9 @@ import hashlib
 import itertools
 import shlex
 from array import array
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, suppress
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -32,7 +31,7 @@ from vfplan.session.channels import (
     mcap_part,
     opened_bag,
 )
-from vfplan.session.session import BLOCK, FRAMES, Array, Samples
+from vfplan.session.session import BLOCK, FRAMES, Array, Samples, WithPrevious, portions
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
 FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "translation", "")
@@ -116,68 +115,84 @@ def prepare() -> None:
             library(name)
 
 
-def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
-    """What of the bag at `place` will be read, and notes about it, last; before it, empty lists.
+def read_bag(place: str, factor: float, *options: Any) -> Iterator[Any]:
+    """What of the bag at `place` is read, and then its (time [s], hip [m]) a block at a time.
+
+    Empty lists come while the messages are looked at; the first block follows notes about them.
 
     options: the fields of a `RosOptions`
     Raises SessionError: no bag; no topic with a position, or several and none chosen; a topic of
-        several senders or frames and none chosen
+        several senders or frames and none chosen; a message without a position
     Raises MissingExtra: the library `rosbags` is not installed
     """
-    path = Path(place)
     ros = RosOptions(*options)
-    # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
-    senders: dict[Sender, array[int]] = {}
-    rounded = Counter[Sender]()
-    with opened_bag(path) as bag:
-        ros = replace(ros, topic=_choose_topic(bag, ros))
-        for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
+    # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
+    any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
+    # Each sender's number, and of each message that of its sender, its times by the header (0:
+    # none) and by the log [ns], its place [m] and whether its quaternion was rounded.
+    senders: dict[Sender, int] = {}
+    which, stamps, places, rounded = array("q"), array("q"), array("d"), array("b")
+    failure = None
+    with opened_bag(Path(place)) as bag:
+        topic = _choose_topic(bag, ros)
+        for k, (sender, *times, message) in enumerate(_messages(bag, topic)):
             if not k:
-                ros = replace(ros, field=_choose_field(message, ros))
-            senders.setdefault(sender, array("q")).extend(stamps)
-            if ros.tool_tip is not None:
-                rounded[sender] += is_rounded(message, ros.field or "")
+                field = _choose_field(message, ros)
+            which.append(senders.setdefault(sender, len(senders)))
+            stamps.extend(times)
+            position, is_rounded = np.full(3, np.nan), False
+            try:
+                if is_chosen(sender, any_frame):
+                    value, name = _value_at(message, field), field.rpartition(".")[2]
+                    position, is_rounded = tip_position(value, ros, factor, name)
+            except SessionError as error:
+                failure = failure or error
+            places.extend(position)
+            rounded.append(is_rounded)
             if k % BLOCK == BLOCK - 1:
                 yield []
     if not senders:
-        message = f"topic {ros.topic!r} has no messages. Choose another"
+        message = f"topic {topic!r} has no messages. Choose another"
         raise SessionError(message, code="topic-empty")
-    # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
-    if ros.frame in FRAMES and all(sender.frame != ros.frame for sender in senders):
-        ros = replace(ros, frame=None)
-    times = {sender: np.reshape(stamps, (-1, 2)).T for sender, stamps in senders.items()}
-    chosen = {sender: times[sender] for sender in senders if is_chosen(sender, ros)}
-    stamped = all(header.min() > 0 for header, _ in chosen.values())
+    if all(sender.frame != ros.frame for sender in senders):
+        ros = any_frame
+    chosen = [sender for sender in senders if is_chosen(sender, ros)]
+    counts = np.bincount(which)
+    is_used = np.isin(which, [senders[sender] for sender in chosen])
+    times = np.reshape(stamps, (-1, 2))[is_used]
+    stamped = bool((times[:, 0] > 0).all())
     if ros.time == "header" and not stamped:
-        message = f"not every message of {ros.topic!r} has a time of its own. Give --time log"
+        message = f"not every message of {topic!r} has a time of its own. Give --time log"
         raise SessionError(message, code="no-header-time")
-    ros = replace(ros, time=ros.time or ("header" if stamped else "log"))
-    column = int(ros.time == "log")
-    spans = {s: (int(t[column].min()), int(t[column].max())) for s, t in chosen.items()}
-    _check_senders(ros.topic, senders, spans)
+    column = int(ros.time == "log" or not stamped)
+    times, numbers = times[:, column], np.array(which)[is_used]
+    check_senders(topic, list(senders), {s: times[numbers == senders[s]] for s in chosen})
+    if failure is not None:
+        raise failure
 
-    start = min(span[0] for span in spans.values())
+    start = int(times.min())
     notes = {
-        "topic": ros.topic,
-        "message": next(iter(chosen)).type,
-        "field": ros.field,
+        "topic": topic,
+        "message": chosen[0].type,
+        "field": field,
         "stamp": "bag" if column else "header",
-        "left_out": sum(t.shape[1] for sender, t in times.items() if sender not in chosen),
+        "left_out": int(np.count_nonzero(~is_used)),
         "connections": [
-            {**sender._asdict(), "samples": t.shape[1], "used": sender in chosen}
-            for sender, t in times.items()
+            {**sender._asdict(), "samples": int(counts[number]), "used": sender in chosen}
+            for sender, number in senders.items()
         ],
     }
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
     if bag.is_cut:
         notes["cut"] = True
-    if next(iter(chosen)).frame:
-        notes["ros_frame_id"] = next(iter(chosen)).frame
+    if chosen[0].frame:
+        notes["ros_frame_id"] = chosen[0].frame
     if ros.tool_tip is not None:
         notes["tool_tip_m"] = list(ros.tool_tip)
-        notes["poses_rounded"] = sum(rounded[sender] for sender in chosen)
-    yield [[start, *astuple(ros)], notes]
+        notes["poses_rounded"] = int(np.count_nonzero(np.array(rounded)[is_used]))
+    yield notes
+    yield from portions((times - start) * 1e-9, np.reshape(places, (-1, 3))[is_used])
 
 
 def is_chosen(sender: Sender, ros: RosOptions) -> bool:
@@ -186,26 +201,23 @@ def is_chosen(sender: Sender, ros: RosOptions) -> bool:
     return all(want in (None, value) for want, value in zip(wanted, sender, strict=True))
 
 
-def _check_senders(
-    topic: str | None, senders: dict[Sender, Any], spans: dict[Sender, tuple[int, int]]
-) -> None:
+def check_senders(topic: str, senders: list[Sender], times: dict[Sender, Array]) -> None:
     """Refuse a topic whose chosen messages are not of one tool.
 
-    spans: the first and last time of each chosen sender [ns]
+    times: of the messages of each chosen sender [ns]
     """
-    chosen = list(spans)
-    if not chosen:
+    if not times:
         message = (
             f"no message of {topic!r} is of this sender and these frames. Choose one of "
             f"{'; '.join(map(str, senders))}"
         )
         raise SessionError(message, code="frame-missing")
-    ordered = sorted(chosen, key=spans.__getitem__)
+    chosen, told = list(times), "; ".join(map(str, times))
+    ordered = sorted(times, key=lambda sender: times[sender].min())
     meet = any(
-        one.number != two.number and spans[two][0] <= spans[one][1]
+        one.number != two.number and times[two].min() <= times[one].max()
         for one, two in itertools.combinations(ordered, 2)
     )
-    told = "; ".join(map(str, chosen))
     if meet or len({sender.type for sender in chosen}) > 1:
         message = (
             f"several senders share topic {topic!r} at the same time, or send different messages: "
@@ -213,25 +225,23 @@ def _check_senders(
         )
         numbers = {"connections": len({sender.number for sender in chosen})}
         raise SessionError(message, code="several-connections", numbers=numbers)
-    for name, values in (
-        ("--frame", [sender.frame for sender in chosen]),
-        ("--child-frame", [sender.child_frame for sender in chosen]),
-    ):
+    for option, name in (("--frame", "frame"), ("--child-frame", "child_frame")):
+        values = [getattr(sender, name) for sender in chosen]
         if len(set(values)) > 1:
             message = (
-                f"the frame changes within topic {topic!r}: {told}. Choose one with {name} "
+                f"the frame changes within topic {topic!r}: {told}. Choose one with {option} "
                 f"{shlex.quote(values[0])}"
             )
             raise SessionError(message, code="frame-changes")
 
 
-def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+def _messages(bag: Part, topic: str) -> Iterator[tuple[Sender, int, int, Any]]:
     """Every message of the topic, merged by the log's time.
 
     Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
     `/tf` is as many as it has transforms.
     """
-    for channel, recorded, raw in bag.messages(ros.topic or ""):
+    for channel, recorded, raw in bag.messages(topic):
         whole = channel.decode(raw)
         for message in getattr(whole, "transforms", [whole]):
             header = getattr(message, "header", None)
@@ -243,57 +253,27 @@ def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, An
             yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 
-def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[Samples]:
-    """Yield (time since `start` [s], hip [m]) a block at a time, as `bag_header` chose them."""
-    path = Path(place)
-    ros = RosOptions(*options)
-    tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
-    times, hips = [], []
-    with opened_bag(path) as bag:
-        for sender, stamp, recorded, message in _messages(bag, ros):
-            if not is_chosen(sender, ros):
-                continue
-            times.append(((stamp if ros.time == "header" else recorded) - start) * 1e-9)
-            try:
-                value = _value_at(message, ros.field or "")
-            except AttributeError:
-                text = f"a message at {recorded} ns has no {ros.field!r}. Choose another field"
-                raise SessionError(text, code="field-missing") from None
-            name = (ros.field or "").rpartition(".")[2]
-            hips.append(tip_position(value, tip, factor, name, ros.row_major))
-            if len(times) == BLOCK:
-                yield np.array(times), np.array(hips)
-                times, hips = [], []
-    if times:
-        yield np.array(times), np.array(hips)
-
-
-def tip_position(
-    value: Any, tip: Array | None, factor: float, name: str = "", row_major: bool = False
-) -> Array:
+def tip_position(value: Any, ros: RosOptions, factor: float, name: str = "") -> tuple[Array, bool]:
     """(3,) position of the tip [m] from a point, a pose, a transform or a 4 x 4 matrix.
 
-    `factor` turns the message's lengths into metres; `tip` is in metres; `name` is the field's.
+    With it whether its quaternion was needed and taken at length 1. `factor` turns the message's
+    lengths into metres; `name` is the field's.
 
     Raises SessionError: 16 numbers that are no transform, a quaternion that is not of unit length
         and is needed, or something that holds no position
     Raises SettingError: a tip for a value without orientation
     """
-    rotation = None
     turn = None
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
-        matrix = np.asarray(value, float).reshape(4, 4)
-        if not row_major:
-            matrix = matrix.T
+        matrix = np.reshape(np.asarray(value, float), (4, 4), "C" if ros.row_major else "F")
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            form, other = ("row", "without") if row_major else ("column", "with")
+            form, other = ("row", "without") if ros.row_major else ("column", "with")
             message = (
                 f"16 numbers have the last row {matrix[3].tolist()}, read {form}-major, where a "
                 f"transform has 0, 0, 0, 1. Read it {other} --row-major, or choose another field"
             )
             raise SessionError(message, code="not-a-transform")
-        position = matrix[:3, 3]
-        rotation = matrix[:3, :3]
+        position, turn = matrix[:3, 3], matrix[:3, :3]
     elif hasattr(value, "position"):
         position = _coordinates(value.position, "position")
         turn = getattr(value, "orientation", None)
@@ -302,16 +282,28 @@ def tip_position(
         turn = getattr(value, "rotation", None)
     else:
         position = _coordinates(value, name)
-    if tip is None:
-        return position * factor
-    if turn is not None:
-        rotation = _rotation_matrix(turn)
-    if rotation is None:
+    position = position * factor
+    if ros.tool_tip is None:
+        return position, False
+    if turn is None:
         message = (
             "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
         )
         raise SettingError(message, code="tip-without-orientation")
-    return position * factor + rotation @ tip
+    length = 1.0
+    if not isinstance(turn, np.ndarray):
+        from scipy.spatial.transform import Rotation
+
+        xyzw = [float(getattr(turn, axis)) for axis in "xyzw"]
+        length = np.linalg.norm(xyzw)
+        if not abs(length - 1) < TURN_ROUNDED:
+            message = (
+                f"a quaternion has length {length:.6g}. Record it with length 1, or leave "
+                "--tool-tip out"
+            )
+            raise SessionError(message, code="quaternion-not-unit")
+        turn = Rotation.from_quat(xyzw).as_matrix()
+    return position + turn @ np.asarray(ros.tool_tip, float), bool(abs(length - 1) >= UNIT_ROUNDED)
 
 
 def _coordinates(value: Any, name: str) -> Array:
@@ -331,39 +323,14 @@ def _type_name(value: Any) -> str:
     return getattr(value, "__msgtype__", type(value).__name__).rpartition("/")[2]
 
 
-def is_rounded(message: Any, field: str) -> bool:
-    """Whether a message has a quaternion that is taken at length 1 and is not so long."""
-    try:
-        value = _value_at(message, field)
-        turn = getattr(value, "orientation", None) or value.rotation
-        return bool(abs(np.linalg.norm(_xyzw(turn)) - 1) >= UNIT_ROUNDED)
-    except AttributeError:
-        return False
-
-
-def _xyzw(quaternion: Any) -> list[float]:
-    return [float(getattr(quaternion, axis)) for axis in "xyzw"]
-
-
-def _rotation_matrix(quaternion: Any) -> Array:
-    """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = _xyzw(quaternion)
-    length = np.linalg.norm(xyzw)
-    if not abs(length - 1) < TURN_ROUNDED:
-        message = (
-            f"a quaternion has length {length:.6g}. Record it with length 1, or leave --tool-tip "
-            "out"
-        )
-        raise SessionError(message, code="quaternion-not-unit")
-    return Rotation.from_quat(xyzw).as_matrix()
-
-
 def _value_at(message: Any, field: str) -> Any:
+    """What a message holds at a dotted path; raises `SessionError` where it has none."""
     for name in field.split("."):
         if name.isdecimal() and isinstance(message, list) and int(name) < len(message):
             message = message[int(name)]
+        elif name and not hasattr(message, name):
+            text = f"a message of {_type_name(message)} has no {name!r}. Choose another field"
+            raise SessionError(text, code="field-missing")
         elif name:
             message = getattr(message, name)
     return message
@@ -374,21 +341,19 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
 
     Raises SessionError: why the first field that might hold one does not
     """
-    reason = None
+    reason, without_tip = None, replace(ros, tool_tip=None)
     for name in FIELDS if ros.field is None else (ros.field,):
         try:
             value = _value_at(message, name)
-        except AttributeError:
-            continue
-        # PoseWithCovariance and the like wrap the pose once more.
-        if ros.field is None and hasattr(value, "pose"):
-            name = f"{name}.pose"
-            value = value.pose
-        try:
-            tip_position(value, None, 1.0, name.rpartition(".")[2], ros.row_major)
+            # PoseWithCovariance and the like wrap the pose once more.
+            if ros.field is None and hasattr(value, "pose"):
+                name = f"{name}.pose"
+                value = value.pose
+            tip_position(value, without_tip, 1.0, name.rpartition(".")[2])
             return name
         except SessionError as error:
-            reason = reason or (error if name else None)
+            if name and error.code != "field-missing":
+                reason = reason or error
     if reason is not None:
         raise reason
     if ros.field is None and hasattr(message, "poses"):
@@ -412,10 +377,9 @@ def _choose_topic(bag: Part, ros: RosOptions) -> str:
     topics, reasons = [], []
     for topic in present if ros.topic is None else ():
         try:
-            for *_, message in _messages(bag, replace(ros, topic=topic)):
+            for *_, message in itertools.islice(_messages(bag, topic), 1):
                 _choose_field(message, ros)
                 topics.append(topic)
-                break
         except SessionError as error:
             if error.code == "type-undefined" or len(present) == 1:
                 reasons.append(error)
@@ -561,17 +525,14 @@ def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     A controller that begins again with an earlier time goes on after the time that passed between
     the two ticks' receipts.
     """
-    last, shift = (np.empty(0), np.empty(0)), 0.0
+    with_previous, shift = WithPrevious(), 0.0
     for ticks, received in blocks(stream):
-        time = np.concatenate((last[0], ticks["t"]))
-        log = np.concatenate((last[1], received))
-        last = time[-1:], log[-1:]
-        shifts = np.zeros(len(time))
-        for k in np.flatnonzero(np.diff(time) < -RESTART_S) + 1:
-            shifts[k:] += time[k - 1] + max(log[k] - log[k - 1], RESTART_S) - time[k]
-        shifts += shift
+        time, log = with_previous(ticks["t"], received)
+        step = np.diff(time)
+        waited = np.maximum(np.diff(log), RESTART_S) - step
+        shifts = shift + np.cumsum(np.append(0.0, np.where(step < -RESTART_S, waited, 0.0)))
         shift = shifts[-1]
-        yield (time + shifts)[len(time) - len(ticks) :], ticks["hip"] * factor
+        yield ticks["t"] + shifts[-len(ticks) :], ticks["hip"] * factor
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:

@@ -7,31 +7,29 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.io.files import OpenedFile, named_columns, npy_header, open_number_table
+from vfplan.io.files import OpenedFile, named_columns, open_number_table
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp
 from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
-    BLOCK,
     FRAMES,
     UNITS,
-    Array,
     Samples,
     Session,
     SessionStream,
     in_order,
+    portions,
     unit_factor,
 )
 
@@ -156,23 +154,25 @@ def _open_bag(
     name = path.name
     stamp = bag_stamp(path)
     sha256 = bag_sha256(path)
-    place = str(path.resolve())
-    told = {"where": name, "kind": SessionError}
     options = dataclasses.astuple(ros or RosOptions())
-    answers = run_in_sandbox("vfplan.session.bags:bag_header", place, *options, **told)
-    *_, (chosen, notes) = answers
+    read = partial(
+        run_in_sandbox, "vfplan.session.bags:read_bag", str(path.resolve()), factor, *options,
+        where=name, kind=SessionError,
+    )  # fmt: skip
+    notes = next(filter(None, read()))
     # Another frame is one of the bag's own.
     frame = frame if frame in FRAMES else FRAMES[0]
+
+    def samples() -> Iterator[Samples]:
+        return (answer for answer in read() if isinstance(answer, tuple))
 
     def require_unchanged() -> None:
         if bag_stamp(path) != stamp:
             message = "was changed while it was read. Try again when it is complete"
             raise SessionError(message, where=name, code="file-changed")
 
-    job = "vfplan.session.bags:read_bag"
-    read = partial(run_in_sandbox, job, place, factor, *chosen, **told)
     notes |= {"format": "ros", "units": units}
-    return _stream(read, require_unchanged, skip, name, frame, sha256, notes)
+    return _stream(samples, require_unchanged, skip, name, frame, sha256, notes)
 
 
 def _stream(
@@ -225,20 +225,24 @@ def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
 def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
     """Yield (time [s], hip [m]) a block at a time."""
     with opened_hdf5(stream) as file:
-        time, hip = plain_datasets(file, NAMES)
-        for start in range(0, len(time), BLOCK):
-            rows = slice(start, start + BLOCK)
-            yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
+        yield from portions(*plain_datasets(file, NAMES), factor)
 
 
 def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
-    with _npz_members(stream) as (time, hip):
-        length = check_arrays({"time": time, "hip": hip}, ROWS)
-        for start in range(0, length, BLOCK):
-            count = min(BLOCK, length - start)
-            block_hip = hip.read_numbers(3 * count).reshape(-1, 3)
-            yield time.read_numbers(count), block_hip * factor
+    """Yield (time [s], hip [m]) a block at a time."""
+    try:
+        with np.load(stream) as archive:
+            require_names(archive.files, NAMES, SessionError)
+            time, hip = (archive[name] for name in NAMES)
+    except SessionError:
+        raise
+    except Exception as error:
+        # NumPy passes on what decompressors and the parser of a header raise.
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        message = f"cannot be read as .npz: {reason}. Save the arrays again"
+        raise SessionError(message, code="npz-broken") from None
+    check_arrays({"time": time, "hip": hip}, ROWS)
+    yield from portions(time, hip, factor)
 
 
 @contextmanager
@@ -259,24 +263,28 @@ def plain_datasets(
 
     Raises an error of the `kind` given: there is none, or its data are in another file
     """
-    wanted = f"Give {', '.join(names)}"
+    require_names(sorted(file), names, kind)
     datasets = []
     for name in names:
         # A link to another file is never followed: a session is one file.
-        link = file.get(name, getlink=True)
-        if isinstance(link, h5py.SoftLink):
-            message = f"{name!r} is a link, and none is followed. Store the data under that name"
-            raise kind(message, code="dataset-odd")
-        if not isinstance(link, h5py.HardLink):
-            present = ", ".join(sorted(file)) or "nothing"
-            message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
-            raise kind(message, code="dataset-missing")
-        dataset = file[name]
+        dataset = None
+        if isinstance(file.get(name, getlink=True), h5py.HardLink):
+            dataset = file[name]
         is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
         if not is_plain or dataset.external or dataset.is_virtual:
-            raise kind(f"{name!r} is not a plain dataset. {wanted}", code="dataset-odd")
+            message = f"{name!r} is a link or no plain dataset. Store the data under that name"
+            raise kind(message, code="dataset-odd")
         datasets.append(dataset)
     return datasets
+
+
+def require_names(present: list[str], names: Iterable[str], kind: type[InputError]) -> None:
+    """Refuse a file without one of these arrays."""
+    for name in names:
+        if name not in present:
+            held = ", ".join(present)[:80] or "nothing"
+            message = f"has no dataset {name!r} (it holds {held}). Give {', '.join(names)}"
+            raise kind(message, code="dataset-missing")
 
 
 def plain_attribute(value: Any) -> Any:
@@ -302,56 +310,3 @@ def check_arrays(
         if array.dtype.kind not in "fiu":
             raise kind(f"{name} has type {array.dtype}. Give real numbers", code="type-wrong")
     return int(length[0])
-
-
-class _NpzMember:
-    """One array of an archive, read row by row from its beginning on.
-
-    opened: opens the array's file at its first byte
-    """
-
-    def __init__(self, opened: Callable[[], IO[bytes]], name: str) -> None:
-        stream = opened()
-        try:
-            self.shape, by_columns, self.dtype = npy_header(stream)
-        except ValueError as error:
-            message = f"cannot be read as .npz: {name}: {error}. Save the arrays again"
-            raise SessionError(message, code="npz-broken") from None
-        self._streams = [stream]
-        if by_columns and len(self.shape) > 1:
-            # As NumPy has what is made of rows of x, y and z. Each column has a stream of its own.
-            start, size = stream.tell(), self.shape[0] * self.dtype.itemsize
-            self._streams += [opened(), opened()]
-            for column in (1, 2):
-                self._streams[column].seek(start + column * size)
-
-    def read_numbers(self, count: int) -> Array:
-        """The next `count` numbers, row by row."""
-        size = count // len(self._streams) * self.dtype.itemsize
-        parts = [stream.read(size) for stream in self._streams]
-        if any(len(part) != size for part in parts):
-            message = "ends before its last sample. Copy the file again"
-            raise SessionError(message, code="file-cut")
-        columns = [np.frombuffer(part, self.dtype).astype(np.float64) for part in parts]
-        return np.column_stack(columns).ravel()
-
-
-@contextmanager
-def _npz_members(stream: BinaryIO) -> Iterator[list[_NpzMember]]:
-    try:
-        with zipfile.ZipFile(stream) as archive:
-            present = sorted(name.removesuffix(".npy") for name in archive.namelist())
-            for name in NAMES:
-                if name not in present:
-                    message = (
-                        f"has no array {name!r} (it holds "
-                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip"
-                    )
-                    raise SessionError(message, code="dataset-missing")
-            yield [_NpzMember(partial(archive.open, f"{name}.npy"), name) for name in NAMES]
-    except (SessionError, MemoryError, GeneratorExit):
-        raise
-    except Exception as error:
-        # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
-        message = f"cannot be read as .npz: {error}. Save the arrays again"
-        raise SessionError(message, code="npz-broken") from None

@@ -249,8 +249,7 @@ class Session:
 
     def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
         """Blocks of `size` ticks, the last one shorter."""
-        for start in range(0, len(self.time), size):
-            yield self.time[start : start + size], self.hip[start : start + size]
+        return portions(self.time, self.hip, size=size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +291,17 @@ def unit_factor(units: str) -> float:
     return 1.0 if units == "m" else 1e-3
 
 
-def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
+def portions(time: Any, hip: Any, factor: float = 1.0, size: int = BLOCK) -> Iterator[Samples]:
+    """Blocks of arrays, or of datasets that are read as they are asked for; `factor` scales hip."""
+    for start in range(0, len(time), size):
+        rows = slice(start, start + size)
+        yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
+
+
+def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
     """The same samples in blocks of exactly `size`, the last one shorter."""
     time, hip = np.empty(0), np.empty((0, 3))
-    for more_time, more_hip in portions:
+    for more_time, more_hip in samples:
         time = np.concatenate((time, more_time))
         hip = np.concatenate((hip, more_hip))
         while len(time) >= size:
@@ -306,7 +312,7 @@ def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
 
 
 def in_order(
-    portions: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
+    samples: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
 ) -> Iterator[Samples]:
     """The samples in the order of their times; one that is doubled, or far too late, is left out.
 
@@ -319,7 +325,7 @@ def in_order(
     count = swapped = doubled = 0
     newest = last = -np.inf
     first: tuple[int, float, float] | None = None
-    for more_time, more_hip in itertools.chain(portions, [(np.empty(0), np.empty((0, 3)))]):
+    for more_time, more_hip in itertools.chain(samples, [(np.empty(0), np.empty((0, 3)))]):
         before = np.maximum.accumulate(np.append(newest, more_time))
         is_late = np.diff(before) < MIN_STEP_S
         if is_late.any() and first is None:
