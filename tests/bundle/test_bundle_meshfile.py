@@ -295,7 +295,7 @@ def test_a_header_that_is_none_is_refused_in_one_line(header, tmp_path):
             archive.writestr(f"{name}.npy", head)
     stream = io.BytesIO((tmp_path / "a.npz").read_bytes())
     with pytest.raises(SessionError, match=r"cannot be read as \.npz: ") as raised:
-        next(read_npz(stream, 1.0))
+        next(read_npz(stream))
     assert "\n" not in str(raised.value)
 
 

@@ -113,4 +113,4 @@ def test_the_command_reports_it(vfplan_cli, tmp_path):
     run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv", "--json")
     assert (run.code, run.json["guide"]["radius_m"]) == (0, RHO)
     run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv")
-    assert "guide        tube of 1.000 mm: lateral max 3.000 mm" in run.stdout
+    assert "guide        lateral max 3.000 mm; outside for" in run.stdout

@@ -204,6 +204,8 @@ class PositionStream:
         self._has_changed = threading.Condition()
         # When the ticks' clock was 0, since 1970 [s], by the tick that came fastest.
         self.zero_s = np.inf
+        # When ticks came last, by `time.monotonic`, and what does not come, in words.
+        self.heard_s, self.silent = time.monotonic(), ""
 
     def put(self, ticks: NDArray[np.void]) -> None:
         """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
@@ -212,6 +214,7 @@ class PositionStream:
         shown = np.zeros(len(firsts), SHOWN)
         shown[[*TICK.names]] = firsts
         shown["received"] = now = time.time()
+        self.heard_s = time.monotonic()
         self.zero_s = min(self.zero_s, now - float(ticks["t"][-1]))
         with self._has_changed:
             self._period = periods[-1]

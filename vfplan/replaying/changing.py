@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from inspect import signature
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.guiding import make_engine
-from vfplan.replaying.metrics import CONTACT_M, dots, penetration
+from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
 from vfplan.session.events import Event, Poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
@@ -26,10 +27,6 @@ NO_POSE_M = 1e3
 # Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`).
 POSES_AT_ONCE = 32
 
-
-# What is counted, as it is reported: always, and of a fixture that moves.
-CHANGES = ("exchanges", "edits", "changing_ticks", "crossed_ticks")
-POSES = ("stale_ticks", "missing_pose_ticks", "stale_contact_ticks")
 
 # A pose that is farther from the one before than this [m, rad], and faster than the frame may be,
 # has jumped: the tracker or its reference slipped.
@@ -73,7 +70,8 @@ class ChangingFixture:
         self._with_previous = WithPrevious()
         # Of the ticks that are run next [s].
         self.times = np.empty(0)
-        self._counts = dict.fromkeys((*CHANGES, *POSES), 0)
+        names = ("exchanges", "edits", "missing_pose_ticks", "stale_contact_ticks")
+        self._counts = dict.fromkeys(names, 0)
         self._energy = self._lag = 0.0
         self._oldest_pose_s = 0.0
         self._clearance = np.inf
@@ -99,20 +97,21 @@ class ChangingFixture:
 
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
         """One tick a row, at `times`; as the engine's own."""
+        # The rows before which poses arrive and events are due.
+        cuts = {0, len(hips), *(event.tick - self._tick for event in self._events)}
+        if self._poses is not None:
+            cuts.update(np.searchsorted(self.times, self._poses.arrived).tolist())
         parts = []
-        start = 0
-        while start < len(hips):
-            self._apply_changes(float(self.times[start]))
-            end = self._next_change(start, len(hips))
+        for start, end in pairwise(sorted(cut for cut in cuts if 0 <= cut <= len(hips))):
+            self._apply_changes(float(self.times[start]), self._tick + start)
             parts.append(self._run_unchanged(slice(start, end), hips))
-            self._tick += end - start
-            start = end
+        self._tick += len(hips)
         traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
         return concatenate_ticks(traces), np.concatenate(micros)
 
-    def _apply_changes(self, time: float) -> None:
-        """Apply the poses that have arrived by the tick at `time` [s], and its events."""
+    def _apply_changes(self, time: float, tick: int) -> None:
+        """Apply the poses that have arrived by a tick at `time` [s], and its events."""
         poses = self._poses
         while poses is not None and self._poses_applied < len(poses.time):
             i = self._poses_applied
@@ -126,7 +125,7 @@ class ChangingFixture:
         while self._events_applied < len(self._events):
             i = self._events_applied
             event, exchange = self._events[i], self._exchanges[i]
-            if event.tick > self._tick:
+            if event.tick > tick:
                 break
             with naming_place(self._place_of_event(i)):
                 if exchange is not None:
@@ -148,15 +147,6 @@ class ChangingFixture:
         if self._has_edits and rule != "exact":
             engine.make_editable()
         return engine
-
-    def _next_change(self, start: int, end: int) -> int:
-        """The row, after `start`, before which the next change is due; at most `end`."""
-        if self._events_applied < len(self._events):
-            end = min(end, start + self._events[self._events_applied].tick - self._tick)
-        if self._poses is not None and self._poses_applied < len(self._poses.time):
-            arrival = self._poses.arrived[self._poses_applied]
-            end = min(end, start + int(np.searchsorted(self.times[start:], arrival)))
-        return max(end, start + 1)
 
     def _run_unchanged(self, rows: slice, all_hips: Vector) -> tuple[Trace, Vector, Vector]:
         """The engine's answers in rows without a change, their times, and the frames (n, 7)."""
@@ -187,7 +177,7 @@ class ChangingFixture:
         """Count the ticks of a contact with an old pose, or that the first pose would have had."""
         is_stale = trace.status & Status.STALE > 0
         self._counts["missing_pose_ticks"] += int(np.count_nonzero(~has_pose))
-        in_contact = penetration(hips, trace.proxy) > CONTACT_M
+        in_contact = row_norms(trace.proxy - hips) > CONTACT_M
         self._counts["stale_contact_ticks"] += int(np.count_nonzero(is_stale & in_contact))
         first = np.tile(self._poses.pose[0], (int(np.count_nonzero(~has_pose)), 1))
         places = to_frame(first, hips[~has_pose] - first[:, :3])
@@ -211,17 +201,17 @@ class ChangingFixture:
         rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
         carried = hips[1:] - rotated - before[:-1, :3]
         self._energy += float(dots(forces[:-1], carried).sum())
-        for name in ("stale", "changing", "crossed"):
-            with_bit = trace.status & Status[name.upper()]
-            self._counts[f"{name}_ticks"] += int(np.count_nonzero(with_bit))
         return moved
 
-    def report(self) -> dict[str, Any]:
-        """What a replay's report says of the changes."""
-        report = {name: self._counts[name] for name in CHANGES}
+    def report(self, status: dict[str, int]) -> dict[str, Any]:
+        """What a replay's report says of the changes; `status` as `Metrics` counts it."""
+        report = {name: self._counts[name] for name in ("exchanges", "edits")}
+        report |= {f"{name}_ticks": status[name] for name in ("changing", "crossed")}
         if self._frame is not None:
-            report |= {name: self._counts[name] for name in POSES}
             report |= {
+                "stale_ticks": status["stale"],
+                "missing_pose_ticks": self._counts["missing_pose_ticks"],
+                "stale_contact_ticks": self._counts["stale_contact_ticks"],
                 "fixture_energy_j": self._energy,
                 "pose_age_max_s": self._oldest_pose_s,
                 "poses_refused": self._frame.refused,

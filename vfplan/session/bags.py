@@ -86,10 +86,10 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(part for part in path.iterdir() if part.is_file())
 
 
-def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
-    """Name, inode, size and time of change of each of a bag's files."""
+def bag_stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of each of a bag's files."""
     stamps = [(part.name, part.stat()) for part in bag_files(path)]
-    return [(name, stamp.st_ino, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
+    return [(name, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
 
 
 def bag_sha256(path: Path) -> str:
@@ -115,12 +115,12 @@ def prepare() -> None:
             library(name)
 
 
-def read_bag(place: str, factor: float, *options: Any) -> Iterator[Any]:
-    """What of the bag at `place` is read, and then its (time [s], hip [m]) a block at a time.
+def read_bag(place: str, *options: Any) -> Iterator[Any]:
+    """What of the bag at `place` is read, and then its (time [s], hip) a block at a time.
 
     Empty lists come while the messages are looked at; the first block follows notes about them.
 
-    options: the fields of a `RosOptions`
+    options: the fields of a `RosOptions`, its tool tip in the units of the messages
     Raises SessionError: no bag; no topic with a position, or several and none chosen; a topic of
         several senders or frames and none chosen; a message without a position
     Raises MissingExtra: the library `rosbags` is not installed
@@ -129,7 +129,7 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Any]:
     # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
     any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
     # Each sender's number, and of each message that of its sender, its times by the header (0:
-    # none) and by the log [ns], its place [m] and whether its quaternion was rounded.
+    # none) and by the log [ns], its place and whether its quaternion was rounded.
     senders: dict[Sender, int] = {}
     which, stamps, places, rounded = array("q"), array("q"), array("d"), array("b")
     failure = None
@@ -144,7 +144,7 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Any]:
             try:
                 if is_chosen(sender, any_frame):
                     value, name = _value_at(message, field), field.rpartition(".")[2]
-                    position, is_rounded = tip_position(value, ros, factor, name)
+                    position, is_rounded = tip_position(value, ros, name)
             except SessionError as error:
                 failure = failure or error
             places.extend(position)
@@ -189,7 +189,6 @@ def read_bag(place: str, factor: float, *options: Any) -> Iterator[Any]:
     if chosen[0].frame:
         notes["ros_frame_id"] = chosen[0].frame
     if ros.tool_tip is not None:
-        notes["tool_tip_m"] = list(ros.tool_tip)
         notes["poses_rounded"] = int(np.count_nonzero(np.array(rounded)[is_used]))
     yield notes
     yield from portions((times - start) * 1e-9, np.reshape(places, (-1, 3))[is_used])
@@ -253,11 +252,10 @@ def _messages(bag: Part, topic: str) -> Iterator[tuple[Sender, int, int, Any]]:
             yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 
-def tip_position(value: Any, ros: RosOptions, factor: float, name: str = "") -> tuple[Array, bool]:
-    """(3,) position of the tip [m] from a point, a pose, a transform or a 4 x 4 matrix.
+def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bool]:
+    """(3,) position of the tip from a point, a pose, a transform or a 4 x 4 matrix.
 
-    With it whether its quaternion was needed and taken at length 1. `factor` turns the message's
-    lengths into metres; `name` is the field's.
+    With it whether its quaternion was needed and taken at length 1; `name` is the field's.
 
     Raises SessionError: 16 numbers that are no transform, a quaternion that is not of unit length
         and is needed, or something that holds no position
@@ -282,13 +280,10 @@ def tip_position(value: Any, ros: RosOptions, factor: float, name: str = "") -> 
         turn = getattr(value, "rotation", None)
     else:
         position = _coordinates(value, name)
-    position = position * factor
     if ros.tool_tip is None:
         return position, False
     if turn is None:
-        message = (
-            "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
-        )
+        message = "a tool tip needs a pose, and the field holds none. Leave the tool tip out"
         raise SettingError(message, code="tip-without-orientation")
     length = 1.0
     if not isinstance(turn, np.ndarray):
@@ -297,10 +292,7 @@ def tip_position(value: Any, ros: RosOptions, factor: float, name: str = "") -> 
         xyzw = [float(getattr(turn, axis)) for axis in "xyzw"]
         length = np.linalg.norm(xyzw)
         if not abs(length - 1) < TURN_ROUNDED:
-            message = (
-                f"a quaternion has length {length:.6g}. Record it with length 1, or leave "
-                "--tool-tip out"
-            )
+            message = f"a quaternion has length {length:.6g}. Record it right, or give no tool tip"
             raise SessionError(message, code="quaternion-not-unit")
         turn = Rotation.from_quat(xyzw).as_matrix()
     return position + turn @ np.asarray(ros.tool_tip, float), bool(abs(length - 1) >= UNIT_ROUNDED)
@@ -349,7 +341,7 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
             if ros.field is None and hasattr(value, "pose"):
                 name = f"{name}.pose"
                 value = value.pose
-            tip_position(value, without_tip, 1.0, name.rpartition(".")[2])
+            tip_position(value, without_tip, name.rpartition(".")[2])
             return name
         except SessionError as error:
             if name and error.code != "field-missing":
@@ -357,9 +349,8 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
     if reason is not None:
         raise reason
     if ros.field is None and hasattr(message, "poses"):
-        text = (
-            f"{_type_name(message)} holds {len(message.poses)} poses. Choose one: --field poses.0"
-        )
+        number = len(message.poses)
+        text = f"{_type_name(message)} holds {number} poses. Choose one: --field poses.0"
         raise SessionError(text, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
     text = (
@@ -434,6 +425,9 @@ MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 # Bytes of a chunk, a second of ticks at 1 kHz: as much as is lost where the program is killed.
 CHUNK_BYTES = 2**17
 
+# Latest time of a message [s since 1970]: Foxglove's seconds have 32 bits.
+MAX_STAMP_S = 2**32
+
 # A time that goes back by more than this [s] is that of a controller that began again.
 RESTART_S = 1.0
 
@@ -474,12 +468,17 @@ class McapWriter(AbstractContextManager):
         """
         try:
             for tick in ticks if self.full is None else ():
-                if tick["t"] < self._last_s - RESTART_S:
+                time_s = float(tick["t"])
+                if time_s < self._last_s - RESTART_S:
                     self._epoch_s = received_s - float(ticks["t"][-1])
-                self._last_s = float(tick["t"])
+                # A session that MCAP has no times for, such as one that begins below 0, is stamped
+                # from 0 on.
+                if not 0 <= time_s + self._epoch_s < MAX_STAMP_S:
+                    self._epoch_s = -time_s
+                self._last_s = time_s
                 body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
-                # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
-                stamp = min(max(0, round((self._last_s + self._epoch_s) * 1e9)), 2**63 - 1)
+                stamp = round((time_s + self._epoch_s) * 1e9)
+                # MCAP's sequence numbers have 32 bits.
                 sequence = int(tick["index"]) % 2**32
                 self._writer.add_message(self._channel, stamp, body, stamp, sequence)
                 if self._viewer is not None:
@@ -519,8 +518,8 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
         yield [any(channel.topic == TOPIC for channel in part.channels), part.is_cut]
 
 
-def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`.
+def read_hips(stream: BinaryIO) -> Iterator[Samples]:
+    """Yield (time [s], hip) a block at a time, as sessions are read; raises `SessionError`.
 
     A controller that begins again with an earlier time goes on after the time that passed between
     the two ticks' receipts.
@@ -532,7 +531,7 @@ def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
         waited = np.maximum(np.diff(log), RESTART_S) - step
         shifts = shift + np.cumsum(np.append(0.0, np.where(step < -RESTART_S, waited, 0.0)))
         shift = shifts[-1]
-        yield ticks["t"] + shifts[-len(ticks) :], ticks["hip"] * factor
+        yield ticks["t"] + shifts[-len(ticks) :], ticks["hip"]
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:

@@ -249,7 +249,7 @@ class Session:
 
     def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
         """Blocks of `size` ticks, the last one shorter."""
-        return portions(self.time, self.hip, size=size)
+        return portions(self.time, self.hip, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,11 +291,11 @@ def unit_factor(units: str) -> float:
     return 1.0 if units == "m" else 1e-3
 
 
-def portions(time: Any, hip: Any, factor: float = 1.0, size: int = BLOCK) -> Iterator[Samples]:
-    """Blocks of arrays, or of datasets that are read as they are asked for; `factor` scales hip."""
+def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
+    """Blocks of arrays, or of datasets that are read as they are asked for."""
     for start in range(0, len(time), size):
         rows = slice(start, start + size)
-        yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
+        yield np.asarray(time[rows], float), np.asarray(hip[rows], float)
 
 
 def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
