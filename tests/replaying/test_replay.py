@@ -193,6 +193,8 @@ def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(
     points, triangles = sphere(30e-3, 3)
     if opens:
         triangles = triangles[points[triangles][..., 2].mean(axis=1) < 24e-3]
+        used, triangles = np.unique(triangles, return_inverse=True)
+        points, triangles = points[used], triangles.reshape(-1, 3)
     hip = np.outer(1e-3 * np.linspace(*ends_mm, 800), [0, 0, 1])
     limits = (("force_max_n", "at_most", 100.0),)
     session = Session(1e-3 * np.arange(800), hip)

@@ -143,12 +143,9 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
         severity = "warning" if inside_ticks else "error"
-        advice = "Begin outside."
-        if parameters.rule == "paper":
-            advice = "Take rule 'robust' or 'exact'."
         yield finding("proxy-inside", severity,
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
-            f"{parameters.band:.3g} m. {advice}")  # fmt: skip
+            f"{parameters.band:.3g} m. Begin outside, with another rule than 'paper'.")  # fmt: skip
     if clearance_m > NEVER_NEAR_M:
         yield finding("never-near", "warning",
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
