@@ -240,7 +240,7 @@ def test_missing_file_directory_and_unknown_unit(tmp_path):
         with refuses(error, "not-a-file"):
             read(tmp_path)
     with refuses(SettingError, "unit-unknown"):
-        read_session(tmp_path / "none.csv", units="inch")
+        read_session(write_csv(tmp_path / "s.csv", *recording(3)), units="inch")
 
 
 @pytest.mark.parametrize(("columns", "code"), [(2, "shape-wrong"), (3, "time-not-increasing")])

@@ -366,7 +366,7 @@ def test_broken_bags_and_options_without_a_bag(tmp_path):
     (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     with refuses(SessionError, "bag-broken"):
         read_session(tmp_path / "bad.bag")
-    with pytest.raises(SessionError, match="ROS bag"):
+    with refuses(SessionError, "file-missing"):
         read_session(tmp_path / "missing.bag")
     (tmp_path / "s.csv").write_text("t,x,y,z\n0,1,2,3\n1,2,3,4\n")
     with refuses(SettingError, "ros-options-unused"):

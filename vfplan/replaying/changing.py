@@ -45,11 +45,8 @@ class ChangingFixture:
         moving: dict[str, Any], trust: Any,
     ) -> None:  # fmt: skip
         if fixture.guidance is not None:
-            raise SettingError(
-                "poses and events are for forbidden regions, and this fixture guides. Leave "
-                "them out",
-                code="changes-guide",
-            )
+            message = "poses and events are for regions, and this fixture guides. Leave them out"
+            raise SettingError(message, code="changes-guide")
         self._events, self._poses = list(events or ()), poses
         self._has_edits = any(event.kind != "exchange" for event in self._events)
 
@@ -63,18 +60,22 @@ class ChangingFixture:
         later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
         self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
-        self._jumps = () if poses is None else jumps_of(self._poses, moving)
 
         # The tick that runs next, and how many poses and events have been applied.
         self._tick = self._poses_applied = self._events_applied = 0
         self._with_previous = WithPrevious()
         # Of the ticks that are run next [s].
         self.times = np.empty(0)
-        names = ("exchanges", "edits", "missing_pose_ticks", "stale_contact_ticks")
-        self._counts = dict.fromkeys(names, 0)
-        self._energy = self._lag = 0.0
-        self._oldest_pose_s = 0.0
-        self._clearance = np.inf
+        # What is found, by its name in the report.
+        self._found: dict[str, Any] = {"exchanges": 0, "edits": 0}
+        if poses is not None:
+            names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
+                     "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
+            self._found |= dict.fromkeys(names, 0)
+            jumps = jumps_of(poses, moving)
+            self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
+            if len(jumps):
+                self._found["pose_jump_first_s"] = float(jumps[0])
 
     @property
     def parameters(self) -> Any:
@@ -129,14 +130,14 @@ class ChangingFixture:
                 break
             with naming_place(self._place_of_event(i)):
                 if exchange is not None:
-                    self._counts["exchanges"] += 1
+                    self._found["exchanges"] += 1
                     self._engine.exchange(self._make_engine(*exchange))
                 elif event.remake:
                     self._engine.make_editable()
                     self._engine.native.remake()
                 else:
                     self._engine.edit(event.remove, event.add)
-                    self._counts["edits"] += len(event.remove) + len(event.add)
+                    self._found["edits"] += len(event.remove) + len(event.add)
             self._events_applied += 1
 
     def _place_of_event(self, i: int) -> str:
@@ -157,34 +158,34 @@ class ChangingFixture:
         else:
             trace, frames, ages, micros = self._frame.traced(self._engine, self.times[rows], hips)
             has_pose = np.isfinite(ages)
-            oldest = float(ages[has_pose].max(initial=0.0))
-            self._oldest_pose_s = max(self._oldest_pose_s, oldest)
+            self._raise("pose_age_max_s", ages[has_pose].max(initial=0.0))
             frames[~has_pose, 0] = NO_POSE_M
             if has_pose[-1]:
-                self._lag = max(self._lag, self._frame.lag_m(hips[-1]))
+                self._raise("frame_lag_max_m", self._frame.lag_m(hips[-1]))
             self._count_untrue(hips, trace, has_pose)
         if self._events:
             # The fixture of these ticks is gone later, so their clearance is measured now.
             outside = trace.status & Status.INSIDE == 0
             proxies = to_frame(frames[outside], trace.proxy[outside] - frames[outside, :3])
-            parameters = self._engine.parameters
-            radius = parameters.contact_radius + parameters.point_radius
-            clearances = self._engine.distance(proxies) - radius
-            self._clearance = min(self._clearance, float(clearances.min(initial=np.inf)))
+            clearances = self._engine.distance(proxies) - self._engine.parameters.R
+            least = self._found.get("clearance_min_m", np.inf)
+            self._found["clearance_min_m"] = float(clearances.min(initial=least))
         return trace, micros, frames
+
+    def _raise(self, name: str, value: float) -> None:
+        self._found[name] = max(self._found[name], float(value))
 
     def _count_untrue(self, hips: Vector, trace: Trace, has_pose: Any) -> None:
         """Count the ticks of a contact with an old pose, or that the first pose would have had."""
+        missing = int(np.count_nonzero(~has_pose))
         is_stale = trace.status & Status.STALE > 0
-        self._counts["missing_pose_ticks"] += int(np.count_nonzero(~has_pose))
         in_contact = row_norms(trace.proxy - hips) > CONTACT_M
-        self._counts["stale_contact_ticks"] += int(np.count_nonzero(is_stale & in_contact))
-        first = np.tile(self._poses.pose[0], (int(np.count_nonzero(~has_pose)), 1))
+        first = np.tile(self._poses.pose[0], (missing, 1))
         places = to_frame(first, hips[~has_pose] - first[:, :3])
-        parameters = self._engine.parameters
-        radius = parameters.contact_radius + parameters.point_radius
-        touched = self._engine.distance(places) < radius
-        self._counts["stale_contact_ticks"] += int(np.count_nonzero(touched))
+        touched = self._engine.distance(places) < self._engine.parameters.R
+        untrue = np.count_nonzero(is_stale & in_contact) + np.count_nonzero(touched)
+        self._found["missing_pose_ticks"] += missing
+        self._found["stale_contact_ticks"] += int(untrue)
 
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
@@ -197,34 +198,22 @@ class ChangingFixture:
 
         # The hand gets energy because the frame moves on while the HIP in it stays where it was.
         forces, before, hip, hips = self._with_previous(trace.force, frames, hip, hips)
-        rotations = matrices(before[:-1])[:, :3, :3]
-        rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
-        carried = hips[1:] - rotated - before[:-1, :3]
-        self._energy += float(dots(forces[:-1], carried).sum())
+        if self._frame is not None:
+            rotations = matrices(before[:-1])[:, :3, :3]
+            rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
+            carried = hips[1:] - rotated - before[:-1, :3]
+            self._found["fixture_energy_j"] += float(dots(forces[:-1], carried).sum())
         return moved
 
     def report(self, status: dict[str, int]) -> dict[str, Any]:
         """What a replay's report says of the changes; `status` as `Metrics` counts it."""
-        report = {name: self._counts[name] for name in ("exchanges", "edits")}
-        report |= {f"{name}_ticks": status[name] for name in ("changing", "crossed")}
+        report = self._found | {f"{name}_ticks": status[name] for name in ("changing", "crossed")}
         if self._frame is not None:
-            report |= {
-                "stale_ticks": status["stale"],
-                "missing_pose_ticks": self._counts["missing_pose_ticks"],
-                "stale_contact_ticks": self._counts["stale_contact_ticks"],
-                "fixture_energy_j": self._energy,
-                "pose_age_max_s": self._oldest_pose_s,
-                "poses_refused": self._frame.refused,
-                "poses_rounded": self._poses.rounded,
-                "pose_jumps": len(self._jumps),
-                "frame_lag_max_m": self._lag,
-            }
-            if len(self._jumps):
-                report["pose_jump_first_s"] = float(self._jumps[0])
+            report |= {"stale_ticks": status["stale"], "poses_refused": self._frame.refused}
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
-        if self._events and np.isfinite(self._clearance):
-            report["clearance_min_m"] = self._clearance
+        if report.get("clearance_min_m") == np.inf:
+            del report["clearance_min_m"]
         return report
 
 

@@ -112,18 +112,12 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             f"{session['speed_max_tick']}. Check --units and the tracker.")  # fmt: skip
 
     # What its columns tell that the replay does not use.
-    unused = session.get("ignored_columns", ())
-    changes = [column for column in CHANGE_COLUMNS if column in unused]
+    changes = [c for c in session.get("ignored_columns", ()) if c in CHANGE_COLUMNS]
     if changes:
         yield finding("session-changes", "warning",
             "The fixture moved or was changed while this session was recorded, as its columns "
             f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
             "of that run: --poses, --events.")  # fmt: skip
-    others = ", ".join(column for column in unused if column not in CHANGE_COLUMNS)
-    if others:
-        text = f"Some columns are not used: {others}. Only time and position count."
-        yield finding("session-columns", "info", text)
-
     fastest = session["speed_max_m_s"]
     if not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S:
         yield finding("session-time", "warning",
@@ -166,14 +160,6 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
         yield finding("too-fast", "warning",
             f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
             "far as the proxy may in one. Move more slowly, or take rule 'robust'.")  # fmt: skip
-    elif too_fast:
-        yield finding("too-fast", "info",
-            f"In {too_fast} ticks the engine used up its iterations. Nothing is to be done: the "
-            "proxy is safe and follows later.")  # fmt: skip
-    if report["bad_hip_ticks"]:
-        yield finding("hip-out-of-range", "error",
-            f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
-            "held its answer. Check the tracker.")  # fmt: skip
     active = sum(not episode["passive"] for episode in report["episodes"])
     active += report.get("episodes_left_out", {"active": 0})["active"]
     if active:

@@ -11,7 +11,7 @@ import itertools
 import shlex
 from array import array
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -432,7 +432,7 @@ MAX_STAMP_S = 2**32
 RESTART_S = 1.0
 
 
-class McapWriter(AbstractContextManager):
+class McapWriter(ExitStack):
     """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
@@ -441,6 +441,7 @@ class McapWriter(AbstractContextManager):
     """
 
     def __init__(self, path: Path, shown: tuple[Fixture, float] | None = None) -> None:
+        super().__init__()
         # Ticks that are in the file, once it is closed, and why later ones are not.
         self.kept = 0
         self.full: OSError | None = None
@@ -459,6 +460,7 @@ class McapWriter(AbstractContextManager):
             self._viewer = FoxgloveChannels(self._writer, *shown)
         # What a tick's time lacks to be the time since 1970, and the last tick's time [s].
         self._epoch_s, self._last_s = 0.0, np.inf
+        self.callback(self._finish)
 
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`.
@@ -488,7 +490,7 @@ class McapWriter(AbstractContextManager):
         except OSError as error:
             self.full = error
 
-    def close(self) -> None:
+    def _finish(self) -> None:
         """Write the index; nothing may be added afterwards."""
         try:
             if self.full is None:
@@ -498,9 +500,6 @@ class McapWriter(AbstractContextManager):
             self.full = self.full or error
         if self.full is not None:
             self.kept = len(read_ticks(self._path))
-
-    def __exit__(self, *failure: object) -> None:
-        self.close()
 
 
 def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
@@ -545,26 +544,22 @@ def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
 
     Raises SessionError: damaged, or of another layout
     """
-    messages, received = [], []
-    count = 0
+    is_empty = True
     try:
         part = mcap_part(stream, in_file_order=True)
-        for channel, stamp, data in part.messages(TOPIC):
-            if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
-                message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
-                raise SessionError(message, code="layout-unknown")
-            messages.append(data[4:] + PADDING)
-            received.append(1e-9 * stamp)
-            count += 1
-            if len(messages) == BLOCK:
-                yield np.frombuffer(b"".join(messages), TICK), np.array(received)
-                messages, received = [], []
-        if part.is_cut and not count:
+        messages = part.messages(TOPIC)
+        while portion := list(itertools.islice(messages, BLOCK)):
+            is_empty = False
+            for channel, _, data in portion:
+                if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
+                    message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
+                    raise SessionError(message, code="layout-unknown")
+            ticks = b"".join(data[4:] + PADDING for *_, data in portion)
+            yield np.frombuffer(ticks, TICK), 1e-9 * np.array([stamp for _, stamp, _ in portion])
+        if part.is_cut and is_empty:
             raise ValueError("it was cut off before its first tick")
     except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
         message = f"cannot be read as MCAP: {error}. Record or copy it again"
         raise SessionError(message, code="mcap-broken") from None
-    if messages:
-        yield np.frombuffer(b"".join(messages), TICK), np.array(received)
