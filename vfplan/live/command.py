@@ -123,10 +123,8 @@ def vfplan_live(
     if bad := data["bad_datagrams"]:
         why = data["first_bad_datagram"]
         warnings.append(f"{bad} datagrams were left out, the first because {why}")
-    text = (
-        f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
-        f"{data['lost_datagrams']} datagrams lost"
-    )
+    text = "{ticks} ticks, {dropped} dropped by the controller, {lost_datagrams} datagrams lost"
+    text = text.format(**data)
     if "mcap" in data:
         text += f"\nwrote {mcap}"
     if receiver is not None:

@@ -62,11 +62,9 @@ def replay_findings(
             "its inner side is rendered. Begin outside; check units and registration.")  # fmt: skip
     rounded = record["session"].get("poses_rounded", 0) + report.get("poses_rounded", 0)
     if rounded:
-        text = (
-            f"The quaternions of {rounded} poses have a length that differs from 1 by more than "
-            f"{UNIT_ROUNDED:g}, and were taken at length 1. Record them with more digits."
-        )
-        yield finding("poses-rounded", "info", text)
+        yield finding("poses-rounded", "info",
+            f"The quaternions of {rounded} poses differ from length 1 by more than "
+            f"{UNIT_ROUNDED:g}, and were taken at it. Record them with more digits.")  # fmt: skip
     yield from run_findings(report, parameters)
     # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
     panda = read_robot("franka")
@@ -219,10 +217,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
             # The number that was probably meant comes first.
             similar = difflib.get_close_matches(name, numbers, len(numbers), 0.0)
-            message = (
-                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
-                f"{', '.join(similar)}"
-            )
+            message = f"the report has no number {name!r}. Give one of {', '.join(similar)}"
             raise SettingError(message, code="no-such-number")
         holds = value <= limit if sense == "at_most" else value >= limit
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})

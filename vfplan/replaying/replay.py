@@ -333,8 +333,7 @@ def replay(
         session = open_session(session)
     if session.frame != fixture.frame:
         message = (
-            f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
-            "Give both in one frame"
+            f"is in frame {session.frame!r}, not {fixture.frame!r} as the fixture. Give --frame"
         )
         raise SessionError(message, where=session.name, code="frame-differs")
 
@@ -353,18 +352,13 @@ def replay(
         changing = None
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
-                raise SettingError(
-                    "poses and events need one rule of the native engine, without a lossy link. "
-                    "Leave --rule both, --engine, --drop, --jitter, --delay and --quantise out",
-                    code="changes-alone",
-                )
+                message = "poses and events need one rule of the native engine, and no lossy link"
+                raise SettingError(message, code="changes-alone")
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
         settings = {"robot": robot, "governed_robot": governor, "changing": changing}
-        more = {"link": link, "keep": keep, **settings}
-        runs = [EngineRun(fixture, name, engine, **more) for name in rules]
-        perfect = None
+        runs = [EngineRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
         if link is not None:
-            perfect = EngineRun(fixture, rules[0], engine, keep=0, **settings)
+            runs.append(EngineRun(fixture, rules[0], engine, keep=0, **settings))
 
     # The session, block by block through each run.
     recording = SamplingReport()
@@ -374,13 +368,13 @@ def replay(
         start = positions[:1] if start is None else start
         recording.update(times, positions)
         blocks = [run.feed(times, positions) for run in runs]
-        for run, block in zip(runs, blocks, strict=True):
+        for name, block in zip(rules, blocks, strict=False):
             for sink in sinks:
-                sink(run.rule, block)
+                sink(name, block)
         if rule == "both":
-            between_rules.update(*blocks)
-        if perfect is not None:
-            between_links.update(blocks[0], perfect.feed(times, positions))
+            between_rules.update(*blocks[:2])
+        if link is not None:
+            between_links.update(blocks[0], blocks[-1])
 
     # A tool that was not led out of the body in which it began is rendered the inner side.
     ends = (start[0], blocks[0].proxy[-1])
@@ -400,8 +394,8 @@ def replay(
         "samples_left_out": seen.pop("left_out", 0) + seen.get("mended", {}).get("doubled", 0),
         "connections": seen.pop("connections", []),
     }
-    if perfect is not None:
-        clean = perfect.finish()
+    if link is not None:
+        clean = runs.pop().finish()
         numbers = {name: value for name, value in clean.items() if isinstance(value, (int, float))}
         common["link"] = {
             **link.report(),

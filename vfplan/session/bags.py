@@ -206,10 +206,8 @@ def check_senders(topic: str, senders: list[Sender], times: dict[Sender, Array])
     times: of the messages of each chosen sender [ns]
     """
     if not times:
-        message = (
-            f"no message of {topic!r} is of this sender and these frames. Choose one of "
-            f"{'; '.join(map(str, senders))}"
-        )
+        found = "; ".join(map(str, senders))
+        message = f"no message of {topic!r} is of this sender and these frames. Choose: {found}"
         raise SessionError(message, code="frame-missing")
     chosen, told = list(times), "; ".join(map(str, times))
     ordered = sorted(times, key=lambda sender: times[sender].min())
@@ -227,10 +225,8 @@ def check_senders(topic: str, senders: list[Sender], times: dict[Sender, Array])
     for option, name in (("--frame", "frame"), ("--child-frame", "child_frame")):
         values = [getattr(sender, name) for sender in chosen]
         if len(set(values)) > 1:
-            message = (
-                f"the frame changes within topic {topic!r}: {told}. Choose one with {option} "
-                f"{shlex.quote(values[0])}"
-            )
+            choice = f"{option} {shlex.quote(values[0])}"
+            message = f"the frame changes within topic {topic!r}: {told}. Choose one with {choice}"
             raise SessionError(message, code="frame-changes")
 
 
@@ -265,11 +261,8 @@ def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bo
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
         matrix = np.reshape(np.asarray(value, float), (4, 4), "C" if ros.row_major else "F")
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            form, other = ("row", "without") if ros.row_major else ("column", "with")
-            message = (
-                f"16 numbers have the last row {matrix[3].tolist()}, read {form}-major, where a "
-                f"transform has 0, 0, 0, 1. Read it {other} --row-major, or choose another field"
-            )
+            how = "without" if ros.row_major else "with"
+            message = f"16 numbers are no transform. Read them {how} --row-major, or choose others"
             raise SessionError(message, code="not-a-transform")
         position, turn = matrix[:3, 3], matrix[:3, :3]
     elif hasattr(value, "position"):
@@ -353,10 +346,8 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
         text = f"{_type_name(message)} holds {number} poses. Choose one: --field poses.0"
         raise SessionError(text, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
-    text = (
-        f"{_type_name(message)} holds no position: no point, pose, transform or 16 numbers in "
-        f"{ros.field or 'a field of a usual name'}. Choose a field with --field, of {present}"
-    )
+    where = ros.field or "a field of a usual name"
+    text = f"{_type_name(message)} holds no position in {where}. Choose a --field of {present}"
     raise SessionError(text, code="field-missing")
 
 
@@ -385,10 +376,8 @@ def _choose_topic(bag: Part, ros: RosOptions) -> str:
         raise SessionError(message, code="several-topics")
     if reasons:
         raise reasons[0]
-    message = (
-        f"there is no topic {ros.topic or 'with a position'}. Choose one of "
-        f"{', '.join(present) or 'none'}"
-    )
+    wanted, there = ros.topic or "with a position", ", ".join(present) or "none"
+    message = f"there is no topic {wanted}. Choose one of {there}"
     raise SessionError(message, code="topic-missing")
 
 

@@ -52,10 +52,9 @@ class Channel:
                 return self._types.deserialize_ros1(raw, self.type)
             return self._types.deserialize_cdr(raw, self.type)
         except Exception as error:  # What rosbags raises for what it does not know is of all sorts.
+            why = str(error).rstrip(".") or type(error).__name__
             message = (
-                f"topic {self.topic!r} of type {self.type!r} cannot be decoded: "
-                f"{str(error).rstrip('.') or type(error).__name__}. Choose another topic, or "
-                "record it with its definition"
+                f"topic {self.topic!r}, {self.type!r}, cannot be decoded: {why}. Choose another"
             )
             raise SessionError(message, code="type-undefined") from None
 

@@ -88,19 +88,14 @@ def open_session(
     if is_bag(path) and not is_our_mcap:
         return _open_bag(path, units, frame, ros, skip_unordered)
     if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
-        message = (
-            "topic, field, tool tip, child frame, sender, time and row-major are for ROS bags, and "
-            "this is none. Leave them out"
-        )
+        message = "is no ROS bag. Leave out what chooses among a bag's messages, such as --topic"
         raise SettingError(message, where=name, code="ros-options-unused")
 
     notes: dict[str, object] = {"units": units}
     signature = file.view().read(8)
     if signature.startswith(b"MATLAB "):
-        message = (
-            "is a MATLAB file, which is not read. Write its columns as CSV in MATLAB: "
-            "writetable(table(t, x, y, z), 'session.csv')"
-        )
+        how = "writetable(table(t, x, y, z), 'session.csv')"
+        message = f"is a MATLAB file, which is not read. Write a CSV in MATLAB: {how}"
         raise SessionError(message, where=name, code="matlab-file")
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
@@ -207,10 +202,8 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
             for name, expected in wanted.items():
                 value = str(plain_attribute(place.attrs.get(name, expected)))
                 if value != expected:
-                    message = (
-                        f"attribute {name} of {place.name} is {value!r}, and the call says "
-                        f"{expected!r}. Correct one of them"
-                    )
+                    found = f"attribute {name} of {place.name} is {value!r}"
+                    message = f"{found}, and the call says {expected!r}. Correct one of them"
                     raise SessionError(message, code="units-or-frame-differ")
         yield from portions(time, hip)
 
