@@ -332,9 +332,7 @@ def replay(
     if isinstance(session, (str, Path)):
         session = open_session(session)
     if session.frame != fixture.frame:
-        message = (
-            f"is in frame {session.frame!r}, not {fixture.frame!r} as the fixture. Give --frame"
-        )
+        message = f"is in frame {session.frame!r}, the fixture in {fixture.frame!r}. Give one frame"
         raise SessionError(message, where=session.name, code="frame-differs")
 
     # One run for each rule. With a lossy link one more run has a perfect link, to compare.

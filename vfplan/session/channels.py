@@ -53,9 +53,7 @@ class Channel:
             return self._types.deserialize_cdr(raw, self.type)
         except Exception as error:  # What rosbags raises for what it does not know is of all sorts.
             why = str(error).rstrip(".") or type(error).__name__
-            message = (
-                f"topic {self.topic!r}, {self.type!r}, cannot be decoded: {why}. Choose another"
-            )
+            message = f"topic {self.topic!r}, {self.type}, cannot be decoded: {why}. Choose another"
             raise SessionError(message, code="type-undefined") from None
 
     @functools.cached_property
