@@ -231,6 +231,9 @@ def replay_with_outputs(
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))
         viewer = None
+        # When a bag began [s since 1970]; 0 for a session that does not say.
+        start = str(source.notes.get("start_utc", "1970-01-01T00:00:00Z"))
+        start_s = datetime.fromisoformat(start).timestamp()
         if arguments["mcap"] is not None:
             scene = read_fixture(fixture)
             viewer = files.enter_context(McapWriter(arguments["mcap"], (scene, VIEWER_RATE_HZ)))
@@ -244,7 +247,6 @@ def replay_with_outputs(
                 if file is not None:
                     file.append(block)
             if viewer is not None:
-                start_s = bag_start_s(source.notes)
                 viewer.write(as_ticks(block, viewer.kept), start_s + float(block.time[-1]))
             # The ticks of both rules are the same ones.
             done(len(block))
@@ -261,12 +263,6 @@ def replay_with_outputs(
     if viewer is not None and viewer.full:
         raise not_written(arguments["mcap"], viewer.full)
     return replayed
-
-
-def bag_start_s(notes: dict[str, object]) -> float:
-    """When a bag began [s since 1970], and 0 for a session that does not say."""
-    start = notes.get("start_utc")
-    return datetime.fromisoformat(str(start)).timestamp() if start else 0.0
 
 
 def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:

@@ -156,10 +156,8 @@ class Server(socketserver.ThreadingTCPServer):
         try:
             super().__init__(("127.0.0.1", port), socketserver.BaseRequestHandler)
         except OSError as error:
-            raise OutputError(
-                f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
-                code="port-taken", numbers={"port": port},
-            ) from None  # fmt: skip
+            message = f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another"
+            raise OutputError(message, code="port-taken", numbers={"port": port}) from None
         self.port = self.server_address[1]
         threading.Thread(target=self.serve_forever, args=(WAIT_S,), daemon=True).start()
 
@@ -302,10 +300,8 @@ class PoseReceiver:
         try:
             self._socket = socket.create_connection(self._server, STALLED_S)
         except OSError as error:
-            raise InputError(
-                f"cannot be reached: {error}. Check that PLUS or Slicer serves there",
-                where=address, code="address-unusable",
-            ) from None  # fmt: skip
+            message = f"cannot be reached: {error}. Check that PLUS or Slicer serves there"
+            raise InputError(message, where=address, code="address-unusable") from None
         self._thread = threading.Thread(target=self.receive, daemon=True)
         self._thread.start()
 

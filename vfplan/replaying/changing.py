@@ -244,11 +244,8 @@ def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | 
 
         fixture = read_fixture(fixture, trust=trust)
     if fixture.guidance is not None:
-        raise SceneError(
-            "an event exchanges the region for a fixture that guides. Name a fixture with a "
-            "forbidden region",
-            code="exchange-guides",
-        )
+        message = "an event exchanges a region for a fixture that guides. Name one of a region"
+        raise SceneError(message, code="exchange-guides")
     check_renderable(fixture)
     # A curve is rendered by its own rule only where the fixture before was.
     return fixture, best_rule(fixture) if rule == "exact" else rule

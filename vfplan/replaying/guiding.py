@@ -246,11 +246,8 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         region = _region_engine(fixture.region, rule, engine)
         return Guided(fixture, region.parameters, region)
     if (rule, engine) != ("robust", "native"):
-        raise SettingError(
-            f"every stroke guides, so there is no region for rule {rule!r} ({engine}). Leave "
-            "the rule out",
-            code="rule-without-region",
-        )
+        message = f"every stroke guides: no region has rule {rule!r} ({engine}). Leave it out"
+        raise SettingError(message, code="rule-without-region")
     return Guided(fixture, check_renderable(fixture), None)
 
 
@@ -261,11 +258,8 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
         return ProxyEngine.of(fixture, rule, offline=True)
     check_renderable(fixture)
     if rule != "paper":
-        raise SettingError(
-            f"the reference engine has rule 'paper' only, not {rule!r}. Choose that, or "
-            "engine 'native'",
-            code="rule-not-paper",
-        )
+        message = f"the reference engine has rule 'paper' only, not {rule!r}. Choose another"
+        raise SettingError(message, code="rule-not-paper")
     from vfplan.reference import PaperProxy
 
     return PaperProxy(

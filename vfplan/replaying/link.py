@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import millimetres
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
@@ -176,13 +177,10 @@ def approach_sessions(
             clear = stop + PRESS_DEPTH_M
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
             if inner.sum() < 2:
-                raise InputError(
-                    f"a drawn stroke is {1e3 * arc[-1]:.3g} mm long, and a hand that presses "
-                    f"on it slips round an end within {1e3 * clear:.3g} mm of it. Give a "
-                    "session",
-                    code="stroke-too-short",
-                    numbers={"length_m": float(arc[-1]), "clear_m": clear},
-                )
+                size, reach = millimetres(arc[-1], 1), millimetres(clear, 1)
+                message = f"a stroke of {size} has nothing {reach} from its ends. Give a session"
+                numbers = {"length_m": float(arc[-1]), "clear_m": clear}
+                raise InputError(message, code="stroke-too-short", numbers=numbers)
             points = points[inner]
             normals = normals[inner]
         for name, side in (("left", normals), ("right", -normals)):

@@ -400,7 +400,6 @@ class CurveRuler:
     """
 
     def __init__(self, fixture: Fixture) -> None:
-        assert fixture.curve is not None, "a cloud without a curve has no arc length"
         self.points = flattened(fixture.points, fixture.ignore_axis)
         self._axis = fixture.ignore_axis
         self.stroke = fixture.curve.stroke
@@ -423,13 +422,9 @@ class CurveRuler:
     def nearest(self, places: Array) -> NDArray[np.intp]:
         """(n,) index of the planned point nearest to each of (n, 3) places, by brute force."""
         flat = flattened(places, self._axis)
-        indices = np.empty(len(flat), dtype=np.intp)
-        count = max(1, PAIRS_AT_ONCE // len(self.points))
-        for start in range(0, len(flat), count):
-            rows = slice(start, start + count)
-            squares = ((flat[rows, None] - self.points) ** 2).sum(2)
-            indices[rows] = squares.argmin(1)
-        return indices
+        parts = np.array_split(flat, 1 + len(flat) * len(self.points) // PAIRS_AT_ONCE)
+        squares = (((part[:, None] - self.points) ** 2).sum(2) for part in parts)
+        return np.concatenate([distances.argmin(1) for distances in squares])
 
 
 # Name -> (the robot's limit, the number of the report that it bounds)

@@ -66,17 +66,16 @@ class ThinnedTicks:
     """
 
     def __init__(self, capacity: int | None = 65536) -> None:
-        self._capacity = capacity
+        self._capacity = np.inf if capacity is None else capacity
         columns = [np.empty((0, *row), dtype) for row, dtype, _ in TABLE.values()]
         self._blocks = [TickBlock(*columns)]
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
         """Take in the next ticks."""
-        if self._capacity == 0:
-            return
-        self._blocks.append(thinned(block, self.stride))
-        while self._capacity is not None and len(self.ticks) > self._capacity:
+        if self._capacity > 0:
+            self._blocks.append(thinned(block, self.stride))
+        while len(self.ticks) > self._capacity:
             self._blocks = [thinned(self.ticks, 2)]
             self.stride *= 2
 
@@ -325,9 +324,7 @@ def replay(
 
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)
-        common["fixture"] = {
-            "name": path.name, **seal, "signature_checked": trust is not None,
-        }  # fmt: skip
+        common["fixture"] = {"name": path.name, **seal, "signature_checked": trust is not None}
     poses, events = as_the_loop_saw(session, poses, events)
     if isinstance(session, (str, Path)):
         session = open_session(session)

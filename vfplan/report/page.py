@@ -362,13 +362,9 @@ def code(value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.9g}"
     if isinstance(value, list):
         return ", ".join(map(_text, value))
-    return str(value)
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 
 def summary(metrics: dict[str, Any]) -> str:

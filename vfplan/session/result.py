@@ -132,10 +132,8 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
             raise InputError(message, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-            raise VersionError(
-                f"the result is of version {version}, and this program reads "
-                f"{RESULT_VERSION}. Replay the session again"
-            )
+            message = f"is of version {version}, not {RESULT_VERSION}. Replay the session again"
+            raise VersionError(message)
         yield attrs
 
         datasets = plain_datasets(file, TABLE)
