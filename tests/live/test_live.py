@@ -12,7 +12,6 @@ import sys
 import time
 from contextlib import suppress
 from importlib.util import find_spec
-from pathlib import Path
 
 import bundles
 import numpy as np
@@ -492,17 +491,6 @@ def test_foxglove_and_rerun_see_the_ticks(made, tmp_path):
     assert {*shown, *(path.split(".")[0] for path in plots)} <= {*found}
     assert all(hasattr(numbers[0], path.split(".")[1]) for path in plots)
     assert all(topic["visible"] for topic in shown.values()), "a bare cloud has points alone"
-    rerun = Path(sys.executable).with_name("rerun")
-    if not rerun.exists():
-        pytest.skip("Rerun's converter was not tried: needs rerun-sdk from PyPI")
-    output(rerun, "mcap", "convert", path, "-o", tmp_path / "a.rrd")
-    said = output(rerun, "rrd", "print", tmp_path / "a.rrd")
-    for part in (
-        "Points3D:positions",
-        "Transform3D:translation",
-        "vfplan_msgs.msg.Numbers:message",
-    ):
-        assert part in said
 
 
 @needs_mcap
@@ -524,14 +512,8 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
     for name in ("hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(ticks[name], getattr(wanted, name))
-    again = vfplan_cli(
-        *("replay", fixture, kept, "-o", tmp_path / "again.h5", "--mcap", tmp_path / "again.mcap")
-    )
-    assert again.code == 0, again.stderr
+    assert vfplan_cli("replay", fixture, kept, "--mcap", tmp_path / "again.mcap").code == 0
     assert read_ticks(tmp_path / "again.mcap").tobytes() == ticks.tobytes()
-    replayed = vfplan.read_result(tmp_path / "again.h5")[0]
-    for name in ("time", "hip", "proxy", "normal", "force", "state"):
-        assert np.array_equal(getattr(replayed, name), getattr(wanted, name))
     assert vfplan_cli("live", fixture, result).code == 2
     other = tmp_path / "other.h5"
     vfplan.write_fixture(bundles.small(), other)
