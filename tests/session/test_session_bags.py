@@ -138,8 +138,9 @@ def table(path, kind, ros, factor):
 
     rows = []
     with AnyReader([path]) as reader:
-        numbers = {c.id: k for k, c in enumerate(reader.connections, 1)}
-        for connection, log, raw in reader.messages():
+        tips = [one for one in reader.connections if one.topic == "/tip"]
+        numbers = {c.id: k for k, c in enumerate(tips, 1)}
+        for connection, log, raw in reader.messages(tips):
             one = reader.deserialize(raw, connection.msgtype)
             stamp = one.header.stamp.sec * 10**9 + one.header.stamp.nanosec
             wanted = ((ros.sender, numbers[connection.id]), (ros.frame, one.header.frame_id),
