@@ -218,8 +218,8 @@ def tell_silent(sources: dict[str, Any], told: list[str]) -> str:
     since = time.monotonic() - SILENT_TOLD_S
     silent = [what for what, source in sources.items() if source.heard_s <= since]
     words = ", ".join(f"no {what} has come for {SILENT_TOLD_S:g} s" for what in silent)
-    if new := set(silent).difference(told):
-        told.extend(new)
+    if not set(silent) <= set(told):
+        told[:] = sorted({*told, *silent})
         click.echo(f"vfplan: {words}", err=True)
     return words
 
