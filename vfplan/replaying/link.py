@@ -55,13 +55,8 @@ class Link:
                 message = f"{name} is {value}. Give {allowed}"
                 raise SettingError(message, code="link-out-of-range", numbers={name: value})
 
-    @property
-    def faulty(self) -> bool:
-        """Whether any fault is set."""
-        return len(self.report()) > 1  # The seed is always there.
-
     def report(self) -> dict[str, Any]:
-        """The faults that are set, by name."""
+        """The faults that are set, by name, and the seed."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -191,9 +186,8 @@ def approach_sessions(
             arc = arc_lengths(path, closed=False)
             ticks = max(2, int(arc[-1] * rate_hz / SPEED_M_S) + 1)
             hip = interpolated(np.linspace(0.0, arc[-1], ticks), arc, path)
-            time = np.arange(ticks) / rate_hz
             title = f"stroke {number}, {name} side"
-            sessions.append(Session(time, hip, frame=fixture.frame, name=title))
+            sessions.append(Session(np.arange(ticks) / rate_hz, hip, fixture.frame, title))
     return sessions
 
 

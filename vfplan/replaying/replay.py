@@ -336,7 +336,7 @@ def replay(
     if rule is not None and rule not in RULES:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
     rules = ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
-    if link is not None and not link.faulty:
+    if link is not None and link.report().keys() == {"seed"}:
         link = None
     with naming_place(path):
         is_body = fixture.mesh is not None and poses is None and events is None

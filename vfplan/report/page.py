@@ -88,7 +88,6 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
-    first_episode = episodes[0]["index"] if episodes else 0
     # An envelope of each episode with what is around it, and one of the whole session.
     zooms = []
     for episode in episodes[:MAX_ZOOMS]:
@@ -108,9 +107,9 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "depth": np.round(MM * ticks.penetration, 4).tolist(),
         "state": ticks.state.tolist(),
         "episodes": [[episode["start_s"], episode["end_s"]] for episode in episodes],
-        "first_episode": first_episode,
+        "first_episode": next((episode["index"] for episode in episodes), 0),
         "zooms": zooms,
-        "deep": "beyond the line" if replayed.ticks.overlap.any() else "|proxy − HIP|",
+        "deep": shown_depth(replayed.ticks)[0],
     }
 
 
@@ -119,7 +118,9 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
 
     `None` where ticks were left out, or where more than the engine made them.
     """
-    ticks, rule = replayed.ticks, "robust" if replayed.rule == "both" else replayed.rule
+    ticks, rule = replayed.ticks, replayed.rule
+    if rule == "both":
+        rule = "robust"
     is_more = not MORE_THAN_THE_ENGINE.isdisjoint(replayed.metrics)
     if is_more or replayed.stride > 1 or replayed.engine != "native":
         return None
@@ -132,12 +133,16 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
     }
 
 
-def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
-    """Smallest and largest force [N] and depth [mm] of stretches of equal length.
+def shown_depth(ticks: TickBlock) -> tuple[str, Array]:
+    """The name of what is shown as depth, and (n,) of it [m]: beyond the line, if it was there."""
+    if ticks.overlap.any():
+        return "beyond the line", ticks.overlap
+    return "|proxy − HIP|", ticks.penetration
 
-    The depth is that beyond the line, where the tool went there.
-    """
-    depth = ticks.overlap if ticks.overlap.any() else ticks.penetration
+
+def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
+    """Smallest and largest force [N] and depth [mm] of stretches of equal length."""
+    depth = shown_depth(ticks)[1]
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
@@ -334,7 +339,8 @@ def _embedded(png: bytes, words: str, kind: str) -> str:
 def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     """A table of cells that are HTML already; a narrow screen shows each with its column's name."""
     text = "".join(f'<th scope="col">{cell}</th>' for cell in head)
-    text = f"<thead><tr>{text}</tr></thead>" if head else ""
+    if head:
+        text = f"<thead><tr>{text}</tr></thead>"
     names = [f' data-name="{name}"' if name else "" for name in head]
     lines = [
         "".join(f"<td{name}>{cell}</td>" for name, cell in zip_longest(names, row, fillvalue=""))
@@ -346,11 +352,14 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 
 def identity(fixture: Fixture) -> str:
     """The case, who approved the plan, and which findings nobody answered; as HTML."""
-    words = [f"Case {fixture.case}" if fixture.case else "Of no named case"]
-    reviewed = fixture.reviewed
-    words.append(f"approved by {reviewed.by}, {reviewed.utc}" if reviewed else "approved by nobody")
-    unanswered = ", ".join(finding.code for finding in fixture.open_findings)
-    words.append(f"nobody answered: {unanswered}" if unanswered else "no finding is unanswered")
+    words = ["Of no named case", "approved by nobody", "no finding is unanswered"]
+    if fixture.case:
+        words[0] = f"Case {fixture.case}"
+    if fixture.reviewed:
+        words[1] = f"approved by {fixture.reviewed.by}, {fixture.reviewed.utc}"
+    if fixture.open_findings:
+        codes = ", ".join(finding.code for finding in fixture.open_findings)
+        words[2] = f"nobody answered: {codes}"
     return f"<p>{escape('; '.join(words))}.</p>"
 
 

@@ -220,8 +220,7 @@ def check_senders(topic: str, senders: list[Sender], times: dict[Sender, Array])
             f"several senders share topic {topic!r} at the same time, or send different messages: "
             f"{told}. Choose one with --sender {chosen[0].number}"
         )
-        numbers = {"connections": len({sender.number for sender in chosen})}
-        raise SessionError(message, code="several-connections", numbers=numbers)
+        raise SessionError(message, code="several-connections")
     for option, name in (("--frame", "frame"), ("--child-frame", "child_frame")):
         values = [getattr(sender, name) for sender in chosen]
         if len(set(values)) > 1:

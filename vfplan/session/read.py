@@ -136,10 +136,10 @@ def _open_bag(
     stamp = bag_stamp(path)
     sha256 = bag_sha256(path)
     ros = ros or RosOptions()
-    if ros.tool_tip is not None:
-        in_units = tuple(x / unit_factor(units) for x in ros.tool_tip)
-        ros = dataclasses.replace(ros, tool_tip=in_units)
-    options = dataclasses.astuple(ros)
+    tip = ros.tool_tip
+    if tip is not None:
+        tip = tuple(x / unit_factor(units) for x in tip)
+    options = dataclasses.astuple(dataclasses.replace(ros, tool_tip=tip))
     read = partial(
         run_in_sandbox, "vfplan.session.bags:read_bag", str(path.resolve()), *options,
         where=name, kind=SessionError,
@@ -158,7 +158,7 @@ def _open_bag(
 
     notes |= {"format": "ros", "units": units}
     if ros.tool_tip is not None:
-        notes["tool_tip_m"] = [x * unit_factor(units) for x in ros.tool_tip]
+        notes["tool_tip_m"] = list(ros.tool_tip)
     return _stream(samples, require_unchanged, skip, name, frame, sha256, notes)
 
 
