@@ -174,10 +174,6 @@ def test_a_recording_of_a_controller_that_began_again_is_one_session(tmp_path):
     session = vfplan.read_session(path)
     assert session.ticks == 4000
     assert np.diff(session.time).max() == pytest.approx(10 - 2.999)
-    part = tmp_path / "a.mcap.part"
-    part.write_bytes(path.read_bytes()[:-1000])
-    session = open_session(part)
-    assert (session.notes["cut"], session.load().ticks) == (True, 4000)
     # A loop that runs faster than the clock stamps ticks of two runs alike.
     with McapWriter(path) as writer:
         writer.write(ticks, 1.7e9)
@@ -378,6 +374,9 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
         with refuses(SessionError, "mcap-broken"):
             read_ticks(path)
     # What was cut off is read as far as it is whole.
+    part = tmp_path / "a.mcap.part"
+    part.write_bytes(data[:-40])
+    assert open_session(part).notes["cut"]
     for cut, fewest in (
         (data[:-40], 5000),
         (data[: len(data) // 2], 1500),

@@ -6,6 +6,7 @@ import dataclasses
 import re
 import sys
 from itertools import groupby
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -115,15 +116,9 @@ def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
     assert session["rate_hz"] == pytest.approx(1000)
     assert session["jitter_rms_s"] == pytest.approx(0, abs=1e-12)
 
-    class Pieces:
-        """The same session in blocks of 7."""
-
-        name, frame, sha256, notes, ticks = "pieces", "robot_base", None, {}, 3000
-
-        def blocks(self, size=7):
-            return probing(seed=3).blocks(7)
-
-    other = replay(fixture_of(line()), Pieces(), **PAPER)
+    pieces = SimpleNamespace(name="pieces", frame="robot_base", sha256=None, notes={},
+                             blocks=lambda: probing(seed=3).blocks(7))  # fmt: skip
+    other = replay(fixture_of(line()), pieces, **PAPER)
     for name in ("proxy", "force", "penetration", "overlap", "state"):
         np.testing.assert_array_equal(getattr(other.ticks, name), getattr(pressed.ticks, name))
     for name, value in pressed.metrics.items():
@@ -282,12 +277,9 @@ def test_of_very_many_episodes_the_deepest_are_reported():
     depth = np.zeros(len(time))
     touch = np.arange(20, len(time), 40)  # 40 ms apart: each is an episode of its own
     depth[touch] = 1e-4 * (1 + np.random.default_rng(3).permutation(count) / count)
-    points = np.stack(np.meshgrid(np.linspace(-0.01, 0.01, 21), [0.0], np.linspace(-0.01, 0.01, 21),
-                                  indexing="ij"), -1).reshape(-1, 3)  # fmt: skip
-    sheet = fixture_of(points)
     hip = np.zeros((len(time), 3))
-    hip[:, 1] = np.where(depth > 0, 5e-3 - depth, 5.5e-3)
-    m = replay(sheet, Session(time, hip)).metrics
+    hip[:, 0], hip[:, 1] = 0.05, np.where(depth > 0, 5e-3 - depth, 5.5e-3)
+    m = replay(fixture_of(line()), Session(time, hip)).metrics
     kept, left = m["episodes"], m["episodes_left_out"]
     assert (len(kept), left["count"]) == (module.MAX_EPISODES, module.MAX_EPISODES + 7)
     assert module.episode_count(m) == count
