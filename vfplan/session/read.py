@@ -18,7 +18,7 @@ import numpy as np
 from vfplan.errors import SessionError, SettingError
 from vfplan.io.files import OpenedFile, named_columns, open_number_table
 from vfplan.io.hdf5 import h5py
-from vfplan.io.sandbox import run_in_sandbox, run_once
+from vfplan.io.sandbox import raise_limits, run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp
 from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
@@ -210,6 +210,10 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
 
 def read_npz(stream: BinaryIO) -> Iterator[Samples]:
     """Yield (time [s], hip) a block at a time."""
+    # Packed numbers of a recording take up to four times as much memory.
+    size = stream.seek(0, 2)
+    raise_limits(4 * size, size >> 26)
+    stream.seek(0)
     try:
         with np.load(stream) as archive:
             require_names(archive.files, NAMES)
