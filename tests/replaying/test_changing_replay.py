@@ -333,8 +333,6 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     bundle, table = tmp_path / "wall.h5", tmp_path / "session.csv"
     vfplan.write_fixture(fixture, bundle)
     write_session(table, session)
-    plain = vfplan_cli("replay", bundle, table)
-    assert "warning: force-step: The force changes by" in plain.stdout
     held = vfplan_cli("replay", bundle, table, "--governor", "--robot", "fr3", "--json").json
     assert (held["governor"]["force_step_n"], held["governor"]["force_max_n"]) == (1.2, 20.0)
     assert next(c for c in held["checks"] if c["name"] == "force_step_max_n")["pass"]

@@ -195,5 +195,3 @@ def test_command_line_faults_and_limits(vfplan_cli, tmp_path):
     assert {name: link[name] for name in expected} == expected
     for wrong in (("--at-most", "force_max_n"), ("--drop", "1"), ("--at-most", "nothing=5")):
         assert vfplan_cli(*call, *wrong).code == 2
-    slow = vfplan_cli(*call, "--rate", "200", "--robot", "franka").json
-    assert slow["session"]["rate_hz"] == pytest.approx(200)
