@@ -2,13 +2,29 @@
 
 Plain mutation would stop at libhdf5's checksums; here those of superblock and object headers are
 computed anew, so that what lies behind them is reached.
+
+    python tests/hostile/fuzz_bundle.py [CORPUS_FOLDER] -max_total_time=600
+
+It needs the package atheris.
 """
 
 from __future__ import annotations
 
 import random
 import struct
+import sys
 from functools import lru_cache
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "hostile"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "making"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+
+if __name__ == "__main__":
+    import atheris
+
+    with atheris.instrument_imports(include=["vfplan.bundle"]):
+        pass
 
 import bundles
 import damage
@@ -93,3 +109,20 @@ def attempt(payload: bytes) -> bool:
     valid = not any(issue.severity == "error" for issue in validate(data))
     assert valid <= read, "valid, and yet not read"
     return read
+
+
+def main() -> None:
+    import atheris
+    import hostile
+
+    seed = hostile.sound()
+
+    def mutate(data, max_size, number):
+        return mutated(data if len(data) > 64 else seed, random.Random(number))[:max_size]
+
+    atheris.Setup(sys.argv, attempt, custom_mutator=mutate)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

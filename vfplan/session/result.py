@@ -168,7 +168,8 @@ def require_fixture(attrs: dict[str, Any], sha256: str) -> None:
         message = "attribute fixture is no record of a fixture. Replay the session again"
         raise InputError(message, code="record-broken") from None
     if made_with != sha256:
-        message = f"is of fixture {made_with[:12]}..., not {sha256[:12]}.... Give the same fixture"
+        found = f"SHA-256 {made_with[:12]}..., not {sha256[:12]}..."
+        message = f"was replayed against the fixture with {found}. Give the same fixture"
         raise InputError(message, code="fixture-differs")
 
 
