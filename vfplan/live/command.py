@@ -99,8 +99,8 @@ def vfplan_live(
 
             receiver = PoseReceiver(poses_from, is_ras=poses_axes == "ras")
             stack.callback(receiver.close)
-            poses_file = stack.enter_context(parts[poses_out].open("w", encoding="ascii"))
-            poses_file.write(POSE_HEADER)
+            poses_file = stack.enter_context(parts[poses_out].open("wb", buffering=0))
+            poses_file.write(POSE_HEADER.encode())
             sources["pose"] = receiver
         if mcap is not None:
             try:
@@ -201,8 +201,7 @@ def pass_on(
             # Where they do not fit, the table of all poses says so at the end.
             if poses_file is not None and data["ticks"]:
                 with suppress(OSError):
-                    poses_file.write(sources["pose"].new_rows(feed.zero_s))
-                    poses_file.flush()
+                    poses_file.write(sources["pose"].new_rows(feed.zero_s).encode())
             feed.silent = tell_silent(sources, told)
             if stopped():
                 end = "until it was stopped"

@@ -127,8 +127,8 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
     Raises MissingExtra: the library `rosbags` is not installed
     """
     ros = RosOptions(*options)
-    # Its samples take less than twice as much memory as its messages do in the file.
-    raise_limits(2 * sum(size for _, size, _ in bag_stamp(Path(place))), 0)
+    # Its samples take up to four times as much memory as its messages in a packed file.
+    raise_limits(4 * sum(size for _, size, _ in bag_stamp(Path(place))), 0)
     # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
     any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
     # Each sender's number, and of each message that of its sender, its times by the header (0:
