@@ -99,14 +99,15 @@ def vfplan_live(
 
             receiver = PoseReceiver(poses_from, is_ras=poses_axes == "ras")
             stack.callback(receiver.close)
-            poses_file = stack.enter_context(parts[poses_out].open("wb", buffering=0))
-            poses_file.write(POSE_HEADER.encode())
             sources["pose"] = receiver
-        if mcap is not None:
-            try:
+        try:
+            if receiver is not None:
+                poses_file = stack.enter_context(parts[poses_out].open("wb", buffering=0))
+                poses_file.write(POSE_HEADER.encode())
+            if mcap is not None:
                 writer = stack.enter_context(McapWriter(parts[mcap], (scene, rate)))
-            except OSError as error:
-                raise not_written(parts[mcap], error) from error
+        except OSError as error:
+            raise not_written(Path(error.filename or next(iter(parts))), error) from error
         data, told, end = pass_on(
             ticks, feed, writer, sources, poses_file, seconds,
             stop_when_full=not (servers or receiver),
