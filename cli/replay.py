@@ -15,15 +15,13 @@ from vfplan.cli.options import FILE, DecimalNumber, Number, WholeNumber, option,
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import command_of, count, length, micrometres, millijoules, millimetres
+from vfplan.display import command_of, count, millimetres
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
-from vfplan.replaying.findings import has_touched, untested_reason
-from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
-from vfplan.report.tables import bound_text, verdict_sentence
+from vfplan.replaying.findings import check_text, has_touched, untested_reason, verdict_sentence
+from vfplan.replaying.link import Link
+from vfplan.replaying.metrics import NUMBERS, episode_count
 from vfplan.settings import settings_from_options
-
-FORMS = {number.key: number for number in NUMBERS}
 
 # Scenes a second in the file for viewers.
 VIEWER_RATE_HZ = 100.0
@@ -185,11 +183,9 @@ def replay_with_outputs(
 ) -> Any:
     """Replay a session as the options say, and write each tick to the files that are wanted.
 
-    With the rule `both` the result holds the paper's ticks in the group `paper`, and the CSV holds
-    the robust ones alone.
+    With the rule `both` they hold the robust ticks.
     """
     from vfplan.bundle.read import read_fixture
-    from vfplan.replaying.link import Link
     from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
     from vfplan.session.bags import McapWriter, RosOptions, as_ticks
@@ -227,16 +223,17 @@ def replay_with_outputs(
             governed_robot = replace(governed_robot, force_step_limit_n=step_n, force_limit_n=max_n)
     senses = ("at_most", "at_least")
     limits = [(name, sense, limit) for sense in senses for name, limit in arguments[sense]]
-    second_rule = "paper" if rule == "both" else None
 
     with ExitStack() as files:
         writer = table = None
         if result_path is not None:
-            groups = ("", second_rule) if second_rule else ("",)
-            writer = files.enter_context(ResultWriter(result_path, {}, groups=groups))
+            writer = files.enter_context(ResultWriter(result_path, {}))
         if csv_path is not None:
             table = files.enter_context(CsvWriter(csv_path))
         viewer = None
+        # When a bag began [s since 1970]; 0 for a session that does not say.
+        start = str(source.notes.get("start_utc", "1970-01-01T00:00:00Z"))
+        start_s = datetime.fromisoformat(start).timestamp()
         if arguments["mcap"] is not None:
             scene = read_fixture(fixture)
             viewer = files.enter_context(McapWriter(arguments["mcap"], (scene, VIEWER_RATE_HZ)))
@@ -244,14 +241,12 @@ def replay_with_outputs(
 
         def take(name: str, block: Any) -> None:
             """Write a block of ticks of the rule of this name."""
-            if writer is not None:
-                writer.append(block, name if name == second_rule else "")
-            if name == second_rule:
+            if rule == "both" and name == "paper":
                 return
-            if table is not None:
-                table.append(block)
+            for file in (writer, table):
+                if file is not None:
+                    file.append(block)
             if viewer is not None:
-                start_s = bag_start_s(source.notes)
                 viewer.write(as_ticks(block, viewer.kept), start_s + float(block.time[-1]))
             # The ticks of both rules are the same ones.
             done(len(block))
@@ -270,12 +265,6 @@ def replay_with_outputs(
     return replayed
 
 
-def bag_start_s(notes: dict[str, object]) -> float:
-    """When a bag began [s since 1970], and 0 for a session that does not say."""
-    start = notes.get("start_utc")
-    return datetime.fromisoformat(str(start)).timestamp() if start else 0.0
-
-
 def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     """The settings of the moving frame that were typed."""
     names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
@@ -287,10 +276,24 @@ def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     return settings
 
 
-def written(report: dict[str, Any], key: str) -> str:
-    """A number of the report with its unit, e.g. "0.248 mm"."""
-    form = FORMS[key]
-    return f"{form.text(report[key])} {form.unit}".rstrip()
+# Lines of the report on a screen, of all replays and of those with this part; a number of
+# `NUMBERS` stands there with its unit, and any other as it is in the report.
+FIGURES = {
+    "penetration_max_m": "penetration  max {penetration_max_m}",
+    "force_max_n": "force        max {force_max_n}, step max {force_step_max_n}",
+    "clearance_min_m": "clearance    min {clearance_min_m}; {entrenched_ticks} ticks entrenched",
+    "guide": "guide        lateral max {lateral_max_m}; outside for "
+             "{guide[outside_s]:.3f} s, force max {guide[force_max_n]:.3f} N",
+    "exchanges": "changes      {exchanges} exchanges, {edits} points edited; {changing_ticks} "
+                 "ticks until the force was there",
+    "fixture_energy_j": "motion       gave the hand {fixture_energy_j} besides; poses up to "
+                        "{pose_age_max_s} old, {stale_ticks} ticks stale, {poses_refused} poses "
+                        "refused",
+    "governor": "governor     {governor[force_step_n]:g} N a tick, {governor[force_max_n]:g} N at "
+                "most: up to {governor[held_back_max_n]:.3f} N held back in "
+                "{governor[held_ticks]} ticks, of an engine that steps by "
+                "{governor[engine_force_step_max_n]:.3f} N",
+}  # fmt: skip
 
 
 def replay_text(report: dict[str, Any]) -> str:
@@ -300,89 +303,35 @@ def replay_text(report: dict[str, Any]) -> str:
     lines = [f"NOT TESTED: {untested}"] if untested else []
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
-        f"{report['session']['rate_hz']:.6g} Hz, {written(report, 'duration_s')}, "
+        f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
         f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
     )
     lines += figure_lines(report)
     if "paper" in report:
-        lines.append("rule paper, side by side:")
-        lines += [f"  {line}" for line in figure_lines(report["paper"])]
-        lines.append(comparison_line(report["apart"]))
+        apart = report["apart"]
+        lines += ["rule paper, side by side:", *figure_lines(report["paper"], "  ")]
+        lines.append(
+            f"the rules part {count(apart['span_count'], 'time')}, by at most "
+            f"{millimetres(apart['proxy_max_m'])} and {apart['force_max_n']:.3f} N"
+        )
     if "link" in report:
-        lines.append(link_line(report["link"]))
+        names = (*Link.__dataclass_fields__, "lost", "lost_longest")
+        told = [f"{name} {report['link'][name]:g}" for name in names if name in report["link"]]
+        lines.append(f"lossy link   {', '.join(told)}")
     lines += ["{severity}: {code}: {message}".format(**found) for found in report["findings"]]
     for check in report.get("checks", []):
         lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")
     return "\n".join(lines)
 
 
-def figure_lines(report: dict[str, Any]) -> list[str]:
-    """The figures of one rule: penetration, force, clearance, and what only some replays have."""
-    lines = [
-        f"penetration  max {written(report, 'penetration_max_m')}",
-        f"force        max {written(report, 'force_max_n')}, step max "
-        f"{written(report, 'force_step_max_n')}",
-    ]
-    if "clearance_min_m" in report:
-        lines.append(
-            f"clearance    min {length(report['clearance_min_m'])}; "
-            f"{report['entrenched_ticks']} ticks entrenched"
-        )
-    if "guide" in report:
-        lines.append(guide_line(report))
-    if "exchanges" in report:
-        lines.append(
-            f"changes      {report['exchanges']} exchanges, {report['edits']} points edited; "
-            f"{report['changing_ticks']} ticks until the force was there"
-        )
-    if "fixture_energy_j" in report:
-        lines.append(
-            f"motion       gave the hand {millijoules(report['fixture_energy_j'])} besides; poses "
-            f"up to {1e3 * report['pose_age_max_s']:.1f} ms old, {report['stale_ticks']} ticks "
-            f"stale, {report['poses_refused']} poses refused"
-        )
-    if "governor" in report:
-        governor = report["governor"]
-        lines.append(
-            f"governor     {governor['force_step_n']:g} N a tick, {governor['force_max_n']:g} N at "
-            f"most: up to {governor['held_back_max_n']:.3f} N held back in "
-            f"{governor['held_ticks']} ticks, of an engine that steps by "
-            f"{governor['engine_force_step_max_n']:.3f} N"
-        )
-    return lines
-
-
-def guide_line(report: dict[str, Any]) -> str:
-    """What a guide did."""
-    guide = report["guide"]
-    if not report.get("arc_m"):
-        return "guide        never had hold of the tip"
-    return (
-        f"guide        tube of {millimetres(guide['radius_m'])}: lateral max "
-        f"{written(report, 'lateral_max_m')} (tick {guide['lateral_max_tick']}); outside for "
-        f"{guide['outside_s']:.3f} s, force max {guide['force_max_n']:.3f} N"
-    )
-
-
-def comparison_line(comparison: dict[str, Any]) -> str:
-    """Where two rules part."""
-    if not comparison["span_count"]:
-        return f"the rules never part by more than {micrometres(comparison['threshold_m'], 0)}"
-    return (
-        f"the rules part {count(comparison['span_count'], 'time')}, first at tick "
-        f"{comparison['first_tick']} ({comparison['first_s']:.3f} s); at most "
-        f"{millimetres(comparison['proxy_max_m'])} and {comparison['force_max_n']:.3f} N apart"
-    )
-
-
-def link_line(link: dict[str, Any]) -> str:
-    """What a lossy link lost, and what that changed."""
-    names = ("drop", "jitter_s", "delay_ticks", "quantum_m", "seed")
-    faults = [f"{name} {link[name]:g}" for name in names if name in link]
-    line = f"lossy link   {', '.join(faults)}"
-    if "lost" in link:
-        line += f"; {link['lost']} packets lost, {link['lost_longest']} in a row"
-    return line
+def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
+    """The figures of one rule."""
+    told = report | {
+        number.key: f"{number.text(report[number.key])} {number.unit}".rstrip()
+        for number in NUMBERS
+        if number.key in report
+    }
+    return [indent + line.format(**told) for key, line in FIGURES.items() if key in report]
 
 
 def failed_line(report: dict[str, Any]) -> str:
@@ -418,10 +367,3 @@ def next_step(
         drawing = f"draw the session tick by tick: {again} --report DIR"
         return f"look at the ticks that failed: {index_page}" if index_page else drawing
     return command_of("stability", fixture, "--robot", str(robot or "franka"))
-
-
-def check_text(check: dict[str, Any]) -> str:
-    """A limit and the value that was measured."""
-    name = check["name"]
-    unit = "" if name.endswith(("_ticks", "_tick")) else f" {unit_of(name)}".rstrip()
-    return f"{name} is {check['value']:.6g}{unit}, {bound_text(check)} is allowed"

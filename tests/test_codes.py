@@ -57,7 +57,6 @@ from vfplan.scenes import god_object
 from vfplan.scenes.outline import Look
 from vfplan.session import bags
 from vfplan.session.events import Event, _check_counts
-from vfplan.session.read import _NpzMember
 from vfplan.session.result import ResultWriter, read_result
 from vfplan.surface import mesh, outline, sources, volumes
 from vfplan.surface.build import read_contours
@@ -72,13 +71,6 @@ def written(path, data):
 
 def table(data, columns=("a",)):
     list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(columns))
-
-
-def npy(array, cut=0):
-    file = io.BytesIO()
-    np.save(file, array)
-    data = file.getvalue()[: len(file.getvalue()) - cut]
-    return _NpzMember(lambda: io.BytesIO(data), "hip")
 
 
 def mended(points, closed=False):
@@ -220,7 +212,6 @@ CALLS = {
         empty_bag(d / "bag"), ros=bags.RosOptions(topic="/pose")),
     "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
     "result-empty": lambda d: read_result(stored_result(d)),
-    "file-cut": lambda d: npy(np.ones((3, 3)), cut=8).read_numbers(9),
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
     # Files, tables and folders.
     "file-unreadable": lambda d: opened_file(d / "a\0b"),
@@ -281,11 +272,11 @@ def test_the_call_is_refused_where_it_is_made_so(code, monkeypatch, tmp_path):
 
 def test_what_a_replay_of_a_run_and_of_changes_remarks():
     report = {"clearance_min_m": -1e-3, "episodes": [], "crossed_ticks": 1, "poses_refused": 2}
-    report |= {f"{name}_ticks": 3 for name in ("inside", "too_fast", "bad_hip")}
+    report |= {f"{name}_ticks": 3 for name in ("inside", "too_fast")}
     found = run_findings(report, as_is(band=1e-5, rule="paper", r1=1e-3))
     assert [(one["code"], one["severity"]) for one in found] == [
         ("proxy-inside", "warning"), ("started-inside", "warning"), ("crossed", "warning"),
-        ("poses-refused", "warning"), ("too-fast", "warning"), ("hip-out-of-range", "error"),
+        ("poses-refused", "warning"), ("too-fast", "warning"),
     ]  # fmt: skip
 
 

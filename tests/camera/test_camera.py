@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -25,7 +24,6 @@ from refusals import refuses
 from replays import fixture_of
 
 from vfplan.bundle.write import write_fixture
-from vfplan.camera.command import ticks_to_show
 from vfplan.camera.overlay import Overlay
 from vfplan.camera.pose import Camera, find_tags, locate, make_finder
 from vfplan.camera.sheet import (
@@ -36,12 +34,11 @@ from vfplan.camera.sheet import (
     printed_tags,
     touched_tags,
 )
-from vfplan.errors import InputError, MarkerError, VfplanError
+from vfplan.errors import InputError, MarkerError
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.plan import Plan
 from vfplan.session.bags import TICK
-from vfplan.session.result import ResultWriter
 
 T = np.linspace(0, 1, 300)
 LINE = np.column_stack([0.5 + 0.14 * T, 0.1 + 0.05 * np.sin(5 * T), np.full(300, 0.02)])
@@ -273,16 +270,6 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
     at = cv2.projectPoints(PLAN.place(tick["hip"]), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], *lens)[0]
     u, v = np.round(at.ravel()).astype(int)
     assert wall[v, u, ::-1].tolist() == list(paper.GUIDE_COLOUR)
-
-
-@pytest.mark.parametrize("made", [False, True])
-def test_a_result_that_is_none_or_of_another_fixture_is_refused(made, tmp_path):
-    wanted = {"session": None, "live_source": str(tmp_path / "r.h5")}
-    if made:
-        with ResultWriter(tmp_path / "r.h5", {"fixture": {"sha256": "ab"}}):
-            pass
-    with refuses(VfplanError, "fixture-differs" if made else "file-missing"), ExitStack() as stack:
-        ticks_to_show(stack, FIXTURE, "cd", wanted)
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

@@ -17,6 +17,7 @@ from vfplan.figures.replay import depth_along, image_places, plane_basis, scene,
 from vfplan.figures.style import save_png
 from vfplan.fixture import Fixture, Guidance, Provenance, RegistrationRecord
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay, thinned
+from vfplan.session.session import Session
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
@@ -43,6 +44,17 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
     np.testing.assert_allclose([extents.width, extents.height], 10.0, rtol=1e-6)  # mm
     np.testing.assert_allclose(extents.p0 + 5, 1e3 * pressed.ticks.proxy[marks[0], :2], atol=1e-3)
     assert axes.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("times", [1, 100])
+def test_scene_shows_the_whole_path_or_says_how_much_is_left_out(pressed, times):
+    ends = np.linspace([0.05, 5e-3, 0], [0.05 + 0.1 * times, 0.02, 0], 100)
+    session = Session(np.arange(100) / 1e3, ends)
+    [axes] = scene(replay(pressed.fixture, session)).axes
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()]) / 1e3
+    is_seen = ((ends[:, :2] >= low) & (ends[:, :2] <= high)).all()
+    assert is_seen == (times == 1)
+    assert ("of the HIP's path lies outside" in axes.get_title("right")) != is_seen
 
 
 def test_scene_shows_the_whole_tube_of_a_guide():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refuses
-from replays import fixture_of, line, write_session
+from replays import fixture_of, line
 
 import vfplan
 from vfplan.errors import SceneError, SettingError
@@ -105,12 +105,3 @@ def test_a_guide_alone_has_no_rule_to_compare():
 def test_a_guide_is_never_rendered_as_a_forbidden_region():
     with pytest.raises(SceneError, match="the fixture guides"):
         vfplan.ProxyEngine.of(guided(fixture_of(line())))
-
-
-def test_the_command_reports_it(vfplan_cli, tmp_path):
-    vfplan.write_fixture(guided(fixture_of(line())), tmp_path / "guide.h5")
-    write_session(tmp_path / "s.csv", along(3e-3 * np.sin(np.linspace(0, 6, 600))))
-    run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv", "--json")
-    assert (run.code, run.json["guide"]["radius_m"]) == (0, RHO)
-    run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv")
-    assert "guide        tube of 1.000 mm: lateral max 3.000 mm" in run.stdout

@@ -193,11 +193,5 @@ def test_command_line_faults_and_limits(vfplan_cli, tmp_path):
     link = run.json["link"]
     expected = {"drop": 0.1, "delay_ticks": 2, "jitter_s": 5e-4, "quantum_m": 1e-5, "seed": 7}
     assert {name: link[name] for name in expected} == expected
-    assert run.json["apart"]["force_rms_n"] >= 0
-    failing = vfplan_cli(*call, "--at-most", "force_max_n=1", "-o", tmp_path / "r.h5").fails(1)
-    assert failing.json["checks"][0]["pass"] is False
-    assert (tmp_path / "r.h5").exists()  # the record of what failed
     for wrong in (("--at-most", "force_max_n"), ("--drop", "1"), ("--at-most", "nothing=5")):
         assert vfplan_cli(*call, *wrong).code == 2
-    slow = vfplan_cli(*call, "--rate", "200", "--robot", "franka").json
-    assert slow["session"]["rate_hz"] == pytest.approx(200)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from conftest import dimple_depth
 from replays import fixture_of
-from vfplan.samples.experiments import probing_hand, square
 
 import vfplan
 from vfplan import ProxyParameters
@@ -113,18 +112,3 @@ def test_real_recordings_on_a_planned_curve(shared_data, pelvis, number):
     length = np.linalg.norm(np.diff(pelvis.points, axis=0), axis=1).sum()
     assert 0 <= min(ends) <= max(ends) <= length + 1e-9
     assert m["apart"]["threshold_m"] == 5e-5
-
-
-def test_experiment_1_probes_both_sides():
-    fixture, session = square(), probing_hand()
-    assert fixture.points.shape == (40401, 3)
-    found = replay(fixture, session)
-    m = found.metrics
-    depths = [e["penetration_max_m"] for e in m["episodes"]]
-    np.testing.assert_allclose(depths, [4e-3, 7e-3, 9e-3, 3e-3, 8e-3], atol=2e-5)
-    sides = [np.sign(found.ticks.force[e["deepest"]["tick"], 1]) for e in m["episodes"]]
-    assert sides == [1, 1, 1, -1, -1]
-    overlaps = [e["overlap_max_m"] for e in m["episodes"]]
-    np.testing.assert_allclose(overlaps, [0, 2e-3, 4e-3, 0, 3e-3], atol=2e-5)
-    assert m["clearance_min_m"] >= -fixture.band
-    assert all(e["passive"] for e in m["episodes"])

@@ -49,26 +49,11 @@ def test_every_format_gives_the_same_bits(tmp_path, ticks):
         assert sizes == [len(time[k : k + BLOCK]) for k in range(0, ticks, BLOCK)], path.name
 
 
-ROWS, DECIMALS = [[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], [4, -5.25, 0.6]]
-EUROPEAN = "T;x;y;z;note\n0;1,5;2;3;7\n1;4;-5,25;6e-1;7"
-GOOD_CSV = {
-    "order": ("force,z,y,x,t\n9,3,2,1,0\n9,6,5,4,0.001\n", np.divide(ROWS, 1e3), ["force"], "mm"),
-    "blanks, CRLF, no last newline": (
-        "\ufefft, x, y, z\r\n0, 1,2 ,3\r\n\r\n0.5,4,5,6", ROWS, [], "m"
-    ),
-    "semicolons": (EUROPEAN, DECIMALS, ["note"], "m"),
-    "tabs": (EUROPEAN.replace(";", "\t"), DECIMALS, ["note"], "m"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", GOOD_CSV)
-def test_csv_is_read_with_its_columns_marks_and_units(name, tmp_path):
-    """Decimal commas between semicolons or tabs: spreadsheets in most of Europe write them so."""
-    text, hip, ignored, units = GOOD_CSV[name]
-    (tmp_path / "s.csv").write_bytes(text.encode())
-    session = read_session(tmp_path / "s.csv", units=units)
-    np.testing.assert_allclose(session.hip, hip, rtol=1e-15 if units == "mm" else 0)
-    assert session.notes.get("ignored_columns", []) == ignored
+def test_csv_is_read_by_its_columns_and_units(tmp_path):
+    (tmp_path / "s.csv").write_text("force,z,y,x,t\n9,3,2,1,0\n9,6,5,4,0.001\n")
+    session = read_session(tmp_path / "s.csv", units="mm")
+    np.testing.assert_allclose(session.hip, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]], rtol=1e-15)
+    assert session.notes["ignored_columns"] == ["force"]
 
 
 ROW = "0,1,2,3\n"
@@ -86,6 +71,8 @@ BAD_CSV = {
     "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "row-length"),
     "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "no-number"),
     "underscore": ("t,x,y,z\n" + ROW + "1,1_0,3,4\n", "no-number"),
+    "hexadecimal": ("t,x,y,z\n" + ROW + "1,0x10,3,4\n", "no-number"),
+    "digits of another script": ("t,x,y,z\n" + ROW + "1,\u0663,3,4\n", "no-number"),
     "lone return": ("t,x,y,z\n" + ROW + "1.0\r5,2,3,4\n", "no-number"),
     "two separators": ("t;x;y,z\n0;1;2;3\n", "separator-ambiguous"),
     "both decimal marks": ("t;x;y;z\n0;1,5;2;3\n1;1.5;2;3\n", "decimal-ambiguous"),
@@ -170,52 +157,38 @@ BAD_ARRAYS = [
     ({**THREE, "hip": np.zeros((3, 3), complex)}, "type-wrong"),
     ({"time": np.zeros(0), "hip": np.zeros((0, 3))}, "too-few-samples"),
     ({**THREE, "hip": np.full((3, 3), np.nan)}, "sample-not-finite"),
+    ({**THREE, "time": np.array([object()])}, "npz-broken"),
 ]
 
 
 @pytest.mark.parametrize(("arrays", "code"), BAD_ARRAYS)
 def test_bad_arrays_are_refused(tmp_path, arrays, code):
     np.savez(tmp_path / "s.npz", **arrays)
-    with h5py.File(tmp_path / "s.h5", "w") as file:
-        file.update(arrays)
-    for name in ("s.npz", "s.h5"):
+    with refuses(SessionError, code):
+        read_session(tmp_path / "s.npz")
+    if code != "npz-broken":
+        with h5py.File(tmp_path / "s.h5", "w") as file:
+            file.update(arrays)
         with refuses(SessionError, code):
-            read_session(tmp_path / name)
-
-
-def test_pickled_and_cut_archives_are_refused(tmp_path):
-    path = tmp_path / "s.npz"
-    for time, length, code in (
-        (np.array([object()]), None, "type-wrong"), (np.arange(100.0), 900, "npz-broken")
-    ):  # fmt: skip
-        np.savez(path, time=time, hip=np.zeros((len(time), 3)))
-        path.write_bytes(path.read_bytes()[:length])
-        with refuses(SessionError, code):
-            read_session(path)
+            read_session(tmp_path / "s.h5")
 
 
 def test_damaged_archives_are_refused(tmp_path):
+    path = tmp_path / "packed.npz"
     time, hip = recording(500)
-    for name, save in (("s.npz", np.savez), ("packed.npz", np.savez_compressed)):
-        save(tmp_path / name, time=time, hip=hip)
-    plain, packed = ((tmp_path / n).read_bytes() for n in ("s.npz", "packed.npz"))
-    head, entry = plain.find(b"PK\x03\x04"), plain.find(b"PK\x01\x02")
-    encrypted, method, garbled, stream = (bytearray(b) for b in (plain, plain, plain, packed))
-    encrypted[head + 6] |= 1
-    encrypted[entry + 8] |= 1
-    method[head + 8] = method[entry + 10] = 99
-    garbled[plain.find(b"{'descr'") : plain.find(b"'shape'")] = b"{" * 40
-    stream[200:400] = b"\x55" * 200
-    for number, damaged in enumerate((encrypted, method, garbled, stream)):
-        path = tmp_path / f"{number}.npz"
+    np.savez_compressed(path, time=time, hip=hip)
+    packed = path.read_bytes()
+    encrypted, head = bytearray(packed), packed.find(b"PK\x01\x02")
+    encrypted[head + 8] |= 1
+    for damaged in (encrypted, packed[:200] + b"\x55" * 200 + packed[400:], packed[:900]):
         path.write_bytes(damaged)
-        with pytest.raises(SessionError):
+        with refuses(SessionError, "npz-broken"):
             read_session(path)
 
 
 ODD_HDF5 = {
     "empty": (dict.fromkeys(THREE, h5py.Empty("f8")), {}, "dataset-odd"),
-    "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, {}, "dataset-missing"),
+    "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, {}, "dataset-odd"),
     "a fixture": ({"points": THREE["hip"]}, {"/format": np.bytes_(b"vfplan-fixture")},
                   "fixture-as-session"),
     "units": (THREE, {"/units": np.bytes_("mm")}, "units-or-frame-differ"),
@@ -252,7 +225,7 @@ def test_missing_file_directory_and_unknown_unit(tmp_path):
         with refuses(error, "not-a-file"):
             read(tmp_path)
     with refuses(SettingError, "unit-unknown"):
-        read_session(tmp_path / "none.csv", units="inch")
+        read_session(write_csv(tmp_path / "s.csv", *recording(3)), units="inch")
 
 
 @pytest.mark.parametrize(("columns", "code"), [(2, "shape-wrong"), (3, "time-not-increasing")])

@@ -8,7 +8,6 @@ import random
 import sys
 import zipfile
 import zlib
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -21,9 +20,7 @@ import vfplan
 import vfplan.io.sandbox
 import vfplan.session.read
 import vfplan.session.result
-from vfplan.errors import InputError, SessionError
-from vfplan.io.files import parse_decimal
-from vfplan.io.sandbox import run_in_sandbox
+from vfplan.errors import InputError
 from vfplan.session.read import open_session, read_session
 from vfplan.session.result import ResultWriter, TickBlock, read_result
 
@@ -91,48 +88,6 @@ def test_no_flipped_bit_ends_or_stops_the_program(tmp_path, kind, monkeypatch):
         path.write_bytes(spoiled(data, rng))
         found += refused(path, read)
     assert 0 < found < 300
-
-
-def crash(*_):
-    os.abort()
-    yield
-
-
-def hang(*_):
-    while True:
-        pass
-    yield
-
-
-def swell(*_):
-    yield bytes(bytearray(2 * GIB))
-
-
-@pytest.mark.parametrize("fault", ["crash", "hang", "swell"])
-def test_a_reader_that_fails_is_an_error_like_any_other(fault, tmp_path, monkeypatch):
-    """`python -I` finds no tests: the fault is laid into a module of its own."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    monkeypatch.setattr(vfplan.io.sandbox, "_helper", None)  # one that knows this folder
-    monkeypatch.setattr(vfplan.io.sandbox, "STEP_S", 1)
-    with refuses(SessionError, "reader-stopped"):
-        list(run_in_sandbox(f"{Path(__file__).stem}:{fault}", where="a", kind=SessionError))
-    hdf5_session(tmp_path / "good.h5")
-    assert len(read_session(tmp_path / "good.h5").time) == 40  # and the next one is read
-
-
-# --- Numbers -----------------------------------------------------------------------------------
-
-NUMBERS = {"1": 1.0, " -2.5e-3\t": -2.5e-3, "+.5": 0.5, "7.": 7.0, "1e308": 1e308, "1E5": 1e5}
-NO_NUMBERS = ["", " ", "1_000", "0x10", "1e309", "nan", "inf", "1.2.3", "1d3",
-              "1 2", "1;", "--1", "1e", "e5", ".", "\u0663", "1\u00a0", "1\0", "1\n", "\uff11",
-              "1,5", "True"]  # fmt: skip
-
-
-def test_what_a_number_is():
-    assert {text: parse_decimal(text) for text in NUMBERS} == NUMBERS
-    for text in NO_NUMBERS:
-        with pytest.raises(ValueError, match=r"no number|is missing|larger than"):
-            parse_decimal(text)
 
 
 # --- Bombs -------------------------------------------------------------------------------------

@@ -14,8 +14,7 @@ from vfplan.display import MAX_DRAWN
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import row_norms
-from vfplan.report.page import document, facts_table, picture, section
-from vfplan.report.tables import table
+from vfplan.report.page import document, facts_table, picture, section, table
 
 Array = NDArray[np.float64]
 

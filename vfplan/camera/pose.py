@@ -81,11 +81,9 @@ class Camera:
 def read_camera(path: Path | None) -> Camera:
     """The camera of a calibration file; raises `InputError` where there is none."""
     if path is None:
-        raise InputError(
-            "A camera without a calibration shows no wall. Make one: vfplan ar --board-out "
-            "BOARD.pdf, then vfplan ar --calibrate PICTURES -o CALIB.json",
-            code="camera-uncalibrated",
-        )
+        how = "vfplan ar --board-out BOARD.pdf, then vfplan ar --calibrate PICTURES -o CALIB.json"
+        message = f"A camera without a calibration shows no wall. Make one: {how}"
+        raise InputError(message, code="camera-uncalibrated")
     try:
         data = json.loads(read_text(path, MAX_CALIBRATION_BYTES, InputError)[0])
         matrix = np.array(data["camera_matrix"], float).reshape(3, 3)
@@ -94,10 +92,8 @@ def read_camera(path: Path | None) -> Camera:
         if not np.isfinite(camera.project(np.eye(3), np.ones(6))[0]).all():
             raise ValueError("it has no finite numbers")
     except (KeyError, TypeError, ValueError, cv2.error) as error:
-        raise InputError(
-            f"is no calibration: {error}. vfplan ar --calibrate writes one",
-            where=str(path), code="calibration-file",
-        ) from None  # fmt: skip
+        message = f"is no calibration: {error}. vfplan ar --calibrate writes one"
+        raise InputError(message, where=str(path), code="calibration-file") from None
     return camera
 
 
@@ -180,10 +176,8 @@ def locate(
     """
     seen, others = found.keys() & tags.keys(), found.keys() - tags.keys()
     if others and is_printed:
-        raise CheckFailed(
-            f"Tag {min(others)} is not of this plan. Print its sheet: vfplan review --print-out",
-            code="other-sheet",
-        )
+        text = f"Tag {min(others)} is not of this plan. Print its sheet: vfplan review --print-out"
+        raise CheckFailed(text, code="other-sheet")
     if len(seen) < MIN_TAGS:
         text = f"{len(seen)} tags of this plan are seen. Show {MIN_TAGS} or more"
         raise CheckFailed(text, code="one-tag" if seen else "no-tag")
@@ -210,11 +204,9 @@ def locate(
     sigma = np.sqrt(left @ left / len(left) * np.square(inverse[7:]).sum(axis=1))
     stretch = np.abs(inverse[7:] @ left)
     if (stretch > np.maximum(MAX_STRETCH, CERTAIN * sigma)).any():
-        raise CheckFailed(
-            f"The print is {100 * stretch.max():.1f} % longer one way than the other. Print it at "
-            "100 %, not fitted to the page",
-            code="print-stretched",
-        )
+        longer = f"{100 * stretch.max():.1f} % longer one way than the other"
+        text = f"The print is {longer}. Print it at 100 %, not fitted to the page"
+        raise CheckFailed(text, code="print-stretched")
     return Pose(camera, vector, left, covariance)
 
 

@@ -124,11 +124,8 @@ def plan_of(fixture: Fixture) -> Plan:
     elif axis is not None:
         right, down = across(axis * np.sign(axis[np.abs(axis).argmax()])) * [[1], [-1]]
     if fixture.rendering is None or (plane is None and axis is None):
-        raise InputError(
-            "No robot renders this in a plane, and a sheet shows what lies in one. Plan a line "
-            "with its markers: vfplan plan",
-            code="no-plane",
-        )
+        message = "No robot renders this in a plane. Plan a line with its markers: vfplan plan"
+        raise InputError(message, code="no-plane")
     turn = np.stack([right, down, np.cross(right, down)])
     places = fixture.points @ turn.T
     low, high = places.min(axis=0), places.max(axis=0)
@@ -183,11 +180,9 @@ def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
             raise ValueError(touched.frame)
         return {int(n): np.stack([rows.pop(f"{n}.{k}") for k in range(4)]) for n in numbers}
     except (KeyError, ValueError):
-        raise MarkerError(
-            f"has a tag without four corners in {plan.fixture.frame}. Label them as 17.0, 17.1, "
-            "17.2 and 17.3",
-            where=str(path), code="tag-corners",
-        ) from None  # fmt: skip
+        where = f"four corners in {plan.fixture.frame}"
+        message = f"has a tag without {where}. Label them as 17.0, 17.1, 17.2 and 17.3"
+        raise MarkerError(message, where=str(path), code="tag-corners") from None
 
 
 def draw_print(shown: ReviewedPlan, paper: str) -> Figure:

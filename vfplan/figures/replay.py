@@ -24,6 +24,9 @@ Array = NDArray[np.float64]
 # How often contact circles and normals are drawn [Hz], as in the paper.
 MARK_HZ = 10.0
 
+# A path that is this many times as large as the fixture is cut: the fixture would be a dot.
+MAX_TIMES_FIXTURE = 5
+
 
 def timeline(replayed: Replay) -> Figure:
     """Force, penetration and overlap over time, contact episodes shaded."""
@@ -105,6 +108,13 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
     if fixture.guidance is not None:
         around = max(around, 2 * MM * fixture.guidance.radius)
     low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
+    path = np.vstack([hip, proxy, low, high])
+    low_of_all, high_of_all = path.min(axis=0) - radius, path.max(axis=0) + radius
+    outside = np.zeros(len(hip), bool)
+    if (high_of_all - low_of_all).max() <= MAX_TIMES_FIXTURE * (high - low).max():
+        low, high = low_of_all, high_of_all
+    else:
+        outside = ((hip < low) | (hip > high)).any(axis=1)
     height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
     figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
     axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
@@ -128,6 +138,9 @@ def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
         axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
     axes.set_aspect("equal")
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    if outside.any():
+        words = f"{100 * outside.mean():.2g} % of the HIP's path lies outside this picture"
+        axes.set_title(words, loc="right", y=0, fontsize="small")
     across, up = axis_names(basis)
     axes.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
+from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -23,7 +24,10 @@ from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
 from vfplan.display import count
 from vfplan.errors import OutputError
-from vfplan.io.writing import made_folder, move_into_place, not_written
+from vfplan.io.writing import made_folder, move_into_place, not_written, write_whole
+
+# A source that sends nothing for so long [s] is told once.
+SILENT_TOLD_S = 5.0
 
 # Poses that come later than this [s], or before their own time by as much, tell of two clocks.
 MAX_POSE_DELAY_S = 0.5
@@ -74,57 +78,54 @@ def vfplan_live(
 
     feed = PositionStream(rate)
     servers: list[Any] = []
-    writer = receiver = None
+    writer = receiver = poses_file = None
     with ExitStack() as stack:
+        parts = {path: started_part(stack, path) for path in (mcap, poses_out) if path is not None}
         if openigtlink is not None:
             from vfplan.live.server import Server
 
-            server = Server(scene, openigtlink, feed)
-            stack.callback(server.close)
-            servers.append(server)
-            click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{server.port}", err=True)
+            servers.append(Server(scene, openigtlink, feed))
+            stack.callback(servers[-1].close)
+            click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
         if web is not None:
             from vfplan.live.server import Web, live_page
 
-            page = Web(*live_page(scene, fixture.name), web, feed)
-            stack.callback(page.close)
-            servers.append(page)
-            click.echo(f"vfplan: page at http://127.0.0.1:{page.port}/", err=True)
+            servers.append(Web(*live_page(scene, fixture.name), web, feed))
+            stack.callback(servers[-1].close)
+            click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
+        sources: dict[str, Any] = {"tick": feed}
         if poses_from is not None:
-            from vfplan.live.server import PoseReceiver, write_poses
+            from vfplan.live.server import POSE_HEADER, PoseReceiver, pose_rows
 
             receiver = PoseReceiver(poses_from, is_ras=poses_axes == "ras")
             stack.callback(receiver.close)
-        if mcap is not None:
-            # Nothing deletes this file, so that a recording that is cut off can be replayed.
-            part = mcap.with_name(f"{mcap.name}.part")
-            if part.exists():
-                raise OutputError(
-                    "is there, of a recording that was cut off. Replay it, and move it away",
-                    where=str(part), code="part-exists",
-                )  # fmt: skip
-            stack.enter_context(made_folder(mcap.parent))
-            try:
-                writer = stack.enter_context(McapWriter(part, (scene, rate)))
-            except OSError as error:
-                raise not_written(part, error) from error
-        data, end = pass_on(ticks, feed, writer, seconds, stop_when_full=not (servers or receiver))
+            sources["pose"] = receiver
+        try:
+            if receiver is not None:
+                poses_file = stack.enter_context(parts[poses_out].open("wb", buffering=0))
+                poses_file.write(POSE_HEADER.encode())
+            if mcap is not None:
+                writer = stack.enter_context(McapWriter(parts[mcap], (scene, rate)))
+        except OSError as error:
+            raise not_written(Path(error.filename or next(iter(parts))), error) from error
+        data, told, end = pass_on(
+            ticks, feed, writer, sources, poses_file, seconds,
+            stop_when_full=not (servers or receiver),
+        )  # fmt: skip
     if writer is not None and data["ticks"]:
-        move_into_place([(part, mcap)], overwrite=is_overwriting())
+        move_into_place([(parts[mcap], mcap)], overwrite=is_overwriting())
         data["mcap"] = str(mcap)
     elif writer is not None:
-        part.unlink()
+        parts[mcap].unlink()
 
-    warnings = []
+    warnings = [f"no {what} came for {SILENT_TOLD_S:g} s or longer" for what in told]
     if refused := sum(server.refused for server in servers):
         warnings.append(f"{refused} clients were refused: {MAX_CLIENTS} are served at a time")
     if bad := data["bad_datagrams"]:
         why = data["first_bad_datagram"]
         warnings.append(f"{bad} datagrams were left out, the first because {why}")
-    text = (
-        f"{data['ticks']} ticks, {data['dropped']} dropped by the controller, "
-        f"{data['lost_datagrams']} datagrams lost"
-    )
+    text = "{ticks} ticks, {dropped} dropped by the controller, {lost_datagrams} datagrams lost"
+    text = text.format(**data)
     if "mcap" in data:
         text += f"\nwrote {mcap}"
     if receiver is not None:
@@ -134,37 +135,58 @@ def vfplan_live(
         if receiver.poses:
             # Without a tick the times count from the first pose.
             zero = feed.zero_s if data["ticks"] else receiver.poses[0][1]
-            write_poses(poses_out, receiver, zero, overwrite=is_overwriting())
+            table = POSE_HEADER + pose_rows(receiver.poses, zero)
+            write_whole(poses_out, [table.encode()], overwrite=is_overwriting())
             text += f"\nwrote {poses_out}"
-    if not data["ticks"] or (receiver is not None and not receiver.poses):
-        missing = (
-            f"no pose came from {poses_from}" if data["ticks"] else f"no tick came from {source}"
-        )
-        return CommandResult(
-            data, text, 1, warnings, missing, verdict="nothing to show",
-            next_step="check that the sender runs, and sends what the address names",
-        )  # fmt: skip
-    if writer is not None and writer.full:
-        failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
-        return CommandResult(
-            data, text, 2, warnings, failed, verdict="shown, and recorded in part",
-            next_step="free some space, and record again into another file",
-        )  # fmt: skip
-    verdict = f"shown {end}"
+        parts[poses_out].unlink()
+    exit_code, failed, verdict = 0, "", f"shown {end}"
     next_step = f"keep every tick of the next run: {command_line()} --mcap FILE.mcap"
-    if writer is not None:
+    if not data["ticks"] or (receiver is not None and not receiver.poses):
+        exit_code, verdict = 1, "nothing to show"
+        failed = f"no tick came from {source}"
+        if data["ticks"]:
+            failed = f"no pose came from {poses_from}"
+        next_step = "check that the sender runs, and sends what the address names"
+    elif writer is not None and writer.full:
+        exit_code, verdict = 2, "shown, and recorded in part"
+        failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
+        next_step = "free some space, and record again into another file"
+    elif writer is not None:
         verdict = f"shown and recorded {end}"
         next_step = f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}"
         next_step += f" --poses {poses_out}" if receiver is not None else ""
-    return CommandResult(data, text, 0, warnings, verdict=verdict, next_step=next_step)
+    return CommandResult(
+        data, text, exit_code, warnings, failed, verdict=verdict, next_step=next_step
+    )
+
+
+def started_part(stack: ExitStack, path: Path) -> Path:
+    """The name of an output while it grows, in a folder that is made.
+
+    Nothing deletes this file, so that a recording that is cut off can be replayed.
+    """
+    part = path.with_name(f"{path.name}.part")
+    if part.exists():
+        message = "is there, of a recording that was cut off. Replay it, and move it away"
+        raise OutputError(message, where=str(part), code="part-exists")
+    stack.enter_context(made_folder(path.parent))
+    return part
 
 
 def pass_on(
-    ticks: Iterator[Any], feed: Any, writer: Any, seconds: float | None, *, stop_when_full: bool
-) -> tuple[dict[str, Any], str]:
-    """Pass every tick on until the source ends, the time is over, or a signal comes: which."""
+    ticks: Iterator[Any], feed: Any, writer: Any, sources: dict[str, Any], poses_file: Any,
+    seconds: float | None, *, stop_when_full: bool,
+) -> tuple[dict[str, Any], list[str], str]:  # fmt: skip
+    """Pass every tick on until the source ends, the time is over, or a signal comes.
+
+    sources: what comes, and what takes it
+    poses_file: where poses are written as they come; `None`: nowhere
+
+    The counts, which sources were silent for long, and why it ended.
+    """
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0,
             "first_bad_datagram": ""}  # fmt: skip
+    told: list[str] = []
     started, end = time.monotonic(), "to the end"
     with noted_signals() as stopped:
         for portion, counts in ticks:
@@ -176,13 +198,30 @@ def pass_on(
                     writer.write(portion, time.time())
                     if writer.full and stop_when_full:
                         break
+            # Before the first tick nothing tells the times of poses on its clock.
+            # Where they do not fit, the table of all poses says so at the end.
+            if poses_file is not None and data["ticks"]:
+                with suppress(OSError):
+                    poses_file.write(sources["pose"].new_rows(feed.zero_s).encode())
+            feed.silent = tell_silent(sources, told)
             if stopped():
                 end = "until it was stopped"
                 break
             if seconds is not None and time.monotonic() - started >= seconds:
                 end = f"for {seconds:g} s"
                 break
-    return data, end
+    return data, told, end
+
+
+def tell_silent(sources: dict[str, Any], told: list[str]) -> str:
+    """Say once of each source that it is silent; returns what is silent now, in words."""
+    since = time.monotonic() - SILENT_TOLD_S
+    silent = [what for what, source in sources.items() if source.heard_s <= since]
+    words = ", ".join(f"no {what} has come for {SILENT_TOLD_S:g} s" for what in silent)
+    if not set(silent) <= set(told):
+        told[:] = sorted({*told, *silent})
+        click.echo(f"vfplan: {words}", err=True)
+    return words
 
 
 def pose_warnings(receiver: Any) -> list[str]:

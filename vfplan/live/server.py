@@ -14,7 +14,6 @@ Source: the OpenIGTLink protocol, versions 1 and 2 (J. Tokuda et al., Int. J. Me
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import socket
@@ -25,10 +24,8 @@ import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from enum import IntEnum
 from functools import cache
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,7 +36,6 @@ from vfplan.engine.proxy import Status
 from vfplan.errors import InputError, OutputError
 from vfplan.fixture import Fixture
 from vfplan.io.sandbox import Loopback, reply
-from vfplan.io.writing import write_whole
 from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream, host_and_port
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
 from vfplan.session.events import POSE_COLUMNS
@@ -58,12 +54,8 @@ NEWTON = (0x0B << 54) | (1 << 50)
 POLYNOMIAL = 0x42F0E1EBA9EA3693
 
 
-class StatusCode(IntEnum):
-    """The protocol's codes that this server sends."""
-
-    OK = 1
-    # The configuration or the input is not as it should be.
-    WARNING = 13
+# The protocol's codes that this server sends: all is well; something is not as it should be.
+OK, WARNING = 1, 13
 
 
 @cache
@@ -134,20 +126,6 @@ def polydata(
     return message("POLYDATA", device, time_s, head + points + data)
 
 
-def ball(radius_mm: float, count: int = 250) -> tuple[Array, NDArray[np.int64]]:
-    """Points (N, 3) [mm] on a spiral from pole to pole, and triangles (K, 3), of a sphere."""
-    from scipy.spatial import ConvexHull
-
-    height = np.linspace(1, -1, count)
-    turn = np.pi * (1 + np.sqrt(5)) * np.arange(count)
-    side = np.sqrt(1 - height**2)
-    points = np.column_stack([side * np.cos(turn), side * np.sin(turn), height])
-    faces = ConvexHull(points).simplices
-    is_inwards = np.linalg.det(points[faces]) < 0
-    faces[is_inwards] = faces[is_inwards, ::-1]
-    return radius_mm * points, faces
-
-
 # A client that takes nothing for so long is disconnected [s].
 STALLED_S = 5.0
 
@@ -169,7 +147,7 @@ class Server(socketserver.ThreadingTCPServer):
     allow_reuse_address = daemon_threads = True
 
     def __init__(self, fixture: Fixture, port: int, feed: PositionStream) -> None:
-        self._static = static_messages(fixture)
+        self._static = static_bodies(fixture)
         self._feed = feed
         self._closing = threading.Event()
         # Clients that were refused because there were too many, and those that are served.
@@ -178,10 +156,8 @@ class Server(socketserver.ThreadingTCPServer):
         try:
             super().__init__(("127.0.0.1", port), socketserver.BaseRequestHandler)
         except OSError as error:
-            raise OutputError(
-                f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another port",
-                code="port-taken", numbers={"port": port},
-            ) from None  # fmt: skip
+            message = f"port {port} of 127.0.0.1 cannot be used: {error.strerror}. Give another"
+            raise OutputError(message, code="port-taken", numbers={"port": port}) from None
         self.port = self.server_address[1]
         threading.Thread(target=self.serve_forever, args=(WAIT_S,), daemon=True).start()
 
@@ -212,14 +188,14 @@ class Server(socketserver.ThreadingTCPServer):
             self._send_static(client)
             while not self._closing.is_set():
                 count, ticks = self._feed.after(count, WAIT_S)
-                client.sendall(b"".join(tick_messages(tick) for tick in ticks))
+                told_silent = self._feed.silent
+                client.sendall(b"".join(tick_messages(tick, told_silent) for tick in ticks))
                 if ticks:
                     told = time.monotonic()
                 elif time.monotonic() - told >= SILENT_S:
                     told = time.monotonic()
                     text = f"no tick has come for {SILENT_S:g} s"
-                    code = StatusCode.WARNING
-                    client.sendall(status("vfplan_status", time.time(), code, "silent", text))
+                    client.sendall(status("vfplan_status", time.time(), WARNING, "silent", text))
                 unread = self._answer_requests(client, unread)
         except OSError:
             return  # The client has gone, or took nothing for too long.
@@ -227,8 +203,8 @@ class Server(socketserver.ThreadingTCPServer):
             self.clients.discard(client)
 
     def _send_static(self, client: socket.socket) -> None:
-        for device, make_message in self._static:
-            client.sendall(make_message(device, time.time()))
+        for device, *body in self._static:
+            client.sendall(polydata(device, time.time(), *body))
 
     def _answer_requests(self, client: socket.socket, unread: bytes) -> bytes:
         """Send what does not move again if GET_POLYDATA came; returns the end of the input."""
@@ -249,8 +225,8 @@ class Server(socketserver.ThreadingTCPServer):
         return b""
 
 
-def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], bytes]]]:
-    """What does not move: each device with the function that makes its message."""
+def static_bodies(fixture: Fixture) -> list[tuple[str, Array, str, Any]]:
+    """What does not move: device, points [mm], and cells of which kind, as for `polydata`."""
     kind, cells = "vertices", np.arange(len(fixture.points))[:, None]
     if fixture.mesh is not None:
         kind, cells = "triangles", fixture.mesh
@@ -259,20 +235,25 @@ def static_messages(fixture: Fixture) -> list[tuple[str, Callable[[str, float], 
         for stroke, closed in enumerate(fixture.curve.closed):
             line = np.flatnonzero(fixture.curve.stroke == stroke)
             cells.append(np.append(line, line[0]) if closed else line)
-    points_mm = fixture.points * TO_RAS
-    cloud = functools.partial(polydata, points_mm=points_mm, kind=kind, cells=cells)
-    points, faces = ball(1e3 * (fixture.contact_radius + fixture.point_radius))
-    sphere = functools.partial(polydata, points_mm=points, kind="triangles", cells=faces)
-    return [("vfplan_cloud", cloud), ("vfplan_contact", sphere)]
+    import pyvista
+
+    ball = pyvista.Sphere(radius=1e3 * (fixture.contact_radius + fixture.point_radius))
+    return [
+        ("vfplan_cloud", fixture.points * TO_RAS, kind, cells),
+        ("vfplan_contact", ball.points, "triangles", ball.regular_faces),
+    ]
 
 
-def tick_messages(tick: NDArray[np.void]) -> bytes:
-    """What moves: HIP, proxy, force and status of a tick of `SHOWN`, stamped with its receipt."""
+def tick_messages(tick: NDArray[np.void], silent: str = "") -> bytes:
+    """What moves: HIP, proxy, force and status of a tick of `SHOWN`, stamped with its receipt.
+
+    silent: what else should come and does not, in words
+    """
     now = float(tick["received"])
     flags = [flag.name.lower().replace("_", " ") for flag in Status(int(tick["status"]))]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
-    text = ", ".join([state, *flags]) + f", t = {tick['t']:.3f} s"
-    code = StatusCode.WARNING if flags or tick["state"] == 2 else StatusCode.OK
+    text = ", ".join(filter(None, [state, *flags, silent, f"t = {tick['t']:.3f} s"]))
+    code = WARNING if flags or silent or tick["state"] == 2 else OK
     return (
         transform("vfplan_hip", now, tick["hip"] * TO_RAS)
         + transform("vfplan_proxy", now, tick["proxy"] * TO_RAS)
@@ -313,14 +294,14 @@ class PoseReceiver:
         # Names of other transforms that came, and how the connection fared.
         self.other_devices: set[str] = set()
         self.has_ended, self.reconnected = False, 0
-        self._server, self._closing = (host, port), threading.Event()
+        self._server, self._closing, self._received = (host, port), threading.Event(), 0.0
+        # How many poses `new_rows` gave, and when the last one came, by `time.monotonic`.
+        self._given, self.heard_s = 0, time.monotonic()
         try:
             self._socket = socket.create_connection(self._server, STALLED_S)
         except OSError as error:
-            raise InputError(
-                f"cannot be reached: {error}. Check that PLUS or Slicer serves there",
-                where=address, code="address-unusable",
-            ) from None  # fmt: skip
+            message = f"cannot be reached: {error}. Check that PLUS or Slicer serves there"
+            raise InputError(message, where=address, code="address-unusable") from None
         self._thread = threading.Thread(target=self.receive, daemon=True)
         self._thread.start()
 
@@ -331,6 +312,12 @@ class PoseReceiver:
         with suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join()
+
+    def new_rows(self, zero: float) -> str:
+        """The poses that came since the last call, as `pose_rows`."""
+        new = self.poses[self._given :]
+        self._given += len(new)
+        return pose_rows(new, zero)
 
     def receive(self) -> None:
         """Take messages; connect again when the connection ends, or holds what is no message."""
@@ -345,7 +332,8 @@ class PoseReceiver:
                         stream.read(PART_BYTES)
                     body = stream.read(size % PART_BYTES)
                     name = device.rstrip(b"\0").decode("utf-8", "replace")
-                    received = time.time()
+                    # A clock that is set back makes no pose arrive before an earlier one.
+                    received = self._received = max(self._received, time.time())
                     if kind.rstrip(b"\0") != b"TRANSFORM":
                         continue
                     if name != self._device:
@@ -359,6 +347,7 @@ class PoseReceiver:
                     matrix = self._signs[:, None] * matrix * self._signs
                     measured = stamp / 2**32 if stamp else received
                     self.poses.append((measured, received, matrix))
+                    self.heard_s = time.monotonic()
                     self._take(measured, matrix)
             if self._closing.wait(WAIT_S):
                 return
@@ -391,18 +380,19 @@ def decode_transform(body: bytes, version: int, crc: int) -> Array:
     return matrix
 
 
-def write_poses(path: Path, receiver: PoseReceiver, zero: float, *, overwrite: bool) -> None:
-    """Write what came as `vfplan replay --poses` reads it; `zero`: when its clock was 0 [s]."""
+POSE_HEADER = ",".join([*POSE_COLUMNS, "arrived"]) + "\n"
+
+
+def pose_rows(poses: Sequence[tuple[float, float, Array]], zero: float) -> str:
+    """Rows of a table for `vfplan replay --poses`; `zero`: when its clock was 0 [s]."""
     from scipy.spatial.transform import Rotation
 
-    rows, arrived = [], -np.inf
-    for measured, received, pose in receiver.poses:
-        arrived = max(arrived, received)
+    lines = []
+    for measured, received, pose in poses:
         x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat()
-        row = [measured - zero, *pose[:3, 3], w, x, y, z, arrived - zero]
-        rows.append(",".join(repr(float(number)) for number in row))
-    text = "\n".join([",".join([*POSE_COLUMNS, "arrived"]), *rows, ""])
-    write_whole(path, [text.encode()], overwrite=overwrite)
+        row = [measured - zero, *pose[:3, 3], w, x, y, z, received - zero]
+        lines.append(",".join(repr(float(number)) for number in row) + "\n")
+    return "".join(lines)
 
 
 class Web:

@@ -82,11 +82,8 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
     for name, limit in limits.items():
         # NaN is not <= anything, so it is refused too.
         if not (np.abs(ticks[name]) <= limit).all():
-            raise InputError(
-                f"a datagram holds a {name} that is not finite or beyond {limit:g}. "
-                "Check the controller that sends it",
-                code="datagram-number",
-            )
+            message = f"a datagram holds a {name} not within {limit:g}. Check the controller"
+            raise InputError(message, code="datagram-number")
     return int(head["sequence"]), int(head["dropped"]), ticks
 
 
@@ -125,11 +122,8 @@ def stream_udp(address: str) -> Iterator[Portion]:
         receiver.bind((host, port))
     except OSError as error:
         receiver.close()
-        raise InputError(
-            f"cannot be received from: {error.strerror}. Check the address, and that no "
-            "other program listens there",
-            where=address, code="address-unusable",
-        ) from None  # fmt: skip
+        message = f"cannot be received from: {error.strerror}. Check that no other program listens"
+        raise InputError(message, where=address, code="address-unusable") from None
     receiver.settimeout(WAIT_S)
     return receive_ticks(receiver)
 
@@ -168,11 +162,9 @@ def receive_ticks(receiver: socket.socket) -> Iterator[Portion]:
                 now = time.monotonic()
                 if address != sender and now - heard < SILENT_S:
                     ticks = ticks[:0]
-                    raise InputError(
-                        f"a second program sends, from {address[0]}:{address[1]}, beside "
-                        f"{sender[0]}:{sender[1]}. Give each controller a port of its own",
-                        code="second-sender",
-                    )
+                    other = f"{address[0]}:{address[1]}"
+                    message = f"a second program sends, from {other}. Give each a port of its own"
+                    raise InputError(message, code="second-sender")
             except TimeoutError:
                 pass
             except InputError as error:
@@ -204,6 +196,8 @@ class PositionStream:
         self._has_changed = threading.Condition()
         # When the ticks' clock was 0, since 1970 [s], by the tick that came fastest.
         self.zero_s = np.inf
+        # When ticks came last, by `time.monotonic`, and what does not come, in words.
+        self.heard_s, self.silent = time.monotonic(), ""
 
     def put(self, ticks: NDArray[np.void]) -> None:
         """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
@@ -212,6 +206,7 @@ class PositionStream:
         shown = np.zeros(len(firsts), SHOWN)
         shown[[*TICK.names]] = firsts
         shown["received"] = now = time.time()
+        self.heard_s = time.monotonic()
         self.zero_s = min(self.zero_s, now - float(ticks["t"][-1]))
         with self._has_changed:
             self._period = periods[-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from inspect import signature
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
 from vfplan.replaying.guiding import make_engine
-from vfplan.replaying.metrics import CONTACT_M, dots, penetration
+from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
 from vfplan.session.events import Event, Poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
@@ -26,10 +27,6 @@ NO_POSE_M = 1e3
 # Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`).
 POSES_AT_ONCE = 32
 
-
-# What is counted, as it is reported: always, and of a fixture that moves.
-CHANGES = ("exchanges", "edits", "changing_ticks", "crossed_ticks")
-POSES = ("stale_ticks", "missing_pose_ticks", "stale_contact_ticks")
 
 # A pose that is farther from the one before than this [m, rad], and faster than the frame may be,
 # has jumped: the tracker or its reference slipped.
@@ -48,11 +45,8 @@ class ChangingFixture:
         moving: dict[str, Any], trust: Any,
     ) -> None:  # fmt: skip
         if fixture.guidance is not None:
-            raise SettingError(
-                "poses and events are for forbidden regions, and this fixture guides. Leave "
-                "them out",
-                code="changes-guide",
-            )
+            message = "poses and events are for regions, and this fixture guides. Leave them out"
+            raise SettingError(message, code="changes-guide")
         self._events, self._poses = list(events or ()), poses
         self._has_edits = any(event.kind != "exchange" for event in self._events)
 
@@ -66,17 +60,22 @@ class ChangingFixture:
         later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
         self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
-        self._jumps = () if poses is None else jumps_of(self._poses, moving)
 
         # The tick that runs next, and how many poses and events have been applied.
         self._tick = self._poses_applied = self._events_applied = 0
         self._with_previous = WithPrevious()
         # Of the ticks that are run next [s].
         self.times = np.empty(0)
-        self._counts = dict.fromkeys((*CHANGES, *POSES), 0)
-        self._energy = self._lag = 0.0
-        self._oldest_pose_s = 0.0
-        self._clearance = np.inf
+        # What is found, by its name in the report.
+        self._found: dict[str, Any] = {"exchanges": 0, "edits": 0}
+        if poses is not None:
+            names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
+                     "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
+            self._found |= dict.fromkeys(names, 0)
+            jumps = jumps_of(poses, moving)
+            self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
+            if len(jumps):
+                self._found["pose_jump_first_s"] = float(jumps[0])
 
     @property
     def parameters(self) -> Any:
@@ -99,20 +98,21 @@ class ChangingFixture:
 
     def run_timed(self, hips: Vector) -> tuple[Trace, Vector]:
         """One tick a row, at `times`; as the engine's own."""
+        # The rows before which poses arrive and events are due.
+        cuts = {0, len(hips), *(event.tick - self._tick for event in self._events)}
+        if self._poses is not None:
+            cuts.update(np.searchsorted(self.times, self._poses.arrived).tolist())
         parts = []
-        start = 0
-        while start < len(hips):
-            self._apply_changes(float(self.times[start]))
-            end = self._next_change(start, len(hips))
+        for start, end in pairwise(sorted(cut for cut in cuts if 0 <= cut <= len(hips))):
+            self._apply_changes(float(self.times[start]), self._tick + start)
             parts.append(self._run_unchanged(slice(start, end), hips))
-            self._tick += end - start
-            start = end
+        self._tick += len(hips)
         traces, micros, frames = zip(*parts, strict=True)
         self._frames = np.concatenate(frames)
         return concatenate_ticks(traces), np.concatenate(micros)
 
-    def _apply_changes(self, time: float) -> None:
-        """Apply the poses that have arrived by the tick at `time` [s], and its events."""
+    def _apply_changes(self, time: float, tick: int) -> None:
+        """Apply the poses that have arrived by a tick at `time` [s], and its events."""
         poses = self._poses
         while poses is not None and self._poses_applied < len(poses.time):
             i = self._poses_applied
@@ -126,18 +126,18 @@ class ChangingFixture:
         while self._events_applied < len(self._events):
             i = self._events_applied
             event, exchange = self._events[i], self._exchanges[i]
-            if event.tick > self._tick:
+            if event.tick > tick:
                 break
             with naming_place(self._place_of_event(i)):
                 if exchange is not None:
-                    self._counts["exchanges"] += 1
+                    self._found["exchanges"] += 1
                     self._engine.exchange(self._make_engine(*exchange))
                 elif event.remake:
                     self._engine.make_editable()
                     self._engine.native.remake()
                 else:
                     self._engine.edit(event.remove, event.add)
-                    self._counts["edits"] += len(event.remove) + len(event.add)
+                    self._found["edits"] += len(event.remove) + len(event.add)
             self._events_applied += 1
 
     def _place_of_event(self, i: int) -> str:
@@ -149,15 +149,6 @@ class ChangingFixture:
             engine.make_editable()
         return engine
 
-    def _next_change(self, start: int, end: int) -> int:
-        """The row, after `start`, before which the next change is due; at most `end`."""
-        if self._events_applied < len(self._events):
-            end = min(end, start + self._events[self._events_applied].tick - self._tick)
-        if self._poses is not None and self._poses_applied < len(self._poses.time):
-            arrival = self._poses.arrived[self._poses_applied]
-            end = min(end, start + int(np.searchsorted(self.times[start:], arrival)))
-        return max(end, start + 1)
-
     def _run_unchanged(self, rows: slice, all_hips: Vector) -> tuple[Trace, Vector, Vector]:
         """The engine's answers in rows without a change, their times, and the frames (n, 7)."""
         hips = all_hips[rows]
@@ -167,34 +158,34 @@ class ChangingFixture:
         else:
             trace, frames, ages, micros = self._frame.traced(self._engine, self.times[rows], hips)
             has_pose = np.isfinite(ages)
-            oldest = float(ages[has_pose].max(initial=0.0))
-            self._oldest_pose_s = max(self._oldest_pose_s, oldest)
+            self._raise("pose_age_max_s", ages[has_pose].max(initial=0.0))
             frames[~has_pose, 0] = NO_POSE_M
             if has_pose[-1]:
-                self._lag = max(self._lag, self._frame.lag_m(hips[-1]))
+                self._raise("frame_lag_max_m", self._frame.lag_m(hips[-1]))
             self._count_untrue(hips, trace, has_pose)
         if self._events:
             # The fixture of these ticks is gone later, so their clearance is measured now.
             outside = trace.status & Status.INSIDE == 0
             proxies = to_frame(frames[outside], trace.proxy[outside] - frames[outside, :3])
-            parameters = self._engine.parameters
-            radius = parameters.contact_radius + parameters.point_radius
-            clearances = self._engine.distance(proxies) - radius
-            self._clearance = min(self._clearance, float(clearances.min(initial=np.inf)))
+            clearances = self._engine.distance(proxies) - self._engine.parameters.R
+            least = self._found.get("clearance_min_m", np.inf)
+            self._found["clearance_min_m"] = float(clearances.min(initial=least))
         return trace, micros, frames
+
+    def _raise(self, name: str, value: float) -> None:
+        self._found[name] = max(self._found[name], float(value))
 
     def _count_untrue(self, hips: Vector, trace: Trace, has_pose: Any) -> None:
         """Count the ticks of a contact with an old pose, or that the first pose would have had."""
+        missing = int(np.count_nonzero(~has_pose))
         is_stale = trace.status & Status.STALE > 0
-        self._counts["missing_pose_ticks"] += int(np.count_nonzero(~has_pose))
-        in_contact = penetration(hips, trace.proxy) > CONTACT_M
-        self._counts["stale_contact_ticks"] += int(np.count_nonzero(is_stale & in_contact))
-        first = np.tile(self._poses.pose[0], (int(np.count_nonzero(~has_pose)), 1))
+        in_contact = row_norms(trace.proxy - hips) > CONTACT_M
+        first = np.tile(self._poses.pose[0], (missing, 1))
         places = to_frame(first, hips[~has_pose] - first[:, :3])
-        parameters = self._engine.parameters
-        radius = parameters.contact_radius + parameters.point_radius
-        touched = self._engine.distance(places) < radius
-        self._counts["stale_contact_ticks"] += int(np.count_nonzero(touched))
+        touched = self._engine.distance(places) < self._engine.parameters.R
+        untrue = np.count_nonzero(is_stale & in_contact) + np.count_nonzero(touched)
+        self._found["missing_pose_ticks"] += missing
+        self._found["stale_contact_ticks"] += int(untrue)
 
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
@@ -207,34 +198,22 @@ class ChangingFixture:
 
         # The hand gets energy because the frame moves on while the HIP in it stays where it was.
         forces, before, hip, hips = self._with_previous(trace.force, frames, hip, hips)
-        rotations = matrices(before[:-1])[:, :3, :3]
-        rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
-        carried = hips[1:] - rotated - before[:-1, :3]
-        self._energy += float(dots(forces[:-1], carried).sum())
-        for name in ("stale", "changing", "crossed"):
-            with_bit = trace.status & Status[name.upper()]
-            self._counts[f"{name}_ticks"] += int(np.count_nonzero(with_bit))
+        if self._frame is not None:
+            rotations = matrices(before[:-1])[:, :3, :3]
+            rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
+            carried = hips[1:] - rotated - before[:-1, :3]
+            self._found["fixture_energy_j"] += float(dots(forces[:-1], carried).sum())
         return moved
 
-    def report(self) -> dict[str, Any]:
-        """What a replay's report says of the changes."""
-        report = {name: self._counts[name] for name in CHANGES}
+    def report(self, status: dict[str, int]) -> dict[str, Any]:
+        """What a replay's report says of the changes; `status` as `Metrics` counts it."""
+        report = self._found | {f"{name}_ticks": status[name] for name in ("changing", "crossed")}
         if self._frame is not None:
-            report |= {name: self._counts[name] for name in POSES}
-            report |= {
-                "fixture_energy_j": self._energy,
-                "pose_age_max_s": self._oldest_pose_s,
-                "poses_refused": self._frame.refused,
-                "poses_rounded": self._poses.rounded,
-                "pose_jumps": len(self._jumps),
-                "frame_lag_max_m": self._lag,
-            }
-            if len(self._jumps):
-                report["pose_jump_first_s"] = float(self._jumps[0])
+            report |= {"stale_ticks": status["stale"], "poses_refused": self._frame.refused}
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
-        if self._events and np.isfinite(self._clearance):
-            report["clearance_min_m"] = self._clearance
+        if report.get("clearance_min_m") == np.inf:
+            del report["clearance_min_m"]
         return report
 
 
@@ -265,11 +244,8 @@ def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | 
 
         fixture = read_fixture(fixture, trust=trust)
     if fixture.guidance is not None:
-        raise SceneError(
-            "an event exchanges the region for a fixture that guides. Name a fixture with a "
-            "forbidden region",
-            code="exchange-guides",
-        )
+        message = "an event exchanges a region for a fixture that guides. Name one of a region"
+        raise SceneError(message, code="exchange-guides")
     check_renderable(fixture)
     # A curve is rendered by its own rule only where the fixture before was.
     return fixture, best_rule(fixture) if rule == "exact" else rule

@@ -9,11 +9,11 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from vfplan.display import count
+from vfplan.display import count, millimetres
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
-from vfplan.replaying.metrics import LIMITS
+from vfplan.replaying.metrics import LIMITS, unit_of
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import JUMP_M_S
@@ -62,11 +62,9 @@ def replay_findings(
             "its inner side is rendered. Begin outside; check units and registration.")  # fmt: skip
     rounded = record["session"].get("poses_rounded", 0) + report.get("poses_rounded", 0)
     if rounded:
-        text = (
-            f"The quaternions of {rounded} poses have a length that differs from 1 by more than "
-            f"{UNIT_ROUNDED:g}, and were taken at length 1. Record them with more digits."
-        )
-        yield finding("poses-rounded", "info", text)
+        yield finding("poses-rounded", "info",
+            f"The quaternions of {rounded} poses differ from length 1 by more than "
+            f"{UNIT_ROUNDED:g}, and were taken at it. Record them with more digits.")  # fmt: skip
     yield from run_findings(report, parameters)
     # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
     panda = read_robot("franka")
@@ -112,18 +110,12 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             f"{session['speed_max_tick']}. Check --units and the tracker.")  # fmt: skip
 
     # What its columns tell that the replay does not use.
-    unused = session.get("ignored_columns", ())
-    changes = [column for column in CHANGE_COLUMNS if column in unused]
+    changes = [c for c in session.get("ignored_columns", ()) if c in CHANGE_COLUMNS]
     if changes:
         yield finding("session-changes", "warning",
             "The fixture moved or was changed while this session was recorded, as its columns "
             f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
             "of that run: --poses, --events.")  # fmt: skip
-    others = ", ".join(column for column in unused if column not in CHANGE_COLUMNS)
-    if others:
-        text = f"Some columns are not used: {others}. Only time and position count."
-        yield finding("session-columns", "info", text)
-
     fastest = session["speed_max_m_s"]
     if not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S:
         yield finding("session-time", "warning",
@@ -143,43 +135,35 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
         severity = "warning" if inside_ticks else "error"
-        text = (
+        yield finding("proxy-inside", severity,
             f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
-            f"{parameters.band:.3g} m. "
-            + ("Take rule 'robust' or 'exact'." if parameters.rule == "paper" else "Begin outside.")
-        )
-        yield finding("proxy-inside", severity, text)
+            f"{parameters.band:.3g} m. Begin outside, with another rule than 'paper'.")  # fmt: skip
     if clearance_m > NEVER_NEAR_M:
         yield finding("never-near", "warning",
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
             "units and the frame the fixture's?")  # fmt: skip
     if inside_ticks:
-        text = (
-            f"In {inside_ticks} ticks the proxy was on its way out of the fixture. Start the "
-            "hand outside."
-        )
-        if "crossed_ticks" in report:  # The fixture moved or was changed.
-            text = (
-                f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it "
-                "was at the start or after a change. Start the hand outside, and change the "
-                "fixture while the tool is away."
-            )
-        yield finding("started-inside", "warning", text)
+        yield finding("started-inside", "warning",
+            f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
+            "at the start or after a change. Start the hand outside, and change a fixture while "
+            "the tool is away.")  # fmt: skip
+    if report.get("within_episodes"):
+        yield finding("pressed-within", "warning",
+            f"In {report['within_episodes']} episodes the tool pressed from within the mesh, which "
+            "is open, so it may have come in through an opening. Close the mesh, or make sure that "
+            "this side is meant.")  # fmt: skip
     yield from change_findings(report)
     too_fast = report["too_fast_ticks"]
     if too_fast and parameters.rule == "paper":
         yield finding("too-fast", "warning",
             f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
             "far as the proxy may in one. Move more slowly, or take rule 'robust'.")  # fmt: skip
-    elif too_fast:
-        yield finding("too-fast", "info",
-            f"In {too_fast} ticks the engine used up its iterations. Nothing is to be done: the "
-            "proxy is safe and follows later.")  # fmt: skip
-    if report["bad_hip_ticks"]:
-        yield finding("hip-out-of-range", "error",
-            f"In {report['bad_hip_ticks']} ticks the position was beyond 1e6 m, so the engine "
-            "held its answer. Check the tracker.")  # fmt: skip
-    yield from active_findings(report)
+    active = sum(not episode["passive"] for episode in report["episodes"])
+    active += report.get("episodes_left_out", {"active": 0})["active"]
+    if active:
+        yield finding("active", "warning",
+            f"In {active} episodes the fixture gave the hand more energy than holding each force "
+            "for a tick explains. Lower the stiffness, or move more slowly.")  # fmt: skip
 
 
 def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
@@ -208,22 +192,6 @@ def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
             "their ticks.")  # fmt: skip
 
 
-def active_findings(report: dict[str, Any]) -> Iterator[Finding]:
-    """That episodes gave the hand energy."""
-    listed = [e["index"] for e in report["episodes"] if not e["passive"]]
-    unlisted = report.get("episodes_left_out", {"active": 0})["active"]
-    if not listed and not unlisted:
-        return
-    first = ""
-    if listed:
-        of_which = " of those listed" if unlisted else ""
-        first = f" (the first{of_which} is {listed[0]})"
-    yield finding("active", "warning",
-        f"In {len(listed) + unlisted} episodes{first} the fixture gave the hand more energy "
-        "than holding each force for a tick explains. Lower the stiffness, or move more "
-        "slowly.")  # fmt: skip
-
-
 # Of each limit the number's name in the report, "at_most" or "at_least", and the bound.
 Limits = tuple[tuple[str, str, float], ...]
 
@@ -248,12 +216,8 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
             # The number that was probably meant comes first.
-            similar = difflib.get_close_matches(name, numbers, 1)
-            others = [number for number in numbers if number not in similar]
-            message = (
-                f"the report has no number {name!r} to hold against {limit:g}. Give one of "
-                f"{', '.join(similar + others)}"
-            )
+            similar = difflib.get_close_matches(name, numbers, len(numbers), 0.0)
+            message = f"the report has no number {name!r}. Give one of {', '.join(similar)}"
             raise SettingError(message, code="no-such-number")
         holds = value <= limit if sense == "at_most" else value >= limit
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
@@ -277,6 +241,7 @@ def open_words(report: dict[str, Any]) -> str:
     recorded = session.get("recorded", session)
     codes = {finding["code"] for finding in report["findings"]}
     left_out = report["samples_left_out"]
+    within = report.get("within_episodes", 0)
     stale, missing = report.get("stale_ticks", 0), report.get("missing_pose_ticks", 0)
     jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
     words = (
@@ -288,6 +253,7 @@ def open_words(report: dict[str, Any]) -> str:
             "session-changes" in codes,
             "the fixture moved or changed during the recording, and here it did not",
         ),
+        (within, f"in {count(within, 'episode')} the tool pressed from within the open mesh"),
         (missing, f"no pose had come in {missing} ticks"),
         (stale > missing, f"the pose was too old in {stale - missing} ticks"),
         (jumps, f"{count(jumps, 'pose')} jumped"),
@@ -317,3 +283,52 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     if any(not check["pass"] for check in checks):
         return "fail"
     return "not-tested" if not checks or untested_reason(report) else "pass"
+
+
+def verdict_sentence(metrics: dict[str, Any]) -> str:
+    """How far the tool went beyond the line, then the limits that were asked, and what is open."""
+    limits = metrics.get("checks", [])
+    asked = ", ".join(f"{limit['name']} {bound_text(limit)}" for limit in limits)
+    if metrics["verdict"] == "fail":
+        failed = sum(not limit["pass"] for limit in limits)
+        words = f"{failed} of {count(len(limits), 'limit')} broken: {asked}"
+    elif metrics["verdict"] == "pass":
+        words = f"{count(len(limits), 'limit')} asked and held: {asked}{open_words(metrics)}"
+    else:
+        words = untested_reason(metrics) or "no limits were given"
+    return f"{beyond_words(metrics)}; {words}"
+
+
+def beyond_words(metrics: dict[str, Any]) -> str:
+    """How far the tool went beyond what was drawn, or from a guide's line."""
+    scene = metrics["scene"]
+    if "guide" in metrics and "region_force_max_n" not in metrics["guide"]:
+        return f"up to {millimetres(metrics['lateral_max_m'], 2)} from the guide's line"
+    drawn = "the drawn line" if scene["planar"] else "the points"
+    if "triangles" in scene:
+        drawn = "the surface"
+    if "start_depth_m" in metrics:
+        return f"began {millimetres(metrics['start_depth_m'], 2)} inside {drawn}"
+    beyond_m = metrics.get("overlap_max_m", 0.0)
+    return (
+        f"up to {millimetres(beyond_m, 2)} beyond {drawn}" if beyond_m else f"never beyond {drawn}"
+    )
+
+
+def bound_text(check: dict[str, Any]) -> str:
+    """The bound of a limit, such as "at most 20 N"."""
+    sense = "at_most" if "at_most" in check else "at_least"
+    return f"{sense.replace('_', ' ')} {check[sense]:g}{unit_beside(check['name'])}"
+
+
+def check_text(check: dict[str, Any]) -> str:
+    """A limit and the value that was measured."""
+    name = check["name"]
+    found = f"{check['value']:.6g}{unit_beside(name)}"
+    return f"{name} is {found}, {bound_text(check)} is allowed"
+
+
+def unit_beside(name: str) -> str:
+    """A number's unit after a blank; nothing for ticks, which its name tells."""
+    unit = unit_of(name)
+    return f" {unit}" if unit and not unit.startswith("tick") else ""

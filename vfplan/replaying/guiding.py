@@ -26,6 +26,22 @@ from vfplan.session.session import Largest, WithPrevious
 BINS = 512
 
 
+class ForceMeasure:
+    """Largest force and largest change of it in a tick [N], and its work on the hand [J]."""
+
+    def __init__(self) -> None:
+        self.max_n = self.step_max_n = self.work_j = 0.0
+        self._with_previous = WithPrevious()
+
+    def update(self, forces: Vector, hips: Vector) -> None:
+        """Take in the next ticks, (T, 3) each, T at least 1."""
+        self.max_n = max(self.max_n, float(row_norms(forces).max()))
+        forces, hips = self._with_previous(forces, hips)
+        steps = row_norms(np.diff(forces, axis=0))
+        self.step_max_n = max(self.step_max_n, float(steps.max(initial=0.0)))
+        self.work_j += float(dots(forces[:-1], np.diff(hips, axis=0)).sum())
+
+
 class Guided:
     """An engine of a region, or none, and a guide: answers as one engine does.
 
@@ -52,9 +68,7 @@ class Guided:
         self._lateral_max = Largest()
         self._lateral_squares = 0.0
         self._arc_min, self._arc_max = np.inf, -np.inf
-        self._force_max = self._force_step_max = self._region_force_max = 0.0
-        self._work = 0.0
-        self._with_previous = WithPrevious()
+        self._force_measure, self._region_measure = ForceMeasure(), ForceMeasure()
         self._strokes = set()
 
     @property
@@ -103,11 +117,8 @@ class Guided:
         outside, moving = guide.lateral_m > self._guide.radius, guide.status != 0
         for name, flags in {"held": held, "outside": outside, "moving": moving}.items():
             self._counts[name] += int((held & flags).sum())
-        force = row_norms(guide.force)
-        self._force_max = max(self._force_max, float(force.max()))
-        if self.region is not None:
-            region_force = float(row_norms(region.force).max())
-            self._region_force_max = max(self._region_force_max, region_force)
+        self._force_measure.update(guide.force, hips)
+        self._region_measure.update(region.force, hips)
         if held.any():
             arc = guide.arc_m[held]
             self._arc_min = min(self._arc_min, float(arc.min()))
@@ -116,12 +127,7 @@ class Guided:
             along_all = self._starts[guide.stroke[held]] + arc
             bins = np.minimum((along_all / self._starts[-1] * BINS).astype(int), BINS - 1)
             np.fmax.at(self._lateral, bins, guide.lateral_m[held])
-            np.maximum.at(self._force, bins, force[held])
-        hips, forces = self._with_previous(hips, guide.force)
-        if len(hips) > 1:
-            step_max = float(row_norms(np.diff(forces, axis=0)).max())
-            self._force_step_max = max(self._force_step_max, step_max)
-            self._work += float(dots(forces[:-1], np.diff(hips, axis=0)).sum())
+            np.maximum.at(self._force, bins, row_norms(guide.force[held]))
 
     def report(self, tick_s: float) -> dict[str, Any]:
         """`arc_m`, `lateral_max_m` and the part `guide` of a replay's report.
@@ -141,9 +147,9 @@ class Guided:
             "moving_ticks": self._counts["moving"],
             "lateral_rms_m": float(np.sqrt(self._lateral_squares / max(1, held_ticks))),
             "lateral_max_tick": self._lateral_max.tick,
-            "force_max_n": self._force_max,
-            "force_step_max_n": self._force_step_max,
-            "work_j": self._work,
+            "force_max_n": self._force_measure.max_n,
+            "force_step_max_n": self._force_measure.step_max_n,
+            "work_j": self._force_measure.work_j,
             "profile": {
                 "arc_m": ((np.arange(BINS) + 0.5) / BINS * self._starts[-1]).tolist(),
                 "lateral_m": [None if np.isnan(x) else x for x in self._lateral.tolist()],
@@ -151,7 +157,7 @@ class Guided:
             },
         }
         if self.region is not None:
-            guide["region_force_max_n"] = self._region_force_max
+            guide["region_force_max_n"] = self._region_measure.max_n
         arc = [self._arc_min, self._arc_max] if held_ticks else None
         return {"arc_m": arc, "lateral_max_m": self._lateral_max.value, "guide": guide}
 
@@ -175,34 +181,25 @@ class GovernedForces:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        self._with_previous = WithPrevious()
         self._ticks = 0
-        # Largest force, and change of force in a tick, that the engine wanted [N].
-        self._engine_force_max = self._engine_step_max = 0.0
+        # Of the force that the engine wanted, and of what the governor added to it.
+        self._wanted, self._added = ForceMeasure(), ForceMeasure()
         # Ticks whose force was held back, and the most that was held back [N].
         self._held_ticks = self._overdrawn_ticks = 0
         self._held_back = Largest()
-        # Energy that the hand got through what was held back [J].
-        self._work = 0.0
 
     def run(self, hip: Vector, trace: Trace) -> Trace:
         """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
         if not len(hip):
             return trace
         governed = self._governor.trace(trace.force)
-        force_max = float(row_norms(trace.force).max())
-        self._engine_force_max = max(self._engine_force_max, force_max)
         self._held_back.update(governed.held_back, self._ticks)
         self._ticks += len(hip)
         self._held_ticks += int(np.count_nonzero(governed.held_back))
         overdrawn = governed.status & GovernorStatus.OVERDRAWN
         self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
-
-        hips, wanted, commanded = self._with_previous(hip, trace.force, governed.force)
-        if len(hips) > 1:
-            step_max = float(row_norms(np.diff(wanted, axis=0)).max())
-            self._engine_step_max = max(self._engine_step_max, step_max)
-            self._work += float(dots((commanded - wanted)[:-1], np.diff(hips, axis=0)).sum())
+        self._wanted.update(trace.force, hip)
+        self._added.update(governed.force - trace.force, hip)
         return replace(trace, force=governed.force)
 
     def report(self) -> dict[str, Any]:
@@ -213,14 +210,14 @@ class GovernedForces:
             "force_max_n": robot.force_limit_n,
             "mass_kg": robot.mass_kg,
             "least_passive_step_n": governor.least_passive_step_n,
-            "engine_force_max_n": self._engine_force_max,
-            "engine_force_step_max_n": self._engine_step_max,
+            "engine_force_max_n": self._wanted.max_n,
+            "engine_force_step_max_n": self._wanted.step_max_n,
             "held_ticks": self._held_ticks,
             "held_back_max_n": self._held_back.value,
             "energy_given_j": governor.energy_given_j,
             "energy_stored_j": governor.energy_stored_j,
             "overdrawn_ticks": self._overdrawn_ticks,
-            "work_j": self._work,
+            "work_j": self._added.work_j,
         }
         if self._held_ticks:
             report["held_back_max_tick"] = self._held_back.tick
@@ -249,11 +246,8 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
         region = _region_engine(fixture.region, rule, engine)
         return Guided(fixture, region.parameters, region)
     if (rule, engine) != ("robust", "native"):
-        raise SettingError(
-            f"every stroke guides, so there is no region for rule {rule!r} ({engine}). Leave "
-            "the rule out",
-            code="rule-without-region",
-        )
+        message = f"every stroke guides: no region has rule {rule!r} ({engine}). Leave it out"
+        raise SettingError(message, code="rule-without-region")
     return Guided(fixture, check_renderable(fixture), None)
 
 
@@ -264,11 +258,8 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
         return ProxyEngine.of(fixture, rule, offline=True)
     check_renderable(fixture)
     if rule != "paper":
-        raise SettingError(
-            f"the reference engine has rule 'paper' only, not {rule!r}. Choose that, or "
-            "engine 'native'",
-            code="rule-not-paper",
-        )
+        message = f"the reference engine has rule 'paper' only, not {rule!r}. Choose another"
+        raise SettingError(message, code="rule-not-paper")
     from vfplan.reference import PaperProxy
 
     return PaperProxy(

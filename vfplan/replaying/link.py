@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import millimetres
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
 from vfplan.replaying.metrics import row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Array, Largest, LongestRun, Session
+from vfplan.session.session import Array, LongestRun, Session
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,8 @@ class Link:
                 message = f"{name} is {value}. Give {allowed}"
                 raise SettingError(message, code="link-out-of-range", numbers={name: value})
 
-    @property
-    def faulty(self) -> bool:
-        """Whether any fault is set."""
-        return len(self.report()) > 1  # The seed is always there.
-
     def report(self) -> dict[str, Any]:
-        """The faults that are set, by name."""
+        """The faults that are set, by name, and the seed."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
 
@@ -176,13 +172,10 @@ def approach_sessions(
             clear = stop + PRESS_DEPTH_M
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
             if inner.sum() < 2:
-                raise InputError(
-                    f"a drawn stroke is {1e3 * arc[-1]:.3g} mm long, and a hand that presses "
-                    f"on it slips round an end within {1e3 * clear:.3g} mm of it. Give a "
-                    "session",
-                    code="stroke-too-short",
-                    numbers={"length_m": float(arc[-1]), "clear_m": clear},
-                )
+                size, reach = millimetres(arc[-1], 1), millimetres(clear, 1)
+                message = f"a stroke of {size} has nothing {reach} from its ends. Give a session"
+                numbers = {"length_m": float(arc[-1]), "clear_m": clear}
+                raise InputError(message, code="stroke-too-short", numbers=numbers)
             points = points[inner]
             normals = normals[inner]
         for name, side in (("left", normals), ("right", -normals)):
@@ -193,9 +186,8 @@ def approach_sessions(
             arc = arc_lengths(path, closed=False)
             ticks = max(2, int(arc[-1] * rate_hz / SPEED_M_S) + 1)
             hip = interpolated(np.linspace(0.0, arc[-1], ticks), arc, path)
-            time = np.arange(ticks) / rate_hz
             title = f"stroke {number}, {name} side"
-            sessions.append(Session(time, hip, frame=fixture.frame, name=title))
+            sessions.append(Session(np.arange(ticks) / rate_hz, hip, fixture.frame, title))
     return sessions
 
 
@@ -209,57 +201,41 @@ class Comparison:
     """Compare two runs, block by block."""
 
     def __init__(self) -> None:
-        self._ticks = self._parted_ticks = 0
-        self._first_difference = None
-        self._proxy = Largest()
-        self._force = Largest()
-        self._force_squares = 0.0
-        self._spans: list[dict[str, Any]] = []
+        # Of each block (n,) the times [s], how far proxies [m] and forces [N] are apart, and
+        # whether they differ at all.
+        self._blocks: list[tuple[Array, ...]] = []
 
     def update(self, a: TickBlock, b: TickBlock) -> None:
         """Take in the same ticks of both runs."""
-        first = self._ticks
-        self._ticks += len(a)
-
+        gaps = row_norms(a.proxy - b.proxy), row_norms(a.force - b.force)
         differs = ((a.proxy != b.proxy) | (a.force != b.force)).any(axis=1)
-        if self._first_difference is None and differs.any():
-            self._first_difference = first + int(differs.argmax())
-
-        proxy_gap = row_norms(a.proxy - b.proxy)
-        self._proxy.update(proxy_gap, first)
-        force_gap = row_norms(a.force - b.force)
-        self._force.update(force_gap, first)
-        self._force_squares += float((force_gap**2).sum())
-
-        # Stretches in which the proxies are apart; one may go on from the last block.
-        has_parted = proxy_gap > PART_M
-        self._parted_ticks += int(np.count_nonzero(has_parted))
-        for rows in runs(has_parted, closed=False):
-            start, largest = first + int(rows[0]), float(proxy_gap[rows].max())
-            if not self._spans or self._spans[-1]["end_tick"] + 1 != start:
-                begun = {"start_tick": start, "start_s": float(a.time[rows[0]]), "proxy_max_m": 0.0}
-                self._spans.append(begun)
-            span = self._spans[-1]
-            span["end_tick"], span["end_s"] = first + int(rows[-1]), float(a.time[rows[-1]])
-            span["proxy_max_m"] = max(span["proxy_max_m"], largest)
+        self._blocks.append((a.time, *gaps, differs))
 
     def report(self) -> dict[str, Any]:
         """Where they part; the spans listed are the first 50."""
+        time, proxy_gap, force_gap, differs = map(np.concatenate, zip(*self._blocks, strict=True))
+        has_parted = proxy_gap > PART_M
+        spans = []
+        for rows in runs(has_parted, closed=False):
+            start, end = int(rows[0]), int(rows[-1])
+            spans.append({
+                "start_tick": start, "start_s": float(time[start]), "end_tick": end,
+                "end_s": float(time[end]), "proxy_max_m": float(proxy_gap[rows].max()),
+            })  # fmt: skip
         data: dict[str, Any] = {
             "threshold_m": PART_M,
-            "ticks": self._parted_ticks,
-            "proxy_max_m": self._proxy.value,
-            "force_max_n": self._force.value,
-            "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),
-            "spans": self._spans[:LISTED],
-            "span_count": len(self._spans),
+            "ticks": int(np.count_nonzero(has_parted)),
+            "proxy_max_m": float(proxy_gap.max()),
+            "force_max_n": float(force_gap.max()),
+            "force_rms_n": float(np.sqrt(np.mean(force_gap**2))),
+            "spans": spans[:LISTED],
+            "span_count": len(spans),
         }
-        for name, largest in (("proxy", self._proxy), ("force", self._force)):
-            if largest.value > 0:
-                data[f"{name}_max_tick"] = largest.tick
-        if self._first_difference is not None:
-            data["first_difference_tick"] = self._first_difference
-        if self._spans:
-            first = self._spans[0]
-            data |= {"first_tick": first["start_tick"], "first_s": first["start_s"]}
+        for name, gap in (("proxy", proxy_gap), ("force", force_gap)):
+            if gap.any():
+                data[f"{name}_max_tick"] = int(gap.argmax())
+        if differs.any():
+            data["first_difference_tick"] = int(differs.argmax())
+        if spans:
+            data |= {"first_tick": spans[0]["start_tick"], "first_s": spans[0]["start_s"]}
         return data

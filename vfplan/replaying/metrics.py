@@ -57,11 +57,6 @@ def flattened(places: Array, axis: Array | None) -> Array:
     return places if axis is None else places - np.outer(places @ axis, axis)
 
 
-def penetration(hip: Array, proxy: Array) -> Array:
-    """(n,) |p_k - x_k| [m]: how far the hand has pushed past where the proxy was stopped."""
-    return row_norms(proxy - hip)
-
-
 def rendered_ticks(time: Array, hip: Array, answers: Any, surface_depth: float) -> TickBlock:
     """Ticks at (n,) [s] with the HIP at (n, 3) [m], of an engine's answers.
 
@@ -73,7 +68,8 @@ def rendered_ticks(time: Array, hip: Array, answers: Any, surface_depth: float) 
     """
     proxy, normal = answers.proxy, answers.normal
     overlap = np.maximum(0.0, dots(normal, proxy - hip) - surface_depth)
-    depth = penetration(hip, proxy)
+    # How far the hand has pushed past where the proxy was stopped.
+    depth = row_norms(proxy - hip)
     return TickBlock(time, hip, proxy, normal, answers.force, answers.state, depth, overlap)
 
 
@@ -132,40 +128,28 @@ class Steps:
         return np.divide(step, self.dt, out=np.zeros_like(step), where=self.dt > 0)
 
     @cached_property
-    def _along(self) -> tuple[Array, Array]:
-        """Δx_t (n, 3) and |Δx_t| (n,) [m], the length zero where the fixture does not push."""
-        normal = self.ticks.normal
-        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
-        return along, np.where(self.held, row_norms(along), 0.0)
-
-    @cached_property
-    def sliding(self) -> tuple[Array, Array, Array]:
-        """Normal force, tangential drag and tangential path, each (n,).
+    def sliding(self) -> tuple[Array, Array, Array, Array]:
+        """Normal force, tangential drag, tangential path and lag, each (n,).
 
         N_k = n·F [N]; drag D_k = -F·Δx_t/|Δx_t| [N], above 0 where the tangential part of the
-        force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]. Zero where
-        the fixture does not push.
+        force opposes the HIP's tangential motion Δx_t = Δx - (n·Δx) n; path |Δx_t| [m]; lag
+        (x - p)·Δx_t/|Δx_t| [m], how far the proxy trails behind the HIP. Zero where the fixture
+        does not push.
         """
-        along, path = self._along
-        force = self.ticks.force
-        press = np.where(self.held, dots(self.ticks.normal, force), 0.0)
-        drag = np.divide(-dots(force, along), path, out=np.zeros_like(path), where=path > 0)
-        return press, drag, path
-
-    @cached_property
-    def lag_m(self) -> Array:
-        """(n,) how far the proxy trails behind the HIP along the HIP's tangential motion [m].
-
-        (x - p)·Δx_t/|Δx_t|; below 0 where it runs ahead, 0 where the HIP does not slide.
-        """
-        along, path = self._along
-        behind = dots(self.ticks.hip - self.ticks.proxy, along)
-        return np.divide(behind, path, out=np.zeros_like(path), where=path > 0)
+        ticks, normal = self.ticks, self.ticks.normal
+        along = self.dhip - dots(normal, self.dhip)[:, None] * normal
+        path = np.where(self.held, row_norms(along), 0.0)
+        drag, lag = (
+            np.divide(dots(vectors, along), path, out=np.zeros_like(path), where=path > 0)
+            for vectors in (-ticks.force, ticks.hip - ticks.proxy)
+        )
+        press = np.where(self.held, dots(normal, ticks.force), 0.0)
+        return press, drag, path, lag
 
     @cached_property
     def sums(self) -> dict[str, Array]:
         """What is summed over ticks, by the report's name: (n,), and F_k Δt_k (n, 3) [N·s]."""
-        press, drag, path = self.sliding
+        press, drag, path, _ = self.sliding
         impulse = self.ticks.force * self.dt[:, None]
         columns = impulse, self.work_j, self.hold_j, path, press * path, drag * path
         return dict(zip(SUMS, (self.dt, *columns), strict=True))
@@ -175,7 +159,7 @@ class Steps:
         """(n,) of what the largest is reported, by the report's name."""
         ticks = self.ticks
         columns = ticks.penetration, ticks.overlap, self.force_n, self.force_step_n
-        return dict(zip(PEAKS, (*columns, np.abs(self.lag_m)), strict=True))
+        return dict(zip(PEAKS, (*columns, np.abs(self.sliding[-1])), strict=True))
 
 
 class PairedTicks:
@@ -192,18 +176,16 @@ class PairedTicks:
             block = concatenate_ticks([self._last[0], block])
             hand = np.concatenate((self._last[1], hand))
         self._last = block[-1:], hand[-1:]
-        return None if len(block) < 2 else self._steps(block, hand)
-
-    def finish(self) -> Steps:
-        """The last tick: its differences are zero."""
-        block, hand = self._last
-        return self._steps(concatenate_ticks([block, block]), np.concatenate((hand, hand)))
-
-    def _steps(self, block: TickBlock, hand: Array) -> Steps:
+        if len(block) < 2:
+            return None
         changes = [np.diff(rows, axis=0) for rows in (block.time, hand, block.hip, block.force)]
         steps = Steps(self._done, block[:-1], hand[:-1], *changes)
         self._done += len(steps)
         return steps
+
+    def finish(self) -> Steps | None:
+        """The last tick: its differences are zero."""
+        return self.push(*self._last)
 
 
 class Number(NamedTuple):
@@ -228,7 +210,7 @@ class Number(NamedTuple):
 
 
 # How many of a unit are in the SI unit.
-FACTORS = {"mm": MM, "mm/s": MM, "mJ": MM, "µm": 1e6}
+FACTORS = {"mm": MM, "mm/s": MM, "mJ": MM, "ms": MM, "µm": 1e6}
 
 NUMBERS = (
     Number("duration_s", "s", 3, "duration"),
@@ -251,6 +233,8 @@ NUMBERS = (
     Number("slide_m", "mm", 3),
     Number("lag_rms_m", "µm", 2, "lag of the proxy while sliding, RMS"),
     Number("lateral_max_m", "mm", 3, "distance from the guide, largest"),
+    Number("fixture_energy_j", "mJ", 4),
+    Number("pose_age_max_s", "ms", 1),
     Number("entrenched_ticks", "", 0, "ticks entrenched"),
     Number("too_fast_ticks", "", 0, "ticks too fast for the rule"),
     Number("p999", "µs", 2, "time a tick, p99.9"),
@@ -297,7 +281,7 @@ class Episodes:
         self._speed = None
         self._hold_j = 0.0
         # The latest episode, which the next ticks may continue.
-        self._latest: dict[str, Any] | None = None
+        self._latest: dict[str, Any] = {}
         # A heap of (depth, minus the number, episode): the least deep, latest, first.
         self._deepest = []
         self._unlisted = {"count": 0, "penetration_max_m": 0.0, "active": 0}
@@ -307,7 +291,7 @@ class Episodes:
         """Add the next ticks."""
         for rows in runs(steps.held, closed=False):
             run = self._measure(steps, int(rows[0]), int(rows[-1]) + 1)
-            if self._latest is not None and run["start_s"] - self._latest["end_s"] <= JOIN_S:
+            if self._latest and run["start_s"] - self._latest["end_s"] <= JOIN_S:
                 self._extend_latest(run)
             else:
                 self._finish_latest()
@@ -344,7 +328,6 @@ class Episodes:
 
     def _extend_latest(self, run: dict[str, Any]) -> None:
         """Join a run of contact to the latest episode."""
-        assert self._latest is not None
         episode = self._latest
         peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
         deepest = max(episode, run, key=lambda part: part["penetration_max_m"])["deepest"]
@@ -355,10 +338,10 @@ class Episodes:
 
     def _finish_latest(self) -> None:
         """Put the latest episode to the others; nothing is joined to it any more."""
-        if self._latest is None:
+        if not self._latest:
             return
         entry = self._latest["penetration_max_m"], -self.count, self._latest
-        self._latest = None
+        self._latest = {}
         self.count += 1
         heapq.heappush(self._deepest, entry)
         if len(self._deepest) > MAX_EPISODES:
@@ -417,7 +400,6 @@ class CurveRuler:
     """
 
     def __init__(self, fixture: Fixture) -> None:
-        assert fixture.curve is not None, "a cloud without a curve has no arc length"
         self.points = flattened(fixture.points, fixture.ignore_axis)
         self._axis = fixture.ignore_axis
         self.stroke = fixture.curve.stroke
@@ -440,13 +422,9 @@ class CurveRuler:
     def nearest(self, places: Array) -> NDArray[np.intp]:
         """(n,) index of the planned point nearest to each of (n, 3) places, by brute force."""
         flat = flattened(places, self._axis)
-        indices = np.empty(len(flat), dtype=np.intp)
-        count = max(1, PAIRS_AT_ONCE // len(self.points))
-        for start in range(0, len(flat), count):
-            rows = slice(start, start + count)
-            squares = ((flat[rows, None] - self.points) ** 2).sum(2)
-            indices[rows] = squares.argmin(1)
-        return indices
+        parts = np.array_split(flat, 1 + len(flat) * len(self.points) // PAIRS_AT_ONCE)
+        squares = (((part[:, None] - self.points) ** 2).sum(2) for part in parts)
+        return np.concatenate([distances.argmin(1) for distances in squares])
 
 
 # Name -> (the robot's limit, the number of the report that it bounds)
@@ -465,34 +443,22 @@ class RobotLimitCounts:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._over = {
-            name: 0 for name, (key, _) in LIMITS.items() if getattr(robot, key) is not None
-        }
-        self._first = {}
+        # As reported; a limit that the robot does not have is absent.
+        self.report = {"name": robot.name, "rate_hz": robot.rate_hz}
+        for name, (key, _) in LIMITS.items():
+            if getattr(robot, key) is not None:
+                self.report |= {key: getattr(robot, key), f"{name}_over_ticks": 0}
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
         values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
-        for name in self._over:
-            over = np.flatnonzero(values[name] > getattr(self._robot, LIMITS[name][0]))
-            self._over[name] += len(over)
+        for name, (key, _) in LIMITS.items():
+            over = np.flatnonzero(values[name] > self.report.get(key, np.inf))
             if len(over):
+                self.report[f"{name}_over_ticks"] += len(over)
                 # The step from tick k to k + 1, of force or place, is the robot's at k + 1.
                 first = steps.first + int(over[0]) + (name != "force")
-                self._first.setdefault(name, first)
-
-    def report(self) -> dict[str, Any]:
-        """The `robot` part of a replay's report; a limit the robot does not have is absent."""
-        robot = self._robot
-        data: dict[str, Any] = {"name": robot.name, "rate_hz": robot.rate_hz}
-        for name, ticks in self._over.items():
-            key = LIMITS[name][0]
-            data[key] = getattr(robot, key)
-            data[f"{name}_over_ticks"] = ticks
-            if name in self._first:
-                data[f"{name}_over_first_tick"] = self._first[name]
-        return data
+                self.report.setdefault(f"{name}_over_first_tick", first)
 
 
 class Metrics:
@@ -521,12 +487,13 @@ class Metrics:
         self._start_s: float | None = None
         self._end_s = 0.0
         self._force_step = Largest()
-        self._status = dict.fromkeys(("inside", "limit", "bad_hip"), 0)
+        # In how many ticks the engine said each of its words.
+        self.status = dict.fromkeys((flag.name.lower() for flag in Status), 0)
 
     def note_status(self, status: NDArray[np.uint8]) -> None:
         """Count what the engine said of each tick."""
-        for name in self._status:
-            self._status[name] += int(np.count_nonzero(status & Status[name.upper()]))
+        for flag in Status:
+            self.status[flag.name.lower()] += int(np.count_nonzero(status & flag))
 
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
@@ -551,7 +518,7 @@ class Metrics:
             "fast": row_norms(steps.dhip) > self._parameters.r1,
             "penetration2": steps.ticks.penetration**2,
             "force2": steps.force_n**2,
-            "lag2_path": steps.lag_m**2 * steps.sums["slide_m"],
+            "lag2_path": steps.sliding[-1] ** 2 * steps.sums["slide_m"],
         }
         for name, values in summands.items():
             self._sums[name] += float(values.sum())
@@ -582,9 +549,9 @@ class Metrics:
             "force_contact_rms_n": rms("force2", contact_ticks),
             "force_step_max_n": peaks["force_step_max_n"],
             "force_step_max_tick": self._force_step.tick,
-            "bad_hip_ticks": self._status["bad_hip"],
-            "inside_ticks": self._status["inside"],
-            "too_fast_ticks": int(sums["fast"]) if is_paper else self._status["limit"],
+            "bad_hip_ticks": self.status["bad_hip"],
+            "inside_ticks": self.status["inside"],
+            "too_fast_ticks": int(sums["fast"]) if is_paper else self.status["limit"],
             "energy_j": sums["energy_j"],
             "energy_hold_j": sums["energy_hold_j"],
             "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
@@ -603,18 +570,13 @@ class Metrics:
             data["lag_max_m"] = peaks["lag_max_m"]
             data["lag_rms_m"] = rms("lag2_path", sums["slide_m"])
         if self._robot is not None:
-            data["robot"] = self._robot.report()
+            data["robot"] = self._robot.report
         return data
 
 
-# Each bin of the histogram is 1.1 % wide; a clock is no more exact.
-BINS_PER_OCTAVE = 64
-
-# Beginning of the first bin [s].
-SHORTEST_S = 1e-9
-
-# The histogram ends at 1000 s.
-BINS = 40 * BINS_PER_OCTAVE
+# Edges of the histogram of a tick's time [µs], each 1.1 % above the one before: a clock is no more
+# exact.
+EDGES_US = 1e-3 * 2.0 ** (np.arange(40 * 64 + 1) / 64)
 
 
 class StepTimes:
@@ -624,30 +586,25 @@ class StepTimes:
     """
 
     def __init__(self) -> None:
-        self._bins = np.zeros(BINS, dtype=np.int64)
-        self._max_s = 0.0
+        self._counts = np.zeros(len(EDGES_US) - 1, dtype=np.int64)
+        self._max_us = 0.0
         self.ticks = 0
 
     def run(self, engine: Any, hip: NDArray[np.float64]) -> Trace:
         """`engine.run(hip)`, timed."""
         self.ticks += len(hip)
         trace, micros = timed(engine, hip)
-        seconds = 1e-6 * micros
-        bins = np.log2(np.maximum(seconds, SHORTEST_S) / SHORTEST_S) * BINS_PER_OCTAVE
-        bins = np.minimum(bins.astype(np.int64), BINS - 1)
-        self._bins += np.bincount(bins, minlength=BINS)
-        self._max_s = max(self._max_s, float(seconds.max(initial=0.0)))
+        self._counts += np.histogram(np.clip(micros, *EDGES_US[[0, -1]]), EDGES_US)[0]
+        self._max_us = max(self._max_us, float(micros.max(initial=0.0)))
         return trace
 
     def report(self) -> dict[str, float]:
         """Median, 99th and 99.9th percentile, and maximum [µs]."""
-        total = np.cumsum(self._bins)
-        top = self._max_s * 1e6
-        report = {}
-        for name, q in {"median": 0.5, "p99": 0.99, "p999": 0.999}.items():
-            k = int(np.searchsorted(total, q * total[-1]))
-            report[name] = min(top, float(SHORTEST_S * 2 ** ((k + 0.5) / BINS_PER_OCTAVE) * 1e6))
-        return {**report, "max": top}
+        total = np.cumsum(self._counts)
+        bins = np.searchsorted(total, np.multiply((0.5, 0.99, 0.999), total[-1]))
+        quantiles = np.minimum(np.sqrt(EDGES_US[bins] * EDGES_US[bins + 1]), self._max_us)
+        names = ("median", "p99", "p999", "max")
+        return dict(zip(names, [*quantiles.tolist(), self._max_us], strict=True))
 
 
 def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:

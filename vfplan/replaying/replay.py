@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.bundle.leak import open_edges
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import Trace, as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
@@ -53,6 +54,10 @@ from vfplan.session.session import Array, SamplingReport, SessionSource
 
 Sink = Callable[[str, TickBlock], None]
 
+# Shares of all directions in which a mesh encloses a place: of a place inside a closed mesh, which
+# is 1 but for rounding, and of one inside an open mesh, more than a trough has about its bottom.
+ENCLOSED, WITHIN = 0.99, 0.8
+
 
 class ThinnedTicks:
     """Keep at most `capacity` ticks; every tick while the session is that short.
@@ -61,17 +66,16 @@ class ThinnedTicks:
     """
 
     def __init__(self, capacity: int | None = 65536) -> None:
-        self._capacity = capacity
+        self._capacity = np.inf if capacity is None else capacity
         columns = [np.empty((0, *row), dtype) for row, dtype, _ in TABLE.values()]
         self._blocks = [TickBlock(*columns)]
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
         """Take in the next ticks."""
-        if self._capacity == 0:
-            return
-        self._blocks.append(thinned(block, self.stride))
-        while self._capacity is not None and len(self.ticks) > self._capacity:
+        if self._capacity > 0:
+            self._blocks.append(thinned(block, self.stride))
+        while len(self.ticks) > self._capacity:
             self._blocks = [thinned(self.ticks, 2)]
             self.stride *= 2
 
@@ -192,7 +196,7 @@ class EngineRun:
         self._metrics.update(self._pairs.finish())
         report = self._metrics.report() | {"step_us": self._times.report()}
         if self.changing is not None:
-            report |= self.changing.report()
+            report |= self.changing.report(self._metrics.status)
         if isinstance(self.engine, Guided):
             report |= self.engine.report(report["duration_s"] / report["ticks"])
         if self._governor is not None:
@@ -320,45 +324,36 @@ def replay(
 
         path = Path(fixture)
         fixture, seal = read_sealed(path, trust=trust)
-        common["fixture"] = {
-            "name": path.name, **seal, "signature_checked": trust is not None,
-        }  # fmt: skip
+        common["fixture"] = {"name": path.name, **seal, "signature_checked": trust is not None}
     poses, events = as_the_loop_saw(session, poses, events)
     if isinstance(session, (str, Path)):
         session = open_session(session)
     if session.frame != fixture.frame:
-        message = (
-            f"positions are in frame {session.frame!r}, the fixture in {fixture.frame!r}. "
-            "Give both in one frame"
-        )
+        message = f"is in frame {session.frame!r}, the fixture in {fixture.frame!r}. Give one frame"
         raise SessionError(message, where=session.name, code="frame-differs")
 
     # One run for each rule. With a lossy link one more run has a perfect link, to compare.
     if rule is not None and rule not in RULES:
         raise SettingError(f"rule is {rule!r}. Give {', '.join(RULES)}", code="unknown-rule")
     rules = ["robust", "paper"] if rule == "both" else [rule or best_rule(fixture)]
-    if link is not None and not link.faulty:
+    if link is not None and link.report().keys() == {"seed"}:
         link = None
     with naming_place(path):
         is_body = fixture.mesh is not None and poses is None and events is None
         corners = fixture.points[fixture.mesh] if is_body else None
+        is_open = is_body and open_edges(fixture.mesh) > 0
         # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
         changing = None
         if poses is not None or events is not None:
             if len(rules) > 1 or engine != "native" or link is not None:
-                raise SettingError(
-                    "poses and events need one rule of the native engine, without a lossy link. "
-                    "Leave --rule both, --engine, --drop, --jitter, --delay and --quantise out",
-                    code="changes-alone",
-                )
+                message = "poses and events need one rule of the native engine, and no lossy link"
+                raise SettingError(message, code="changes-alone")
             changing = ChangingFixture(fixture, rules[0], poses, events, moving or {}, trust)
         settings = {"robot": robot, "governed_robot": governor, "changing": changing}
-        more = {"link": link, "keep": keep, **settings}
-        runs = [EngineRun(fixture, name, engine, **more) for name in rules]
-        perfect = None
+        runs = [EngineRun(fixture, r, engine, link=link, keep=keep, **settings) for r in rules]
         if link is not None:
-            perfect = EngineRun(fixture, rules[0], engine, keep=0, **settings)
+            runs.append(EngineRun(fixture, rules[0], engine, keep=0, **settings))
 
     # The session, block by block through each run.
     recording = SamplingReport()
@@ -368,33 +363,34 @@ def replay(
         start = positions[:1] if start is None else start
         recording.update(times, positions)
         blocks = [run.feed(times, positions) for run in runs]
-        for run, block in zip(runs, blocks, strict=True):
+        for name, block in zip(rules, blocks, strict=False):
             for sink in sinks:
-                sink(run.rule, block)
+                sink(name, block)
         if rule == "both":
-            between_rules.update(*blocks)
-        if perfect is not None:
-            between_links.update(blocks[0], perfect.feed(times, positions))
+            between_rules.update(*blocks[:2])
+        if link is not None:
+            between_links.update(blocks[0], blocks[-1])
 
     # A tool that was not led out of the body in which it began is rendered the inner side.
-    if is_body and is_enclosed(start[0], corners) and is_enclosed(blocks[0].proxy[-1], corners):
+    ends = (start[0], blocks[0].proxy[-1])
+    if is_body and all(share_around(place, corners) > ENCLOSED for place in ends):
         common["start_depth_m"] = float(runs[0].engine.distance(start)[0])
 
     # What all reports hold: the session, the link and the time that it all took.
-    common["session"] = {
-        "name": session.name, "frame": session.frame, **session.notes, **recording.report(),
-    }  # fmt: skip
-    if changing is not None and "ignored_columns" in common["session"]:
-        unused = [c for c in session.notes["ignored_columns"] if c not in CHANGE_COLUMNS]
-        common["session"]["ignored_columns"] = unused
-    common["samples_read"] = common["session"]["samples"]
-    doubled = common["session"].get("mended", {}).get("doubled", 0)
-    common["samples_left_out"] = common["session"].pop("left_out", 0) + doubled
-    common["connections"] = common["session"].pop("connections", [])
+    seen = {"name": session.name, "frame": session.frame, **session.notes, **recording.report()}
+    if changing is not None and "ignored_columns" in seen:
+        unused = [name for name in seen["ignored_columns"] if name not in CHANGE_COLUMNS]
+        seen["ignored_columns"] = unused
     if session.sha256 is not None:
-        common["session"]["sha256"] = session.sha256
-    if perfect is not None:
-        clean = perfect.finish()
+        seen["sha256"] = session.sha256
+    common |= {
+        "session": seen,
+        "samples_read": seen["samples"],
+        "samples_left_out": seen.pop("left_out", 0) + seen.get("mended", {}).get("doubled", 0),
+        "connections": seen.pop("connections", []),
+    }
+    if link is not None:
+        clean = runs.pop().finish()
         numbers = {name: value for name, value in clean.items() if isinstance(value, (int, float))}
         common["link"] = {
             **link.report(),
@@ -410,6 +406,10 @@ def replay(
     results = []
     for run in runs:
         numbers = run.finish()
+        if is_open:
+            pressed = [episode["deepest"]["proxy_m"] for episode in numbers["episodes"]]
+            within = [share_around(np.array(place), corners) > WITHIN for place in pressed]
+            numbers["within_episodes"] = sum(within)
         parameters = run.engine.parameters
         metrics = {
             "rule": run.rule,
@@ -462,11 +462,14 @@ def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any
     return scene
 
 
-def is_enclosed(place: Array, corners: Array) -> bool:
-    """Whether a closed mesh of triangles (K, 3, 3), all turned alike, has a place (3,) inside."""
+def share_around(place: Array, corners: Array) -> float:
+    """The share of all directions in which triangles (K, 3, 3), all turned alike, enclose a place.
+
+    It is 1 inside a closed mesh and 0 outside it.
+    """
     # The solid angle of each triangle (A. van Oosterom and J. Strackee, 1983).
     a, b, c = np.moveaxis(corners - place, 1, 0)
     x, y, z = row_norms(a), row_norms(b), row_norms(c)
     below = x * y * z + dots(a, b) * z + dots(b, c) * x + dots(c, a) * y
     angle = 2 * np.arctan2(dots(a, np.cross(b, c)), below).sum()
-    return abs(angle) > 0.99 * 4 * np.pi
+    return abs(angle) / (4 * np.pi)

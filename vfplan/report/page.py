@@ -8,10 +8,12 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Callable
 from html import escape
 from importlib.metadata import version
 from importlib.resources import files
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MM
+from vfplan.display import MAX_DRAWN, MAX_LISTED, MM, millimetres
 from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import (
     axis_names,
@@ -34,20 +36,9 @@ from vfplan.fixture import Fixture
 from vfplan.images.read import read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
-from vfplan.replaying.guiding import make_engine
-from vfplan.replaying.metrics import row_norms
+from vfplan.replaying.findings import check_text, verdict_sentence
+from vfplan.replaying.metrics import NUMBERS, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
-from vfplan.report.tables import (
-    checks,
-    code,
-    episodes,
-    findings,
-    identity,
-    settings,
-    summary,
-    table,
-    verdict_sentence,
-)
 from vfplan.session.result import TickBlock
 
 Array = NDArray[np.float64]
@@ -60,6 +51,9 @@ ZOOM_COLUMNS = COLUMNS // 2
 
 # Number of episodes with an envelope of their own. A page of more would be slow to open.
 MAX_ZOOMS = 40
+
+# Parts of a report that tell of a lossy link, a governor, or a fixture that moved or changed.
+MORE_THAN_THE_ENGINE = {"link", "governor", "exchanges"}
 
 
 def placing(fixture: Fixture) -> tuple[Array, Array]:
@@ -94,7 +88,6 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
-    first_episode = episodes[0]["index"] if episodes else 0
     # An envelope of each episode with what is around it, and one of the whole session.
     zooms = []
     for episode in episodes[:MAX_ZOOMS]:
@@ -114,27 +107,24 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "depth": np.round(MM * ticks.penetration, 4).tolist(),
         "state": ticks.state.tolist(),
         "episodes": [[episode["start_s"], episode["end_s"]] for episode in episodes],
-        "first_episode": first_episode,
+        "first_episode": next((episode["index"] for episode in episodes), 0),
         "zooms": zooms,
-        "deep": "beyond the line" if replayed.ticks.overlap.any() else "|proxy − HIP|",
+        "deep": shown_depth(replayed.ticks)[0],
     }
 
 
 def played_data(replayed: Replay) -> dict[str, Any] | None:
     """What the page's own engine needs to make the session's ticks again, and their SHA-256.
 
-    `None` where ticks were left out, or where more than the engine made them: a link, a governor, a
-    fixture that moved.
+    `None` where ticks were left out, or where more than the engine made them.
     """
-    ticks, rule = replayed.ticks, "robust" if replayed.rule == "both" else replayed.rule
-    if replayed.stride > 1 or replayed.engine != "native" or not np.isfinite(ticks.hip[0]).all():
+    ticks, rule = replayed.ticks, replayed.rule
+    if rule == "both":
+        rule = "robust"
+    is_more = not MORE_THAN_THE_ENGINE.isdisjoint(replayed.metrics)
+    if is_more or replayed.stride > 1 or replayed.engine != "native":
         return None
-    engine = make_engine(replayed.fixture, rule)
-    engine.reset(ticks.hip[0])
-    again = engine.run(ticks.hip)
     answers = np.hstack([ticks.proxy, ticks.force]).tobytes()
-    if np.hstack([again.proxy, again.force]).tobytes() != answers:
-        return None
     return {
         "module": packed(module()),
         "bodies": bodies_of(replayed.fixture, rule),
@@ -143,12 +133,16 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
     }
 
 
-def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
-    """Smallest and largest force [N] and depth [mm] of stretches of equal length.
+def shown_depth(ticks: TickBlock) -> tuple[str, Array]:
+    """The name of what is shown as depth, and (n,) of it [m]: beyond the line, if it was there."""
+    if ticks.overlap.any():
+        return "beyond the line", ticks.overlap
+    return "|proxy − HIP|", ticks.penetration
 
-    The depth is that beyond the line, where the tool went there.
-    """
-    depth = ticks.overlap if ticks.overlap.any() else ticks.penetration
+
+def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
+    """Smallest and largest force [N] and depth [mm] of stretches of equal length."""
+    depth = shown_depth(ticks)[1]
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
@@ -337,3 +331,145 @@ def picture(figure: Figure, words: str, kind: str = "") -> str:
 def _embedded(png: bytes, words: str, kind: str) -> str:
     data = base64.b64encode(png).decode("ascii")
     return f'<img class="{kind}" alt="{escape(words)}" src="data:image/png;base64,{data}">'
+
+
+# The tables.
+
+
+def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
+    """A table of cells that are HTML already; a narrow screen shows each with its column's name."""
+    text = "".join(f'<th scope="col">{cell}</th>' for cell in head)
+    if head:
+        text = f"<thead><tr>{text}</tr></thead>"
+    names = [f' data-name="{name}"' if name else "" for name in head]
+    lines = [
+        "".join(f"<td{name}>{cell}</td>" for name, cell in zip_longest(names, row, fillvalue=""))
+        for row in rows
+    ]
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f'<table class="{kind}">{text}<tbody>{body}</tbody></table>'
+
+
+def identity(fixture: Fixture) -> str:
+    """The case, who approved the plan, and which findings nobody answered; as HTML."""
+    words = ["Of no named case", "approved by nobody", "no finding is unanswered"]
+    if fixture.case:
+        words[0] = f"Case {fixture.case}"
+    if fixture.reviewed:
+        words[1] = f"approved by {fixture.reviewed.by}, {fixture.reviewed.utc}"
+    if fixture.open_findings:
+        codes = ", ".join(finding.code for finding in fixture.open_findings)
+        words[2] = f"nobody answered: {codes}"
+    return f"<p>{escape('; '.join(words))}.</p>"
+
+
+def code(value: Any) -> str:
+    """A value as it stands in a file; a digest on one line in print."""
+    text = _text(value)
+    kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
+    return f'<code class="{kind}">{escape(text)}</code>'
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(map(_text, value))
+    return f"{value:.9g}" if isinstance(value, float) else str(value)
+
+
+def summary(metrics: dict[str, Any]) -> str:
+    """The main numbers; of two rules a column each."""
+    rules = {escape(metrics["rule"]): metrics}
+    if "paper" in metrics:
+        rules["paper"] = metrics["paper"]
+    columns = [
+        {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
+        for rule in rules.values()
+    ]
+    head = ["number", *(f"rule {name}" for name in rules), "unit"]
+    rows = []
+    # How far beyond the line comes first.
+    for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
+        values = [column.get(number.key) for column in columns]
+        if not number.label or values == [None] * len(values):
+            continue
+        rows.append([escape(number.label), *map(number.text, values), number.unit])
+    text = table(head, rows, "numbers")
+    if len(rules) == 2:
+        apart = metrics["apart"]
+        text += (
+            f"<p>The proxies of the two rules are at most {millimetres(apart['proxy_max_m'])} "
+            f"apart, their forces {apart['force_max_n']:.3f} N.</p>"
+        )
+    return text
+
+
+def checks(metrics: dict[str, Any]) -> str:
+    """Each limit that was given, and whether it holds."""
+    rows = []
+    for check in metrics.get("checks", []):
+        word = "pass" if check["pass"] else "fail"
+        rows.append([f'<b class="{word}">{word.upper()}</b>', escape(check_text(check))])
+    return table(["verdict", "limit"], rows) if rows else ""
+
+
+def findings(metrics: dict[str, Any]) -> str:
+    """What a person should look at."""
+    rows = [
+        [f'<b class="{finding["severity"]}">{finding["severity"]}</b>', finding["code"],
+         escape(finding["message"])]
+        for finding in metrics["findings"]
+    ]  # fmt: skip
+    if not rows:
+        return "<p>Nothing to remark.</p>"
+    return table(["severity", "finding", "what it says"], rows)
+
+
+def episodes(metrics: dict[str, Any]) -> str:
+    """One row an episode; a click moves the scrubber to its deepest tick."""
+    listed = metrics["episodes"]
+    if not listed:
+        return "<p>No contact.</p>"
+    has_curve = "deepest_along" in listed[0]
+    numbers = [number for number in NUMBERS if number.column]
+    head = ["episode", *(f"{number.column} [{number.unit}]" for number in numbers)]
+    head += ["along [mm]", "passive"] if has_curve else ["passive"]
+    rows = []
+    for row, episode in enumerate(listed):
+        time = episode["deepest"]["t_s"]
+        button = (
+            f'<button class="go" data-time="{time!r}" data-episode="{row}" '
+            f'aria-label="show episode {episode["index"]}">{episode["index"]}</button>'
+        )
+        cells = [number.text(episode.get(number.key)) for number in numbers]
+        if has_curve:
+            cells.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
+        passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
+        rows.append([button, *cells, passive])
+    text = table(head, rows, "numbers")
+    more = episode_count(metrics) - len(listed)
+    return f"{text}<p>and {more} more</p>" if more else text
+
+
+def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
+    """Provenance and settings, by their names in the JSON report."""
+    names = ("fixture", "scene", "session", "link", "robot", "left_out")
+    groups = {name: metrics[name] for name in names if metrics.get(name)}
+    provenance = fixture.provenance
+    groups["provenance"] = {
+        "created_utc": provenance.created_utc,
+        "software": provenance.software,
+        **{f"setting {name}": value for name, value in provenance.settings.items()},
+        **{f"input {role}": digest for role, digest in provenance.inputs.items()},
+    }
+    text = ""
+    for group, values in groups.items():
+        rows = [
+            [escape(str(name)), code(value)]
+            for name, value in values.items()
+            if value is not None and not (isinstance(value, (dict, list)) and len(value) > 3)
+        ]
+        # A long group takes the whole width of the page.
+        kind = "long" if len(rows) > MAX_LISTED else "group"
+        heading = escape(group.replace("_", " "))
+        text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
+    return text

@@ -10,10 +10,9 @@ import hashlib
 import itertools
 import shlex
 from array import array
-from collections import Counter
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, suppress
-from dataclasses import astuple, dataclass, replace
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -25,6 +24,7 @@ from vfplan.errors import MissingExtra, SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
+from vfplan.io.sandbox import raise_limits
 from vfplan.session.channels import (
     CDR_LITTLE_ENDIAN,
     Part,
@@ -32,7 +32,7 @@ from vfplan.session.channels import (
     mcap_part,
     opened_bag,
 )
-from vfplan.session.session import BLOCK, FRAMES, Array, Samples
+from vfplan.session.session import BLOCK, FRAMES, Array, Samples, WithPrevious, portions
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
 FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "translation", "")
@@ -87,10 +87,10 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(part for part in path.iterdir() if part.is_file())
 
 
-def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
-    """Name, inode, size and time of change of each of a bag's files."""
+def bag_stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Name, size and time of change of each of a bag's files."""
     stamps = [(part.name, part.stat()) for part in bag_files(path)]
-    return [(name, stamp.st_ino, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
+    return [(name, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
 
 
 def bag_sha256(path: Path) -> str:
@@ -116,68 +116,85 @@ def prepare() -> None:
             library(name)
 
 
-def bag_header(place: str, *options: Any) -> Iterator[list[Any]]:
-    """What of the bag at `place` will be read, and notes about it, last; before it, empty lists.
+def read_bag(place: str, *options: Any) -> Iterator[Any]:
+    """What of the bag at `place` is read, and then its (time [s], hip) a block at a time.
 
-    options: the fields of a `RosOptions`
+    Empty lists come while the messages are looked at; the first block follows notes about them.
+
+    options: the fields of a `RosOptions`, its tool tip in the units of the messages
     Raises SessionError: no bag; no topic with a position, or several and none chosen; a topic of
-        several senders or frames and none chosen
+        several senders or frames and none chosen; a message without a position
     Raises MissingExtra: the library `rosbags` is not installed
     """
-    path = Path(place)
     ros = RosOptions(*options)
-    # Of each sender the times of its messages, by the header (0: none) and by the log [ns].
-    senders: dict[Sender, array[int]] = {}
-    rounded = Counter[Sender]()
-    with opened_bag(path) as bag:
-        ros = replace(ros, topic=_choose_topic(bag, ros))
-        for k, (sender, *stamps, message) in enumerate(_messages(bag, ros)):
+    # Its samples take up to four times as much memory as its messages in a packed file.
+    raise_limits(4 * sum(size for _, size, _ in bag_stamp(Path(place))), 0)
+    # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
+    any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
+    # Each sender's number, and of each message that of its sender, its times by the header (0:
+    # none) and by the log [ns], its place and whether its quaternion was rounded.
+    senders: dict[Sender, int] = {}
+    which, stamps, places, rounded = array("q"), array("q"), array("d"), array("b")
+    failure = None
+    with opened_bag(Path(place)) as bag:
+        topic = _choose_topic(bag, ros)
+        for k, (sender, *times, message) in enumerate(_messages(bag, topic)):
             if not k:
-                ros = replace(ros, field=_choose_field(message, ros))
-            senders.setdefault(sender, array("q")).extend(stamps)
-            if ros.tool_tip is not None:
-                rounded[sender] += is_rounded(message, ros.field or "")
+                field = _choose_field(message, ros)
+            which.append(senders.setdefault(sender, len(senders)))
+            stamps.extend(times)
+            position, is_rounded = np.full(3, np.nan), False
+            try:
+                if is_chosen(sender, any_frame):
+                    value, name = _value_at(message, field), field.rpartition(".")[2]
+                    position, is_rounded = tip_position(value, ros, name)
+            except SessionError as error:
+                failure = failure or error
+            places.extend(position)
+            rounded.append(is_rounded)
             if k % BLOCK == BLOCK - 1:
                 yield []
     if not senders:
-        message = f"topic {ros.topic!r} has no messages. Choose another"
+        message = f"topic {topic!r} has no messages. Choose another"
         raise SessionError(message, code="topic-empty")
-    # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
-    if ros.frame in FRAMES and all(sender.frame != ros.frame for sender in senders):
-        ros = replace(ros, frame=None)
-    times = {sender: np.reshape(stamps, (-1, 2)).T for sender, stamps in senders.items()}
-    chosen = {sender: times[sender] for sender in senders if is_chosen(sender, ros)}
-    stamped = all(header.min() > 0 for header, _ in chosen.values())
+    if all(sender.frame != ros.frame for sender in senders):
+        ros = any_frame
+    chosen = [sender for sender in senders if is_chosen(sender, ros)]
+    counts = np.bincount(which)
+    is_used = np.isin(which, [senders[sender] for sender in chosen])
+    times = np.reshape(stamps, (-1, 2))[is_used]
+    stamped = bool((times[:, 0] > 0).all())
     if ros.time == "header" and not stamped:
-        message = f"not every message of {ros.topic!r} has a time of its own. Give --time log"
+        message = f"not every message of {topic!r} has a time of its own. Give --time log"
         raise SessionError(message, code="no-header-time")
-    ros = replace(ros, time=ros.time or ("header" if stamped else "log"))
-    column = int(ros.time == "log")
-    spans = {s: (int(t[column].min()), int(t[column].max())) for s, t in chosen.items()}
-    _check_senders(ros.topic, senders, spans)
+    column = int(ros.time == "log" or not stamped)
+    times, numbers = times[:, column], np.array(which)[is_used]
+    check_senders(topic, list(senders), {s: times[numbers == senders[s]] for s in chosen})
+    if failure is not None:
+        raise failure
 
-    start = min(span[0] for span in spans.values())
+    start = int(times.min())
     notes = {
-        "topic": ros.topic,
-        "message": next(iter(chosen)).type,
-        "field": ros.field,
+        "topic": topic,
+        "message": chosen[0].type,
+        "field": field,
         "stamp": "bag" if column else "header",
-        "left_out": sum(t.shape[1] for sender, t in times.items() if sender not in chosen),
+        "left_out": int(np.count_nonzero(~is_used)),
         "connections": [
-            {**sender._asdict(), "samples": t.shape[1], "used": sender in chosen}
-            for sender, t in times.items()
+            {**sender._asdict(), "samples": int(counts[number]), "used": sender in chosen}
+            for sender, number in senders.items()
         ],
     }
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
     if bag.is_cut:
         notes["cut"] = True
-    if next(iter(chosen)).frame:
-        notes["ros_frame_id"] = next(iter(chosen)).frame
+    if chosen[0].frame:
+        notes["ros_frame_id"] = chosen[0].frame
     if ros.tool_tip is not None:
-        notes["tool_tip_m"] = list(ros.tool_tip)
-        notes["poses_rounded"] = sum(rounded[sender] for sender in chosen)
-    yield [[start, *astuple(ros)], notes]
+        notes["poses_rounded"] = int(np.count_nonzero(np.array(rounded)[is_used]))
+    yield notes
+    yield from portions((times - start) * 1e-9, np.reshape(places, (-1, 3))[is_used])
 
 
 def is_chosen(sender: Sender, ros: RosOptions) -> bool:
@@ -186,52 +203,42 @@ def is_chosen(sender: Sender, ros: RosOptions) -> bool:
     return all(want in (None, value) for want, value in zip(wanted, sender, strict=True))
 
 
-def _check_senders(
-    topic: str | None, senders: dict[Sender, Any], spans: dict[Sender, tuple[int, int]]
-) -> None:
+def check_senders(topic: str, senders: list[Sender], times: dict[Sender, Array]) -> None:
     """Refuse a topic whose chosen messages are not of one tool.
 
-    spans: the first and last time of each chosen sender [ns]
+    times: of the messages of each chosen sender [ns]
     """
-    chosen = list(spans)
-    if not chosen:
-        message = (
-            f"no message of {topic!r} is of this sender and these frames. Choose one of "
-            f"{'; '.join(map(str, senders))}"
-        )
+    if not times:
+        found = "; ".join(map(str, senders))
+        message = f"no message of {topic!r} is of this sender and these frames. Choose: {found}"
         raise SessionError(message, code="frame-missing")
-    ordered = sorted(chosen, key=spans.__getitem__)
+    chosen, told = list(times), "; ".join(map(str, times))
+    ordered = sorted(times, key=lambda sender: times[sender].min())
     meet = any(
-        one.number != two.number and spans[two][0] <= spans[one][1]
+        one.number != two.number and times[two].min() <= times[one].max()
         for one, two in itertools.combinations(ordered, 2)
     )
-    told = "; ".join(map(str, chosen))
     if meet or len({sender.type for sender in chosen}) > 1:
         message = (
             f"several senders share topic {topic!r} at the same time, or send different messages: "
             f"{told}. Choose one with --sender {chosen[0].number}"
         )
-        numbers = {"connections": len({sender.number for sender in chosen})}
-        raise SessionError(message, code="several-connections", numbers=numbers)
-    for name, values in (
-        ("--frame", [sender.frame for sender in chosen]),
-        ("--child-frame", [sender.child_frame for sender in chosen]),
-    ):
+        raise SessionError(message, code="several-connections")
+    for option, name in (("--frame", "frame"), ("--child-frame", "child_frame")):
+        values = [getattr(sender, name) for sender in chosen]
         if len(set(values)) > 1:
-            message = (
-                f"the frame changes within topic {topic!r}: {told}. Choose one with {name} "
-                f"{shlex.quote(values[0])}"
-            )
+            choice = f"{option} {shlex.quote(values[0])}"
+            message = f"the frame changes within topic {topic!r}: {told}. Choose one with {choice}"
             raise SessionError(message, code="frame-changes")
 
 
-def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, Any]]:
+def _messages(bag: Part, topic: str) -> Iterator[tuple[Sender, int, int, Any]]:
     """Every message of the topic, merged by the log's time.
 
     Yields the sender, the header's time (0: none) and the log's [ns], and the message. A message of
     `/tf` is as many as it has transforms.
     """
-    for channel, recorded, raw in bag.messages(ros.topic or ""):
+    for channel, recorded, raw in bag.messages(topic):
         whole = channel.decode(raw)
         for message in getattr(whole, "transforms", [whole]):
             header = getattr(message, "header", None)
@@ -243,57 +250,23 @@ def _messages(bag: Part, ros: RosOptions) -> Iterator[tuple[Sender, int, int, An
             yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 
-def read_bag(place: str, factor: float, start: int, *options: Any) -> Iterator[Samples]:
-    """Yield (time since `start` [s], hip [m]) a block at a time, as `bag_header` chose them."""
-    path = Path(place)
-    ros = RosOptions(*options)
-    tip = np.asarray(ros.tool_tip, float) if ros.tool_tip is not None else None
-    times, hips = [], []
-    with opened_bag(path) as bag:
-        for sender, stamp, recorded, message in _messages(bag, ros):
-            if not is_chosen(sender, ros):
-                continue
-            times.append(((stamp if ros.time == "header" else recorded) - start) * 1e-9)
-            try:
-                value = _value_at(message, ros.field or "")
-            except AttributeError:
-                text = f"a message at {recorded} ns has no {ros.field!r}. Choose another field"
-                raise SessionError(text, code="field-missing") from None
-            name = (ros.field or "").rpartition(".")[2]
-            hips.append(tip_position(value, tip, factor, name, ros.row_major))
-            if len(times) == BLOCK:
-                yield np.array(times), np.array(hips)
-                times, hips = [], []
-    if times:
-        yield np.array(times), np.array(hips)
+def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bool]:
+    """(3,) position of the tip from a point, a pose, a transform or a 4 x 4 matrix.
 
-
-def tip_position(
-    value: Any, tip: Array | None, factor: float, name: str = "", row_major: bool = False
-) -> Array:
-    """(3,) position of the tip [m] from a point, a pose, a transform or a 4 x 4 matrix.
-
-    `factor` turns the message's lengths into metres; `tip` is in metres; `name` is the field's.
+    With it whether its quaternion was needed and taken at length 1; `name` is the field's.
 
     Raises SessionError: 16 numbers that are no transform, a quaternion that is not of unit length
         and is needed, or something that holds no position
     Raises SettingError: a tip for a value without orientation
     """
-    rotation = None
     turn = None
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
-        matrix = np.asarray(value, float).reshape(4, 4)
-        if not row_major:
-            matrix = matrix.T
+        matrix = np.reshape(np.asarray(value, float), (4, 4), "C" if ros.row_major else "F")
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            form, other = ("row", "without") if row_major else ("column", "with")
-            message = (
-                f"16 numbers have the last row {matrix[3].tolist()}, read {form}-major, where a "
-                f"transform has 0, 0, 0, 1. Read it {other} --row-major, or choose another field"
-            )
+            how = "without" if ros.row_major else "with"
+            message = f"16 numbers are no transform. Read them {how} --row-major, or choose others"
             raise SessionError(message, code="not-a-transform")
-        position = matrix[:3, 3]
-        rotation = matrix[:3, :3]
+        position, turn = matrix[:3, 3], matrix[:3, :3]
     elif hasattr(value, "position"):
         position = _coordinates(value.position, "position")
         turn = getattr(value, "orientation", None)
@@ -302,16 +275,22 @@ def tip_position(
         turn = getattr(value, "rotation", None)
     else:
         position = _coordinates(value, name)
-    if tip is None:
-        return position * factor
-    if turn is not None:
-        rotation = _rotation_matrix(turn)
-    if rotation is None:
-        message = (
-            "a tool tip needs a pose, and the field holds a position only. Leave the tool tip out"
-        )
+    if ros.tool_tip is None:
+        return position, False
+    if turn is None:
+        message = "a tool tip needs a pose, and the field holds none. Leave the tool tip out"
         raise SettingError(message, code="tip-without-orientation")
-    return position * factor + rotation @ tip
+    length = 1.0
+    if not isinstance(turn, np.ndarray):
+        from scipy.spatial.transform import Rotation
+
+        xyzw = [float(getattr(turn, axis)) for axis in "xyzw"]
+        length = np.linalg.norm(xyzw)
+        if not abs(length - 1) < TURN_ROUNDED:
+            message = f"a quaternion has length {length:.6g}. Record it right, or give no tool tip"
+            raise SessionError(message, code="quaternion-not-unit")
+        turn = Rotation.from_quat(xyzw).as_matrix()
+    return position + turn @ np.asarray(ros.tool_tip, float), bool(abs(length - 1) >= UNIT_ROUNDED)
 
 
 def _coordinates(value: Any, name: str) -> Array:
@@ -331,39 +310,14 @@ def _type_name(value: Any) -> str:
     return getattr(value, "__msgtype__", type(value).__name__).rpartition("/")[2]
 
 
-def is_rounded(message: Any, field: str) -> bool:
-    """Whether a message has a quaternion that is taken at length 1 and is not so long."""
-    try:
-        value = _value_at(message, field)
-        turn = getattr(value, "orientation", None) or value.rotation
-        return bool(abs(np.linalg.norm(_xyzw(turn)) - 1) >= UNIT_ROUNDED)
-    except AttributeError:
-        return False
-
-
-def _xyzw(quaternion: Any) -> list[float]:
-    return [float(getattr(quaternion, axis)) for axis in "xyzw"]
-
-
-def _rotation_matrix(quaternion: Any) -> Array:
-    """(3, 3) rotation of a unit quaternion with fields x, y, z, w."""
-    from scipy.spatial.transform import Rotation
-
-    xyzw = _xyzw(quaternion)
-    length = np.linalg.norm(xyzw)
-    if not abs(length - 1) < TURN_ROUNDED:
-        message = (
-            f"a quaternion has length {length:.6g}. Record it with length 1, or leave --tool-tip "
-            "out"
-        )
-        raise SessionError(message, code="quaternion-not-unit")
-    return Rotation.from_quat(xyzw).as_matrix()
-
-
 def _value_at(message: Any, field: str) -> Any:
+    """What a message holds at a dotted path; raises `SessionError` where it has none."""
     for name in field.split("."):
         if name.isdecimal() and isinstance(message, list) and int(name) < len(message):
             message = message[int(name)]
+        elif name and not hasattr(message, name):
+            text = f"a message of {_type_name(message)} has no {name!r}. Choose another field"
+            raise SessionError(text, code="field-missing")
         elif name:
             message = getattr(message, name)
     return message
@@ -374,33 +328,28 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
 
     Raises SessionError: why the first field that might hold one does not
     """
-    reason = None
+    reason, without_tip = None, replace(ros, tool_tip=None)
     for name in FIELDS if ros.field is None else (ros.field,):
         try:
             value = _value_at(message, name)
-        except AttributeError:
-            continue
-        # PoseWithCovariance and the like wrap the pose once more.
-        if ros.field is None and hasattr(value, "pose"):
-            name = f"{name}.pose"
-            value = value.pose
-        try:
-            tip_position(value, None, 1.0, name.rpartition(".")[2], ros.row_major)
+            # PoseWithCovariance and the like wrap the pose once more.
+            if ros.field is None and hasattr(value, "pose"):
+                name = f"{name}.pose"
+                value = value.pose
+            tip_position(value, without_tip, name.rpartition(".")[2])
             return name
         except SessionError as error:
-            reason = reason or (error if name else None)
+            if name and error.code != "field-missing":
+                reason = reason or error
     if reason is not None:
         raise reason
     if ros.field is None and hasattr(message, "poses"):
-        text = (
-            f"{_type_name(message)} holds {len(message.poses)} poses. Choose one: --field poses.0"
-        )
+        number = len(message.poses)
+        text = f"{_type_name(message)} holds {number} poses. Choose one: --field poses.0"
         raise SessionError(text, code="several-poses")
     present = ", ".join(name for name in vars(message) if not name.startswith("_"))
-    text = (
-        f"{_type_name(message)} holds no position: no point, pose, transform or 16 numbers in "
-        f"{ros.field or 'a field of a usual name'}. Choose a field with --field, of {present}"
-    )
+    where = ros.field or "a field of a usual name"
+    text = f"{_type_name(message)} holds no position in {where}. Choose a --field of {present}"
     raise SessionError(text, code="field-missing")
 
 
@@ -412,10 +361,9 @@ def _choose_topic(bag: Part, ros: RosOptions) -> str:
     topics, reasons = [], []
     for topic in present if ros.topic is None else ():
         try:
-            for *_, message in _messages(bag, replace(ros, topic=topic)):
+            for *_, message in itertools.islice(_messages(bag, topic), 1):
                 _choose_field(message, ros)
                 topics.append(topic)
-                break
         except SessionError as error:
             if error.code == "type-undefined" or len(present) == 1:
                 reasons.append(error)
@@ -430,10 +378,8 @@ def _choose_topic(bag: Part, ros: RosOptions) -> str:
         raise SessionError(message, code="several-topics")
     if reasons:
         raise reasons[0]
-    message = (
-        f"there is no topic {ros.topic or 'with a position'}. Choose one of "
-        f"{', '.join(present) or 'none'}"
-    )
+    wanted, there = ros.topic or "with a position", ", ".join(present) or "none"
+    message = f"there is no topic {wanted}. Choose one of {there}"
     raise SessionError(message, code="topic-missing")
 
 
@@ -470,11 +416,14 @@ MESSAGE_BYTES = TICK.itemsize - len(PADDING)
 # Bytes of a chunk, a second of ticks at 1 kHz: as much as is lost where the program is killed.
 CHUNK_BYTES = 2**17
 
+# Latest time of a message [s since 1970]: Foxglove's seconds have 32 bits.
+MAX_STAMP_S = 2**32
+
 # A time that goes back by more than this [s] is that of a controller that began again.
 RESTART_S = 1.0
 
 
-class McapWriter(AbstractContextManager):
+class McapWriter(ExitStack):
     """Write ticks as they come; a file that could not be ended is read as far as it is whole.
 
     path: made anew
@@ -483,6 +432,7 @@ class McapWriter(AbstractContextManager):
     """
 
     def __init__(self, path: Path, shown: tuple[Fixture, float] | None = None) -> None:
+        super().__init__()
         # Ticks that are in the file, once it is closed, and why later ones are not.
         self.kept = 0
         self.full: OSError | None = None
@@ -501,6 +451,7 @@ class McapWriter(AbstractContextManager):
             self._viewer = FoxgloveChannels(self._writer, *shown)
         # What a tick's time lacks to be the time since 1970, and the last tick's time [s].
         self._epoch_s, self._last_s = 0.0, np.inf
+        self.callback(self._finish)
 
     def write(self, ticks: NDArray[np.void], received_s: float) -> None:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`.
@@ -510,12 +461,17 @@ class McapWriter(AbstractContextManager):
         """
         try:
             for tick in ticks if self.full is None else ():
-                if tick["t"] < self._last_s - RESTART_S:
+                time_s = float(tick["t"])
+                if time_s < self._last_s - RESTART_S:
                     self._epoch_s = received_s - float(ticks["t"][-1])
-                self._last_s = float(tick["t"])
+                # A session that MCAP has no times for, such as one that begins below 0, is stamped
+                # from 0 on.
+                if not 0 <= time_s + self._epoch_s < MAX_STAMP_S:
+                    self._epoch_s = -time_s
+                self._last_s = time_s
                 body = CDR_LITTLE_ENDIAN + tick.tobytes()[:MESSAGE_BYTES]
-                # MCAP's times are unsigned whole nanoseconds, its sequence numbers have 32 bits.
-                stamp = min(max(0, round((self._last_s + self._epoch_s) * 1e9)), 2**63 - 1)
+                stamp = round((time_s + self._epoch_s) * 1e9)
+                # MCAP's sequence numbers have 32 bits.
                 sequence = int(tick["index"]) % 2**32
                 self._writer.add_message(self._channel, stamp, body, stamp, sequence)
                 if self._viewer is not None:
@@ -525,7 +481,7 @@ class McapWriter(AbstractContextManager):
         except OSError as error:
             self.full = error
 
-    def close(self) -> None:
+    def _finish(self) -> None:
         """Write the index; nothing may be added afterwards."""
         try:
             if self.full is None:
@@ -535,9 +491,6 @@ class McapWriter(AbstractContextManager):
             self.full = self.full or error
         if self.full is not None:
             self.kept = len(read_ticks(self._path))
-
-    def __exit__(self, *failure: object) -> None:
-        self.close()
 
 
 def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
@@ -555,23 +508,20 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
         yield [any(channel.topic == TOPIC for channel in part.channels), part.is_cut]
 
 
-def read_hips(stream: BinaryIO, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, as sessions are read; raises `SessionError`.
+def read_hips(stream: BinaryIO) -> Iterator[Samples]:
+    """Yield (time [s], hip) a block at a time, as sessions are read; raises `SessionError`.
 
     A controller that begins again with an earlier time goes on after the time that passed between
     the two ticks' receipts.
     """
-    last, shift = (np.empty(0), np.empty(0)), 0.0
+    with_previous, shift = WithPrevious(), 0.0
     for ticks, received in blocks(stream):
-        time = np.concatenate((last[0], ticks["t"]))
-        log = np.concatenate((last[1], received))
-        last = time[-1:], log[-1:]
-        shifts = np.zeros(len(time))
-        for k in np.flatnonzero(np.diff(time) < -RESTART_S) + 1:
-            shifts[k:] += time[k - 1] + max(log[k] - log[k - 1], RESTART_S) - time[k]
-        shifts += shift
+        time, log = with_previous(ticks["t"], received)
+        step = np.diff(time)
+        waited = np.maximum(np.diff(log), RESTART_S) - step
+        shifts = shift + np.cumsum(np.append(0.0, np.where(step < -RESTART_S, waited, 0.0)))
         shift = shifts[-1]
-        yield (time + shifts)[len(time) - len(ticks) :], ticks["hip"] * factor
+        yield ticks["t"] + shifts[-len(ticks) :], ticks["hip"]
 
 
 def read_ticks(path: Path) -> NDArray[np.void]:
@@ -585,26 +535,22 @@ def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
 
     Raises SessionError: damaged, or of another layout
     """
-    messages, received = [], []
-    count = 0
+    is_empty = True
     try:
         part = mcap_part(stream, in_file_order=True)
-        for channel, stamp, data in part.messages(TOPIC):
-            if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
-                message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
-                raise SessionError(message, code="layout-unknown")
-            messages.append(data[4:] + PADDING)
-            received.append(1e-9 * stamp)
-            count += 1
-            if len(messages) == BLOCK:
-                yield np.frombuffer(b"".join(messages), TICK), np.array(received)
-                messages, received = [], []
-        if part.is_cut and not count:
+        messages = part.messages(TOPIC)
+        while portion := list(itertools.islice(messages, BLOCK)):
+            is_empty = False
+            for channel, _, data in portion:
+                if channel.encoding != "cdr" or len(data) != MESSAGE_BYTES + 4:
+                    message = f"{TOPIC} is of another layout. Record it with this version of vfplan"
+                    raise SessionError(message, code="layout-unknown")
+            ticks = b"".join(data[4:] + PADDING for *_, data in portion)
+            yield np.frombuffer(ticks, TICK), 1e-9 * np.array([stamp for _, stamp, _ in portion])
+        if part.is_cut and is_empty:
             raise ValueError("it was cut off before its first tick")
     except (MissingExtra, SessionError, GeneratorExit):
         raise
     except Exception as error:  # The package passes on the errors of struct, lz4 and zstd.
         message = f"cannot be read as MCAP: {error}. Record or copy it again"
         raise SessionError(message, code="mcap-broken") from None
-    if messages:
-        yield np.frombuffer(b"".join(messages), TICK), np.array(received)

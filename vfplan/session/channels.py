@@ -27,12 +27,8 @@ BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 # How a complete MCAP file ends.
 MCAP_END = b"\x89MCAP0\r\n"
-# MCAP's names of how a type may be defined
-MCAP_FORMS = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}
 # Number of messages of a recording of ours in which each of its channels speaks.
 FIRST_MESSAGES = 1000
-# What stands between the files of a definition in IDL.
-IDL_RULE = "=" * 80 + "\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +41,7 @@ class Channel:
     number: int
     # "cdr" or "ros1"
     encoding: str
-    # How its type is defined, "msg", "idl" or neither, and the text and digest of the definition
-    form: str
+    # The definition of its type as a .msg file, empty where there is none, and its digest
     definition: str
     digest: str
 
@@ -57,11 +52,8 @@ class Channel:
                 return self._types.deserialize_ros1(raw, self.type)
             return self._types.deserialize_cdr(raw, self.type)
         except Exception as error:  # What rosbags raises for what it does not know is of all sorts.
-            message = (
-                f"topic {self.topic!r} of type {self.type!r} cannot be decoded: "
-                f"{str(error).rstrip('.') or type(error).__name__}. Choose another topic, or "
-                "record it with its definition"
-            )
+            why = str(error).rstrip(".") or type(error).__name__
+            message = f"topic {self.topic!r}, {self.type}, cannot be decoded: {why}. Choose another"
             raise SessionError(message, code="type-undefined") from None
 
     @functools.cached_property
@@ -69,26 +61,18 @@ class Channel:
         typesys = importlib.import_module("rosbags.typesys")
         if self.encoding not in ("cdr", "ros1"):
             raise ValueError(f"its encoding is {self.encoding!r}")
-        store = typesys.get_typestore(typesys.Stores.EMPTY)
-        if self.form == "msg":
-            types = typesys.get_types_from_msg(self.definition, self.type)
-        elif self.form == "idl":
-            parts = self.definition.split(IDL_RULE)[1:]
-            texts = [part.partition("\n")[2] for part in parts] or [self.definition]
-            types = {}
-            for text in texts:
-                types |= typesys.get_types_from_idl(text)
+        if self.definition:
+            store = typesys.get_typestore(typesys.Stores.EMPTY)
+            store.register(typesys.get_types_from_msg(self.definition, self.type))
         else:
-            types = {}
             store = typesys.get_typestore(typesys.Stores.LATEST)
-        store.register(types)
-        if self.digest:
-            is_ros1 = self.encoding == "ros1"
-            digest = (
-                store.generate_msgdef(self.type)[1] if is_ros1 else store.hash_rihs01(self.type)
-            )
-            if digest != self.digest:
-                raise ValueError("its definition is of another version")
+        digest = self.digest
+        if digest and self.encoding == "ros1":
+            digest = store.generate_msgdef(self.type)[1]
+        elif digest:
+            digest = store.hash_rihs01(self.type)
+        if digest != self.digest:
+            raise ValueError("its definition is of another version")
         return store
 
 
@@ -154,11 +138,10 @@ def open_part(path: Path, stack: ExitStack) -> Part:
     channels = {}
     for sender in reader.connections:
         counts[sender.topic] += 1
-        form = sender.msgdef.format.name.lower()
+        text = sender.msgdef.data if sender.msgdef.format.name == "MSG" else ""
         channels[sender.id] = Channel(
-            sender.topic, sender.msgtype, counts[sender.topic], encoding, form, sender.msgdef.data,
-            sender.digest or "",
-        )  # fmt: skip
+            sender.topic, sender.msgtype, counts[sender.topic], encoding, text, sender.digest or ""
+        )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
         senders = [sender for sender in reader.connections if sender.topic == topic]
@@ -200,14 +183,14 @@ def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
     channels = {}
     for key, (channel, schema) in found.items():
         counts[channel.topic] += 1
-        name, form, text = "", "", ""
+        name, text = "", ""
         if schema is not None:
             # A type of ROS 1 has its package and its name alone.
             name = schema.name.replace("/", "/msg/") if schema.name.count("/") == 1 else schema.name
-            text = schema.data.decode("utf-8", "replace")
-            form = MCAP_FORMS.get(schema.encoding, "") if text else ""
+            if schema.encoding in ("ros1msg", "ros2msg"):
+                text = schema.data.decode("utf-8", "replace")
         channels[key] = Channel(
-            channel.topic, name, counts[channel.topic], channel.message_encoding, form, text, ""
+            channel.topic, name, counts[channel.topic], channel.message_encoding, text, ""
         )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:

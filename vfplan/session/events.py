@@ -86,9 +86,8 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
     if not good.all():
         i = int(np.argmin(good))
         message = (
-            f"pose {i + 1} is {pose[i].tolist()} at {time[i]} s and arrived at {arrived[i]} s. A "
-            "pose has finite numbers, a place within 1e6 m, a unit quaternion, and arrives after "
-            "the pose before it"
+            f"pose {i + 1}, {pose[i].tolist()}, is none. Give a place within 1e6 m, a quaternion "
+            "of length 1, and a time of arrival after that of the pose before it"
         )
         raise SessionError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
     rounded = np.abs(length - 1) >= UNIT_ROUNDED
@@ -260,8 +259,6 @@ def as_the_loop_saw(
 def _check_counts(column: str, counts: NDArray[np.float64], largest: int, where: str) -> None:
     rises = (np.diff(counts, prepend=0) >= 0).all()
     if not rises or (len(counts) and counts[-1] > largest):
-        message = (
-            f"column {column!r} ends with {counts[-1]:g} and has to rise, to at most "
-            f"{largest}. Write it again"
-        )
+        found = f"column {column!r} ends with {counts[-1]:g}"
+        message = f"{found} and has to rise, to at most {largest}. Write it again"
         raise SessionError(message, where=where, code="loop-counts-invalid")

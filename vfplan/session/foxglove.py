@@ -10,35 +10,16 @@ import struct
 from typing import Any
 
 import numpy as np
-from foxglove.messages import (
-    ArrowPrimitive,
-    Color,
-    FrameTransform,
-    FrameTransforms,
-    LinePrimitive,
-    LinePrimitiveLineType,
-    PackedElementField,
-    PackedElementFieldNumericType,
-    Point3,
-    PointCloud,
-    Pose,
-    Quaternion,
-    SceneEntity,
-    SceneUpdate,
-    SpherePrimitive,
-    Timestamp,
-    TriangleListPrimitive,
-    Vector3,
-)
+from foxglove import messages as fg
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
 from vfplan.session.channels import CDR_LITTLE_ENDIAN
 
-BONE = Color(r=0.8, g=0.2, b=0.2, a=1.0)
-TOOL = Color(r=0.2, g=0.4, b=0.9, a=0.5)
-PROXY = Color(r=0.9, g=0.6, b=0.1, a=1.0)
-PUSH = Color(r=0.0, g=0.6, b=0.0, a=1.0)
+BONE = fg.Color(r=0.8, g=0.2, b=0.2, a=1.0)
+TOOL = fg.Color(r=0.2, g=0.4, b=0.9, a=0.5)
+PROXY = fg.Color(r=0.9, g=0.6, b=0.1, a=1.0)
+PUSH = fg.Color(r=0.0, g=0.6, b=0.0, a=1.0)
 
 # Length of the arrow of a newton [m].
 ARROW_M_PER_N = 0.005
@@ -48,8 +29,8 @@ LINE_M = 0.001
 
 # Topic -> its message.
 TOPICS = {
-    "/vfplan/transforms": FrameTransforms, "/vfplan/fixture": SceneUpdate,
-    "/vfplan/points": PointCloud, "/vfplan/scene": SceneUpdate,
+    "/vfplan/transforms": fg.FrameTransforms, "/vfplan/fixture": fg.SceneUpdate,
+    "/vfplan/points": fg.PointCloud, "/vfplan/scene": fg.SceneUpdate,
 }  # fmt: skip
 
 NUMBERS = "/vfplan/numbers"
@@ -84,9 +65,9 @@ class FoxgloveChannels:
 
     def write(self, tick: NDArray[np.void], stamp_ns: int) -> None:
         """Add a tick of `vfplan.session.bags.TICK`, which was at `stamp_ns` since 1970."""
-        stamp = Timestamp(*divmod(stamp_ns, 10**9))
+        stamp = fg.Timestamp(*divmod(stamp_ns, 10**9))
         if self._last is None:
-            shape = SceneUpdate(entities=[self._shape(stamp)])
+            shape = fg.SceneUpdate(entities=[self._shape(stamp)])
             self._add("/vfplan/fixture", shape.encode(), stamp_ns)
             self._add("/vfplan/points", self._cloud(stamp).encode(), stamp_ns)
         force_n = float(np.linalg.norm(tick["force"]))
@@ -106,78 +87,77 @@ class FoxgloveChannels:
         frame, radius_m = self._fixture.frame, self._fixture.contact_radius
         places = {"vfplan_tool": tick["hip"], "vfplan_proxy": tick["proxy"]}
         transforms = [
-            FrameTransform(
+            fg.FrameTransform(
                 timestamp=stamp, parent_frame_id=frame, child_frame_id=name,
-                translation=vector(place), rotation=Quaternion(w=1.0),
+                translation=vector(place), rotation=fg.Quaternion(w=1.0),
             )
             for name, place in places.items()
         ]  # fmt: skip
-        self._add("/vfplan/transforms", FrameTransforms(transforms=transforms).encode(), stamp_ns)
-        tool = SceneEntity(
+        moved = fg.FrameTransforms(transforms=transforms)
+        self._add("/vfplan/transforms", moved.encode(), stamp_ns)
+        tool = fg.SceneEntity(
             timestamp=stamp, frame_id=frame, id="tool",
             spheres=[ball(tick["hip"], radius_m, TOOL), ball(tick["proxy"], radius_m / 4, PROXY)],
             arrows=[arrow(tick["hip"], tick["force"], radius_m)] if force_n > 0 else [],
         )  # fmt: skip
-        self._add("/vfplan/scene", SceneUpdate(entities=[tool]).encode(), stamp_ns)
+        self._add("/vfplan/scene", fg.SceneUpdate(entities=[tool]).encode(), stamp_ns)
 
     def _add(self, topic: str, data: bytes, stamp_ns: int) -> None:
         self._writer.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
 
-    def _shape(self, stamp: Timestamp) -> SceneEntity:
+    def _shape(self, stamp: fg.Timestamp) -> fg.SceneEntity:
         """The fixture's triangles, or its lines; a bare cloud has none, and shows as points."""
         bodies: dict[str, Any] = {}
         if self._fixture.mesh is not None:
-            triangles = TriangleListPrimitive(
+            triangles = fg.TriangleListPrimitive(
                 points=corners(self._fixture.points), indices=self._fixture.mesh.ravel().tolist(),
-                pose=pose((0.0, 0.0, 0.0)), color=BONE,
+                pose=pose(), color=BONE,
             )  # fmt: skip
             bodies["triangles"] = [triangles]
         else:
-            kinds = (LinePrimitiveLineType.LineStrip, LinePrimitiveLineType.LineLoop)
+            kinds = (fg.LinePrimitiveLineType.LineStrip, fg.LinePrimitiveLineType.LineLoop)
             bodies["lines"] = [
-                LinePrimitive(
+                fg.LinePrimitive(
                     type=kinds[stroke.closed], points=corners(stroke.points), thickness=LINE_M,
-                    pose=pose((0.0, 0.0, 0.0)), color=BONE,
+                    pose=pose(), color=BONE,
                 )
                 for stroke in self._fixture.strokes
             ]  # fmt: skip
-        return SceneEntity(timestamp=stamp, frame_id=self._fixture.frame, id="fixture", **bodies)
+        return fg.SceneEntity(timestamp=stamp, frame_id=self._fixture.frame, id="fixture", **bodies)
 
-    def _cloud(self, stamp: Timestamp) -> PointCloud:
+    def _cloud(self, stamp: fg.Timestamp) -> fg.PointCloud:
         points = self._fixture.points.astype("<f4")
-        float32 = PackedElementFieldNumericType.Float32
-        fields = [
-            PackedElementField(name=n, offset=4 * k, type=float32) for k, n in enumerate("xyz")
-        ]
-        return PointCloud(
-            timestamp=stamp, frame_id=self._fixture.frame, pose=pose((0.0, 0.0, 0.0)),
+        kind, make = fg.PackedElementFieldNumericType.Float32, fg.PackedElementField
+        fields = [make(name=name, offset=4 * k, type=kind) for k, name in enumerate("xyz")]
+        return fg.PointCloud(
+            timestamp=stamp, frame_id=self._fixture.frame, pose=pose(),
             point_stride=12, fields=fields, data=points.tobytes(),
         )  # fmt: skip
 
 
-def vector(place: Any) -> Vector3:
+def vector(place: Any) -> fg.Vector3:
     """A place as Foxglove has it."""
     x, y, z = map(float, place)
-    return Vector3(x=x, y=y, z=z)
+    return fg.Vector3(x=x, y=y, z=z)
 
 
-def corners(points: NDArray[np.float64]) -> list[Point3]:
+def corners(points: NDArray[np.float64]) -> list[fg.Point3]:
     """Points (N, 3) as Foxglove has them."""
-    return [Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
+    return [fg.Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
 
-def pose(place: Any, turn: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> Pose:
+def pose(place: Any = (0.0, 0.0, 0.0), turn: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)) -> fg.Pose:
     """A place, and a unit quaternion x y z w."""
     x, y, z, w = turn
-    return Pose(position=vector(place), orientation=Quaternion(x=x, y=y, z=z, w=w))
+    return fg.Pose(position=vector(place), orientation=fg.Quaternion(x=x, y=y, z=z, w=w))
 
 
-def ball(place: NDArray[np.float64], radius_m: float, colour: Color) -> SpherePrimitive:
+def ball(place: NDArray[np.float64], radius_m: float, colour: fg.Color) -> fg.SpherePrimitive:
     """A sphere."""
-    return SpherePrimitive(pose=pose(place), size=vector([2 * radius_m] * 3), color=colour)
+    return fg.SpherePrimitive(pose=pose(place), size=vector([2 * radius_m] * 3), color=colour)
 
 
-def arrow(place: NDArray[np.float64], force: NDArray[np.float64], width_m: float) -> ArrowPrimitive:
+def arrow(place: Any, force: NDArray[np.float64], width_m: float) -> fg.ArrowPrimitive:
     """The arrow of a force; an arrow without rotation points along x."""
     force_n = float(np.linalg.norm(force))
     x, y, z = force / force_n
@@ -185,7 +165,7 @@ def arrow(place: NDArray[np.float64], force: NDArray[np.float64], width_m: float
     turn = np.array([0.0, -z, y, 1.0 + x]) if x > -0.999999 else np.array([0.0, 0.0, 1.0, 0.0])
     turn /= np.linalg.norm(turn)
     length_m = ARROW_M_PER_N * force_n
-    return ArrowPrimitive(
+    return fg.ArrowPrimitive(
         pose=pose(place, tuple(turn.tolist())), shaft_length=0.7 * length_m,
         shaft_diameter=0.4 * width_m, head_length=0.3 * length_m, head_diameter=0.8 * width_m,
         color=PUSH,

@@ -7,31 +7,29 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
-import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
-from vfplan.errors import InputError, SessionError, SettingError
-from vfplan.io.files import OpenedFile, named_columns, npy_header, open_number_table
+from vfplan.errors import SessionError, SettingError
+from vfplan.io.files import OpenedFile, named_columns, open_number_table
 from vfplan.io.hdf5 import h5py
-from vfplan.io.sandbox import run_in_sandbox, run_once
+from vfplan.io.sandbox import raise_limits, run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp
 from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
-    BLOCK,
     FRAMES,
     UNITS,
-    Array,
     Samples,
     Session,
     SessionStream,
     in_order,
+    portions,
     unit_factor,
 )
 
@@ -76,14 +74,9 @@ def open_session(
     skip_unordered: sort samples however many are out of order, and leave doubled ones out
     """
     path = Path(path)
-    factor = unit_factor(units)
     if path.is_dir() and is_bag(path):
-        return _open_bag(path, factor, units, frame, ros, skip_unordered)
-    try:
-        file = OpenedFile(path, SessionError)
-    except SessionError as error:
-        error.message += ", or give another session file or ROS bag"
-        raise
+        return _open_bag(path, units, frame, ros, skip_unordered)
+    file = OpenedFile(path, SessionError)
     name = path.name
     source = {"file": file, "where": name, "kind": SessionError}
 
@@ -93,41 +86,27 @@ def open_session(
     if name.endswith((".mcap", ".mcap.part")):
         is_our_mcap, is_cut = run_once("vfplan.session.bags:has_our_topic", **source)
     if is_bag(path) and not is_our_mcap:
-        return _open_bag(path, factor, units, frame, ros, skip_unordered)
+        return _open_bag(path, units, frame, ros, skip_unordered)
     if ros is not None and dataclasses.replace(ros, frame=None) != RosOptions():
-        message = (
-            "topic, field, tool tip, child frame, sender, time and row-major are for ROS bags, and "
-            "this is none. Leave them out"
-        )
+        message = "is no ROS bag. Leave out what chooses among a bag's messages, such as --topic"
         raise SettingError(message, where=name, code="ros-options-unused")
 
     notes: dict[str, object] = {"units": units}
     signature = file.view().read(8)
     if signature.startswith(b"MATLAB "):
-        message = (
-            "is a MATLAB file, which is not read. Write its columns as CSV in MATLAB: "
-            "writetable(table(t, x, y, z), 'session.csv')"
-        )
+        how = "writetable(table(t, x, y, z), 'session.csv')"
+        message = f"is a MATLAB file, which is not read. Write a CSV in MATLAB: {how}"
         raise SessionError(message, where=name, code="matlab-file")
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
-        read = partial(run_in_sandbox, "vfplan.session.bags:read_hips", factor, **source)
-    elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
-        kind = "hdf5" if signature == HDF5_SIGNATURE else "npz"
-        notes["format"] = kind
-        statements = []
-        if kind == "hdf5":
-            statements = run_once("vfplan.session.read:hdf5_header", **source)
-        # Where the file says its own units or frame, neither it nor the call overrules the other.
-        expected = {"units": units, "frame": frame, "time unit": "s"}
-        for statement, value, place in statements:
-            if value != expected[statement]:
-                message = (
-                    f"the file says {statement} = {value!r} ({place}), the call "
-                    f"{expected[statement]!r}. Correct one of them"
-                )
-                raise SessionError(message, where=name, code="units-or-frame-differ")
-        read = partial(run_in_sandbox, f"vfplan.session.read:read_{kind}", factor, **source)
+        read = partial(run_in_sandbox, "vfplan.session.bags:read_hips", **source)
+    elif signature == HDF5_SIGNATURE:
+        notes["format"] = "hdf5"
+        job = "vfplan.session.read:read_hdf5"
+        read = partial(run_in_sandbox, job, units, frame, **source)
+    elif signature.startswith(ZIP_SIGNATURE):
+        notes["format"] = "npz"
+        read = partial(run_in_sandbox, "vfplan.session.read:read_npz", **source)
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
@@ -143,36 +122,44 @@ def open_session(
 
         def read() -> Iterator[Samples]:
             for rows in table.blocks(columns):
-                yield rows[:, 0].copy(), rows[:, 1:] * factor
+                yield rows[:, 0].copy(), rows[:, 1:]
 
     return _stream(read, file.require_unchanged, skip_unordered, name, frame, file.sha256(), notes)
 
 
 def _open_bag(
-    path: Path, factor: float, units: str, frame: str, ros: RosOptions | None, skip: bool
+    path: Path, units: str, frame: str, ros: RosOptions | None, skip: bool
 ) -> SessionStream:
     # A bag may be several files, which its library opens by itself. None of them may change
     # between the digest and the end of the reading.
     name = path.name
     stamp = bag_stamp(path)
     sha256 = bag_sha256(path)
-    place = str(path.resolve())
-    told = {"where": name, "kind": SessionError}
-    options = dataclasses.astuple(ros or RosOptions())
-    answers = run_in_sandbox("vfplan.session.bags:bag_header", place, *options, **told)
-    *_, (chosen, notes) = answers
+    ros = ros or RosOptions()
+    tip = ros.tool_tip
+    if tip is not None:
+        tip = tuple(x / unit_factor(units) for x in tip)
+    options = dataclasses.astuple(dataclasses.replace(ros, tool_tip=tip))
+    read = partial(
+        run_in_sandbox, "vfplan.session.bags:read_bag", str(path.resolve()), *options,
+        where=name, kind=SessionError,
+    )  # fmt: skip
+    notes = next(filter(None, read()))
     # Another frame is one of the bag's own.
     frame = frame if frame in FRAMES else FRAMES[0]
+
+    def samples() -> Iterator[Samples]:
+        return (answer for answer in read() if isinstance(answer, tuple))
 
     def require_unchanged() -> None:
         if bag_stamp(path) != stamp:
             message = "was changed while it was read. Try again when it is complete"
             raise SessionError(message, where=name, code="file-changed")
 
-    job = "vfplan.session.bags:read_bag"
-    read = partial(run_in_sandbox, job, place, factor, *chosen, **told)
     notes |= {"format": "ros", "units": units}
-    return _stream(read, require_unchanged, skip, name, frame, sha256, notes)
+    if ros.tool_tip is not None:
+        notes["tool_tip_m"] = list(ros.tool_tip)
+    return _stream(samples, require_unchanged, skip, name, frame, sha256, notes)
 
 
 def _stream(
@@ -181,9 +168,11 @@ def _stream(
 ) -> SessionStream:  # fmt: skip
     """Samples in order; a file that no longer has the digest that was taken is refused."""
     mended: dict[str, int] = {}
+    factor = unit_factor(str(notes["units"]))
 
     def samples() -> Iterator[Samples]:
-        yield from in_order(read(), mended, name, skip=skip)
+        for time, hip in in_order(read(), mended, name, skip=skip):
+            yield time, hip * factor
         require_unchanged()
 
     return SessionStream(samples, name, frame, sha256, {**notes, "mended": mended})
@@ -195,88 +184,89 @@ ROWS = {"time": (), "hip": (3,)}
 FIXTURE_FORMAT = "vfplan-fixture"
 
 
-def hdf5_header(stream: BinaryIO) -> Iterator[list[Any]]:
-    """What the file's attributes state.
+def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
+    """Yield (time [s], hip) a block at a time.
 
-    Yields a list of (what, value, place). "units" and "frame" are attributes of the root or
-        of `hip`, "time unit" is one of `time`. Attributes `unit` and `units` mean the same.
-    Raises SessionError: not HDF5, a dataset missing, or wrong shapes or types
+    Raises SessionError: not HDF5, a dataset missing, wrong shapes or types, or an attribute of the
+        root, of `hip` or of `time` that names other units or another frame
     """
+    lengths, times = {"units": units, "unit": units, "frame": frame}, {"units": "s", "unit": "s"}
     with opened_hdf5(stream) as file:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
-            message = (
-                "is a fixture, not a recording of positions. Give the fixture first, and the "
-                "recording after it"
-            )
+            message = "is a fixture and no recording. Give the fixture first, and then a recording"
             raise SessionError(message, code="fixture-as-session")
         time, hip = plain_datasets(file, NAMES)
         check_arrays({"time": time, "hip": hip}, ROWS)
-        lengths = {"units": "units", "unit": "units", "frame": "frame"}
-        times = {"units": "time unit", "unit": "time unit"}
-        statements = [
-            (meaning, str(plain_attribute(place.attrs[name])), f"attribute {name} of {place.name}")
-            for place, meanings in ((file, lengths), (hip, lengths), (time, times))
-            for name, meaning in meanings.items()
-            if name in place.attrs
-        ]
-    yield statements
+        # Where the file says its own units or frame, neither it nor the call overrules the other.
+        for place, wanted in ((file, lengths), (hip, lengths), (time, times)):
+            for name, expected in wanted.items():
+                value = str(plain_attribute(place.attrs.get(name, expected)))
+                if value != expected:
+                    found = f"attribute {name} of {place.name} is {value!r}"
+                    message = f"{found}, and the call says {expected!r}. Correct one of them"
+                    raise SessionError(message, code="units-or-frame-differ")
+        yield from portions(time, hip)
 
 
-def read_hdf5(stream: BinaryIO, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time."""
-    with opened_hdf5(stream) as file:
-        time, hip = plain_datasets(file, NAMES)
-        for start in range(0, len(time), BLOCK):
-            rows = slice(start, start + BLOCK)
-            yield np.asarray(time[rows], float), np.asarray(hip[rows], float) * factor
-
-
-def read_npz(stream: BinaryIO, factor: float) -> Iterator[Samples]:
-    """Yield (time [s], hip [m]) a block at a time, without ever holding the arrays whole."""
-    with _npz_members(stream) as (time, hip):
-        length = check_arrays({"time": time, "hip": hip}, ROWS)
-        for start in range(0, length, BLOCK):
-            count = min(BLOCK, length - start)
-            block_hip = hip.read_numbers(3 * count).reshape(-1, 3)
-            yield time.read_numbers(count), block_hip * factor
+def read_npz(stream: BinaryIO) -> Iterator[Samples]:
+    """Yield (time [s], hip) a block at a time."""
+    # Packed numbers of a recording take up to four times as much memory.
+    size = stream.seek(0, 2)
+    raise_limits(4 * size, size >> 26)
+    stream.seek(0)
+    try:
+        with np.load(stream) as archive:
+            require_names(archive.files, NAMES)
+            time, hip = (archive[name] for name in NAMES)
+    except SessionError:
+        raise
+    except Exception as error:
+        # NumPy passes on what decompressors and the parser of a header raise.
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        message = f"cannot be read as .npz: {reason}. Save the arrays again"
+        raise SessionError(message, code="npz-broken") from None
+    check_arrays({"time": time, "hip": hip}, ROWS)
+    yield from portions(time, hip)
 
 
 @contextmanager
-def opened_hdf5(stream: BinaryIO, kind: type[InputError] = SessionError) -> Iterator[h5py.File]:
-    """An open HDF5 file; errors of libhdf5 inside become errors of the `kind` given."""
+def opened_hdf5(stream: BinaryIO) -> Iterator[h5py.File]:
+    """An open HDF5 file; errors of libhdf5 inside become `SessionError`."""
     try:
         with h5py.File(stream, "r") as file:
             yield file
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as error:
         message = f"cannot be read as HDF5: {error}. Write the file again"
-        raise kind(message, code="hdf5-broken") from None
+        raise SessionError(message, code="hdf5-broken") from None
 
 
-def plain_datasets(
-    file: h5py.Group, names: Iterable[str], kind: type[InputError] = SessionError
-) -> list[h5py.Dataset]:
+def plain_datasets(file: h5py.Group, names: Iterable[str]) -> list[h5py.Dataset]:
     """The datasets of these names.
 
-    Raises an error of the `kind` given: there is none, or its data are in another file
+    Raises SessionError: there is none, or its data are in another file
     """
-    wanted = f"Give {', '.join(names)}"
+    require_names(sorted(file), names)
     datasets = []
     for name in names:
         # A link to another file is never followed: a session is one file.
-        link = file.get(name, getlink=True)
-        if isinstance(link, h5py.SoftLink):
-            message = f"{name!r} is a link, and none is followed. Store the data under that name"
-            raise kind(message, code="dataset-odd")
-        if not isinstance(link, h5py.HardLink):
-            present = ", ".join(sorted(file)) or "nothing"
-            message = f"has no dataset {name!r} (it holds {present[:80]}). {wanted}"
-            raise kind(message, code="dataset-missing")
-        dataset = file[name]
+        dataset = None
+        if isinstance(file.get(name, getlink=True), h5py.HardLink):
+            dataset = file[name]
         is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
         if not is_plain or dataset.external or dataset.is_virtual:
-            raise kind(f"{name!r} is not a plain dataset. {wanted}", code="dataset-odd")
+            message = f"{name!r} is a link or no plain dataset. Store the data under that name"
+            raise SessionError(message, code="dataset-odd")
         datasets.append(dataset)
     return datasets
+
+
+def require_names(present: list[str], names: Iterable[str]) -> None:
+    """Refuse a file without one of these arrays."""
+    for name in names:
+        if name not in present:
+            held = ", ".join(present)[:80] or "nothing"
+            message = f"has no dataset {name!r} (it holds {held}). Give {', '.join(names)}"
+            raise SessionError(message, code="dataset-missing")
 
 
 def plain_attribute(value: Any) -> Any:
@@ -286,72 +276,18 @@ def plain_attribute(value: Any) -> Any:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
 
 
-def check_arrays(
-    arrays: dict[str, Any], rows: dict[str, tuple[int, ...]], kind: type[InputError] = SessionError
-) -> int:
+def check_arrays(arrays: dict[str, Any], rows: dict[str, tuple[int, ...]]) -> int:
     """The length T of arrays of real numbers, each (T, *rows[its name]).
 
-    Raises an error of the `kind` given: arrays of other shapes or types
+    Raises SessionError: arrays of other shapes or types
     """
     length = tuple(next(iter(arrays.values())).shape)[:1] or ("T",)
     for name, array in arrays.items():
         wanted = (*length, *rows[name])
         if tuple(array.shape) != wanted:
             message = f"{name} has shape {tuple(array.shape)}. Give {wanted}"
-            raise kind(message, code="shape-wrong")
+            raise SessionError(message, code="shape-wrong")
         if array.dtype.kind not in "fiu":
-            raise kind(f"{name} has type {array.dtype}. Give real numbers", code="type-wrong")
+            message = f"{name} has type {array.dtype}. Give real numbers"
+            raise SessionError(message, code="type-wrong")
     return int(length[0])
-
-
-class _NpzMember:
-    """One array of an archive, read row by row from its beginning on.
-
-    opened: opens the array's file at its first byte
-    """
-
-    def __init__(self, opened: Callable[[], IO[bytes]], name: str) -> None:
-        stream = opened()
-        try:
-            self.shape, by_columns, self.dtype = npy_header(stream)
-        except ValueError as error:
-            message = f"cannot be read as .npz: {name}: {error}. Save the arrays again"
-            raise SessionError(message, code="npz-broken") from None
-        self._streams = [stream]
-        if by_columns and len(self.shape) > 1:
-            # As NumPy has what is made of rows of x, y and z. Each column has a stream of its own.
-            start, size = stream.tell(), self.shape[0] * self.dtype.itemsize
-            self._streams += [opened(), opened()]
-            for column in (1, 2):
-                self._streams[column].seek(start + column * size)
-
-    def read_numbers(self, count: int) -> Array:
-        """The next `count` numbers, row by row."""
-        size = count // len(self._streams) * self.dtype.itemsize
-        parts = [stream.read(size) for stream in self._streams]
-        if any(len(part) != size for part in parts):
-            message = "ends before its last sample. Copy the file again"
-            raise SessionError(message, code="file-cut")
-        columns = [np.frombuffer(part, self.dtype).astype(np.float64) for part in parts]
-        return np.column_stack(columns).ravel()
-
-
-@contextmanager
-def _npz_members(stream: BinaryIO) -> Iterator[list[_NpzMember]]:
-    try:
-        with zipfile.ZipFile(stream) as archive:
-            present = sorted(name.removesuffix(".npy") for name in archive.namelist())
-            for name in NAMES:
-                if name not in present:
-                    message = (
-                        f"has no array {name!r} (it holds "
-                        f"{', '.join(present)[:80] or 'nothing'}). Save time and hip"
-                    )
-                    raise SessionError(message, code="dataset-missing")
-            yield [_NpzMember(partial(archive.open, f"{name}.npy"), name) for name in NAMES]
-    except (SessionError, MemoryError, GeneratorExit):
-        raise
-    except Exception as error:
-        # The modules zipfile and numpy pass on what decompressors and the tokenizer raise.
-        message = f"cannot be read as .npz: {error}. Save the arrays again"
-        raise SessionError(message, code="npz-broken") from None

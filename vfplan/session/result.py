@@ -103,12 +103,7 @@ def read_result(
         A major version that this program does not read.
     """
     where = Path(path).name
-    try:
-        file = OpenedFile(Path(path))
-    except InputError as error:
-        error.message += ", or give a result of `vfplan replay -o`"
-        error.where = where
-        raise
+    file = OpenedFile(Path(path))
     answers = run_in_sandbox("vfplan.session.result:stored_ticks", file=file, where=where)
     attrs = next(answers)
     if fixture_sha256 is not None:
@@ -130,25 +125,20 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
     """
-    with opened_hdf5(stream, InputError) as file:
+    with opened_hdf5(stream) as file:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
-            message = (
-                f"format is {attrs.get('format')!r}, not {RESULT_FORMAT!r}. Give a result of "
-                "vfplan replay"
-            )
+            message = f"format is not {RESULT_FORMAT!r}. Give a result of vfplan replay"
             raise InputError(message, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-            raise VersionError(
-                f"the result is of version {version}, and this program reads "
-                f"{RESULT_VERSION}. Replay the session again"
-            )
+            message = f"is of version {version}, not {RESULT_VERSION}. Replay the session again"
+            raise VersionError(message)
         yield attrs
 
-        datasets = plain_datasets(file, TABLE, InputError)
+        datasets = plain_datasets(file, TABLE)
         rows = {name: columns for name, (columns, _, _) in TABLE.items()}
-        length = check_arrays(dict(zip(TABLE, datasets, strict=True)), rows, InputError)
+        length = check_arrays(dict(zip(TABLE, datasets, strict=True)), rows)
         for start in range(0, length, BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
 
@@ -178,10 +168,8 @@ def require_fixture(attrs: dict[str, Any], sha256: str) -> None:
         message = "attribute fixture is no record of a fixture. Replay the session again"
         raise InputError(message, code="record-broken") from None
     if made_with != sha256:
-        message = (
-            f"was replayed against the fixture with SHA-256 {made_with[:12]}..., and this "
-            f"one has {sha256[:12]}.... Give the same fixture"
-        )
+        found = f"SHA-256 {made_with[:12]}..., not {sha256[:12]}..."
+        message = f"was replayed against the fixture with {found}. Give the same fixture"
         raise InputError(message, code="fixture-differs")
 
 
@@ -196,8 +184,6 @@ class ResultWriter(ExitStack):
         A file that does not exist yet.
     attrs
         Root attributes beyond `format` and `version`; a dict or list is kept as JSON text.
-    groups
-        Where results go: "" for the root, or names of groups (a second rule, for instance).
 
     Raises
     ------
@@ -205,9 +191,7 @@ class ResultWriter(ExitStack):
         The file exists, or cannot be made or written.
     """
 
-    def __init__(
-        self, path: str | Path, attrs: dict[str, Any], *, groups: tuple[str, ...] = ("",)
-    ) -> None:
+    def __init__(self, path: str | Path, attrs: dict[str, Any]) -> None:
         super().__init__()
         with ExitStack() as stack:
             file = stack.enter_context(whole_file(Path(path), overwrite=False))
@@ -215,13 +199,12 @@ class ResultWriter(ExitStack):
             self._file = h5py.File(self._bytes, "w", libver=("v110", "v110"))
             stack.push(self._finish)
             self.set({"format": RESULT_FORMAT, "version": RESULT_VERSION, **attrs})
-            for group in groups:
-                for name, (columns, dtype, unit) in TABLE.items():
-                    dataset = self._file.create_dataset(
-                        f"{group}/{name}", (0, *columns), dtype, maxshape=(None, *columns),
-                        chunks=(BLOCK, *columns), fletcher32=True,
-                    )  # fmt: skip
-                    dataset.attrs["unit"] = unit
+            for name, (columns, dtype, unit) in TABLE.items():
+                dataset = self._file.create_dataset(
+                    name, (0, *columns), dtype, maxshape=(None, *columns),
+                    chunks=(BLOCK, *columns), fletcher32=True,
+                )  # fmt: skip
+                dataset.attrs["unit"] = unit
             self.push(stack.pop_all())
 
     def set(self, attrs: dict[str, Any]) -> None:
@@ -232,10 +215,10 @@ class ResultWriter(ExitStack):
             elif value is not None:
                 self._file.attrs[name] = value
 
-    def append(self, block: TickBlock, group: str = "") -> None:
+    def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
         for name in TABLE:
-            dataset = self._file[f"/{group}/{name}"]
+            dataset = self._file[name]
             size = len(dataset)
             dataset.resize(size + len(block), axis=0)
             dataset[size:] = getattr(block, name)

@@ -6,6 +6,7 @@ What is measured block by block, `WithPrevious`, `Largest` and `LongestRun`, ser
 from __future__ import annotations
 
 import itertools
+from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -97,13 +98,12 @@ class SamplingReport:
         self._longest_s = 0.0
         self._jitter_squares = 0.0
         self._intervals_without_gap = 0
-        # As they are reported.
-        self._counts = {"gaps": 0, "gap_s": 0.0, "missing_samples": 0, "repeats": 0}
-        self._gaps = []
+        # Beginning [s], length [s] and number of missing samples of each gap.
+        self._gaps: list[tuple[float, float, int]] = []
+        self._repeat_count = 0
         self._repeats = LongestRun()
         self._speed = Largest()
-        self._jump_count = 0
-        self._jumps = []
+        self._jumps = array("q")
 
     def update(self, time: Array, hip: Array) -> None:
         """Add the next samples."""
@@ -128,14 +128,8 @@ class SamplingReport:
             late = min(dt[k] - self._nominal_s, shift) / self._nominal_s
             missing = round(late)
             is_gap[k] = missing > 0
-            if not missing:
-                continue
-            gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
-            self._counts["missing_samples"] += missing
-            self._counts["gaps"] += 1
-            self._counts["gap_s"] += gap["length_s"]
-            if len(self._gaps) < MAX_LISTED:
-                self._gaps.append(gap)
+            if missing:
+                self._gaps.append((float(time[k]), float(dt[k]), missing))
         self._intervals_without_gap += int(np.count_nonzero(~is_gap))
         self._jitter_squares += float(((dt[~is_gap] - self._nominal_s) ** 2).sum())
         self._longest_s = max(self._longest_s, float(dt.max()))
@@ -143,13 +137,11 @@ class SamplingReport:
         # Positions: repeats and jumps.
         step = np.diff(hip, axis=0)
         is_repeat = (step == 0).all(axis=1)
-        self._counts["repeats"] += int(np.count_nonzero(is_repeat))
+        self._repeat_count += int(np.count_nonzero(is_repeat))
         self._repeats.update(is_repeat, first)
         speed = np.linalg.norm(step, axis=1) / dt
         self._speed.update(speed, first + 1)
-        jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
-        self._jump_count += len(jumps)
-        self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
+        self._jumps.extend((first + 1 + np.flatnonzero(speed > JUMP_M_S)).tolist())
 
     def report(self) -> dict[str, Any]:
         """The `session` part of a replay's report."""
@@ -160,17 +152,23 @@ class SamplingReport:
             "dt_nominal_s": self._nominal_s,
             "dt_max_s": self._longest_s,
             "jitter_rms_s": float(np.sqrt(jitter_squares)),
-            **self._counts,
+            "gaps": len(self._gaps),
+            "gap_s": sum((length for _, length, _ in self._gaps), 0.0),
+            "missing_samples": sum(missing for *_, missing in self._gaps),
+            "repeats": self._repeat_count,
             "repeats_longest": self._repeats.length,
-            "changes": self._count - 1 - self._counts["repeats"],
+            "changes": self._count - 1 - self._repeat_count,
             "speed_max_m_s": self._speed.value,
             "speed_max_tick": self._speed.tick,
         }
         if self._gaps:
-            data["gap_list"] = self._gaps
-        if self._jump_count:
-            data["jumps"] = self._jump_count
-            data["jump_ticks"] = self._jumps
+            names = ("t_s", "length_s", "missing")
+            data["gap_list"] = [
+                dict(zip(names, gap, strict=True)) for gap in self._gaps[:MAX_LISTED]
+            ]
+        if self._jumps:
+            data["jumps"] = len(self._jumps)
+            data["jump_ticks"] = self._jumps[:MAX_LISTED].tolist()
         return data
 
 
@@ -249,8 +247,7 @@ class Session:
 
     def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
         """Blocks of `size` ticks, the last one shorter."""
-        for start in range(0, len(self.time), size):
-            yield self.time[start : start + size], self.hip[start : start + size]
+        return portions(self.time, self.hip, size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -292,10 +289,17 @@ def unit_factor(units: str) -> float:
     return 1.0 if units == "m" else 1e-3
 
 
-def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
+def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
+    """Blocks of arrays, or of datasets that are read as they are asked for."""
+    for start in range(0, len(time), size):
+        rows = slice(start, start + size)
+        yield np.asarray(time[rows], float), np.asarray(hip[rows], float)
+
+
+def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
     """The same samples in blocks of exactly `size`, the last one shorter."""
     time, hip = np.empty(0), np.empty((0, 3))
-    for more_time, more_hip in portions:
+    for more_time, more_hip in samples:
         time = np.concatenate((time, more_time))
         hip = np.concatenate((hip, more_hip))
         while len(time) >= size:
@@ -306,7 +310,7 @@ def regrouped(portions: Iterable[Samples], size: int) -> Iterator[Samples]:
 
 
 def in_order(
-    portions: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
+    samples: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
 ) -> Iterator[Samples]:
     """The samples in the order of their times; one that is doubled, or far too late, is left out.
 
@@ -319,7 +323,7 @@ def in_order(
     count = swapped = doubled = 0
     newest = last = -np.inf
     first: tuple[int, float, float] | None = None
-    for more_time, more_hip in itertools.chain(portions, [(np.empty(0), np.empty((0, 3)))]):
+    for more_time, more_hip in itertools.chain(samples, [(np.empty(0), np.empty((0, 3)))]):
         before = np.maximum.accumulate(np.append(newest, more_time))
         is_late = np.diff(before) < MIN_STEP_S
         if is_late.any() and first is None:
