@@ -23,13 +23,7 @@ from vfplan.bench.pipeline import (
     surface_error,
 )
 from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, evenly_sampled, judge
-from vfplan.bench.record import (
-    BenchRun,
-    errors_of,
-    judge_chosen,
-    mark_pareto,
-    measure_runs,
-)
+from vfplan.bench.record import BenchRun, errors_of, mark_pareto, measure_runs
 from vfplan.errors import CurveError, SettingError
 from vfplan.planning.tolerance import SPEED_M_S, choose
 from vfplan.reference import PaperProxy
@@ -45,20 +39,6 @@ def test_fronts_do_not_mix_scenes():
     ]
     mark_pareto(records)
     assert [r["pareto"] for r in records] == [True, False, True, True, True]
-
-
-@pytest.mark.parametrize(
-    ("more", "kept"),
-    [({"stage": "proxy", "surface_error_m": 0.9, "inside_m": 0.9}, True),
-     ({"stage": "proxy", "surface_error_m": 1.1, "inside_m": 0.0}, False),
-     ({"stage": "proxy", "surface_error_m": 0.1, "inside_m": 1.1}, False),
-     ({"stage": "sample"}, False)],
-)  # fmt: skip
-def test_chosen_is_judged_by_its_surface(more, kept):
-    records = [{"error_max": 9.0} | more, {"error_max": 9.0, "chosen": True} | more]
-    judge_chosen(records, 1.0)
-    assert "meets_tolerance" not in records[0]
-    assert records[1]["meets_tolerance"] is kept
 
 
 def running(work, name="m", **more):
@@ -79,9 +59,7 @@ def test_result_reports_medians_tails_and_spread():
     assert record["error_max"] == 4
     assert record["time_us_median"] == 2, "each tick counts with its least time"
     assert record["time_us_p999"] <= 4, "what the system interrupted is no tick's own"
-    assert record["repeats"] == 3
-    assert record["peer"] is True
-    assert "chosen" not in record
+    assert (record["peer"], record["chosen"]) == (True, False)
 
 
 def test_a_refusal_is_noted_and_the_others_go_on():
@@ -92,7 +70,7 @@ def test_a_refusal_is_noted_and_the_others_go_on():
     results, refused = measure_runs("s", [bad, trial([[1]] * 3)], 2)
     assert [r["method"] for r in results] == ["m"]
     named = {"stage": "s", "scene": "scene", "method": "b", "settings": {"scale": 0.5}}
-    assert refused == [named | {"message": "no line"}]
+    assert refused[0].items() >= (named | {"message": "no line"}).items()
 
 
 def test_slow_trials_sit_out_the_later_rounds():
@@ -101,10 +79,9 @@ def test_slow_trials_sit_out_the_later_rounds():
     def taking(us):
         return running(lambda: (seen.append(us), np.full(1, us)), str(us))
 
-    results, _ = measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
-    assert [r["repeats"] for r in results] == [7, 3, 3]
+    measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
     assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
-    assert sum(told) == 3 * 8, "the bar ends where it should"
+    assert sum(told) == 8, "the bar ends where it should"
 
 
 @pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
@@ -149,10 +126,11 @@ def test_planned_surface_is_nowhere_nearer_than_R():
 
 def test_exact_proxy_has_no_error():
     case = next(cases(True))
-    errors = judge(case, case.scene.points, case.truth, {})
+    errors = judge(case, case.truth)
     assert errors["error_rms"] == errors["error_max"] == 0
     assert errors["force_rms_n"] == 0
     assert errors["surface_error_m"] < 1e-12
+    assert errors["meets_tolerance"] is True
 
 
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():
@@ -160,9 +138,16 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     hips = scene.path("above", 0.2)
     case = Case("segment", scene, hips)
     shifted = case.truth + np.array([0, 1e-5, 0])
-    errors = judge(case, scene.points, shifted, {})
+    errors = judge(case, shifted)
     assert errors["error_rms"] == pytest.approx(1e-5)
     assert errors["force_rms_n"] == pytest.approx(1e-2)
+
+
+@pytest.mark.parametrize(("lift", "kept"), [(0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)])
+def test_a_surface_is_judged_by_the_tolerance_on_either_side(lift, kept):
+    scene = SCENES["sheet"]()
+    case = Case("sheet", scene, scene.path("front", 0.2)[:400])
+    assert judge(case, np.add(case.truth, [0, lift, 0]))["meets_tolerance"] is kept
 
 
 def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(nanoflann_peer):
@@ -260,7 +245,7 @@ def test_peer_gets_the_scene_and_answers(tmp_path):
 
 @pytest.mark.parametrize(
     ("body", "says"),
-    [("sys.exit('out of paper')", "exit code 1: out of paper"), ("pass", "proxies.csv"),
+    [("sys.exit('out of paper')", "exit status 1. out of paper"), ("pass", "proxies.csv"),
      (WRITES % "float('nan')", "finite"),
      (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)")],
 )  # fmt: skip
@@ -335,7 +320,7 @@ def test_distance_from_a_drawn_line_knows_no_vertices():
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [("paint", 2), ("extract --tolerance 0", 2), ("proxy --quick --peer /nowhere/peer", 2),
+    [("paint", 2), ("proxy --quick --peer /nowhere/peer", 2),
      ("extract -o /nowhere/at/all", 2), ("extract --peer true", 2)],
 )  # fmt: skip
 def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):

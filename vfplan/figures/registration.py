@@ -54,9 +54,9 @@ def draw_registration(
     """Write the slice with each marker's residual as an arrow and the error band along the curve.
 
     The arrows and the band are drawn larger than life; the picture states by how much, and a bar
-    beside it shows the length of one residual unit. The arrow goes from where the transform puts
-    the marker (seen in the image) to where it was measured; beside each marker stands the
-    whole residual, and its part across the slice's plane, which cannot be drawn there.
+    below it shows the scale of the slice and of the residuals. The arrow goes from where the
+    transform puts the marker (seen in the image) to where it was measured; beside each marker
+    stands the whole residual, and its part across the slice's plane, which cannot be drawn there.
 
     Markers in the patient's frame are projected onto the slice.
 
@@ -223,20 +223,13 @@ def draw_markers(
 
 
 def draw_scale(axes: Any, view: View, mm_per_px: float, factor: float) -> None:
-    """Two bars under the view: a length in its plane, and a length of the residuals.
-
-    factor: how much larger than life the residuals are drawn
-    """
+    """A bar under the view, of a length in its plane, and of residuals drawn larger than life."""
     words = {"va": "center", "clip_on": False, "fontsize": "small"}
-    y = view.height * (1 + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width / view.height)
-    bars = ((0.02, 1.0, "in the slice"), (0.36, factor, "of a residual"))
-    for share, drawn_factor, what in bars:
-        length_mm = nice_length(0.15 * view.width * mm_per_px / drawn_factor)
-        first = share * view.width
-        last = first + length_mm * drawn_factor / mm_per_px
-        bar = {"color": FORCE, "lw": 2.5, "clip_on": False, "solid_capstyle": "butt"}
-        axes.plot([first, last], [y, y], **bar)
-        text = f"{length_mm:g} mm {what}"
-        axes.text(last + 0.01 * view.width, y, text, **words)
+    y = view.height + 0.28 * STRIP_IN * DPI / WIDTH_PX * view.width
+    length_mm = nice_length(0.15 * view.width * mm_per_px)
+    ends = 0.02 * view.width + np.array([0.0, length_mm / mm_per_px])
+    axes.plot(ends, [y, y], color=FORCE, lw=2.5, clip_on=False, solid_capstyle="butt")
+    text = f"{length_mm:g} mm in the slice, {length_mm / factor:g} mm of a residual"
+    axes.text(ends[1] + 0.01 * view.width, y, text, **words)
     note = "beside each marker: its residual\n(its part across the slice)"
     axes.text(0.70 * view.width, y, note, **words)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, count
@@ -59,13 +57,58 @@ def shade_episodes(axes: Axes, replayed: Replay) -> None:
         axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
 
 
-def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
+def scene(replayed: Replay) -> Figure:
     """Cloud, HIP and proxy path, contact circles and normals.
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
-    is_planar = replayed.fixture.ignore_axis is not None
-    return (scene_in_plane if is_planar else scene_in_space)(replayed, mark_hz)
+    ticks, fixture = replayed.ticks, replayed.fixture
+    axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
+    basis = np.eye(3) if axis is None else plane_basis(axis)
+    cloud = MM * fixture.points @ basis
+    names = dict(zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False))
+    if axis is None:
+        figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
+        arrow = {"lw": 0.8}
+    else:
+        tube = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
+        around = max(3 * radius, 2 * tube)
+        low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
+        height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
+        figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
+        if fixture.guidance is not None:
+            draw_tube(axes, fixture, basis)
+    every = 1 if axis is not None else max(1, len(cloud) // MAX_DRAWN)
+    label = f"fixture, {len(cloud)} points"
+    axes.plot(*cloud[::every].T, ".", ms=1.5, color=CLOUD, label=label, zorder=2)
+    axes.plot(*(MM * ticks.hip @ basis).T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+    axes.plot(*(MM * ticks.proxy @ basis).T, lw=0.9, color=PROXY, label="proxy", zorder=4)
+    # A tube has no contact circle.
+    if fixture.region is not None:
+        marks = contact_marks(ticks, MARK_HZ)
+        places, normals = MM * ticks.proxy[marks], ticks.normal[marks]
+        rings = contact_rings(places, normals, axis, radius) @ basis
+        label = f"contact circle, {MARK_HZ:g} Hz"
+        axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
+        axes.quiver(*(places @ basis).T, *(radius * normals @ basis).T, color=PROXY, **arrow)
+    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names.items()})
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
+    return figure
+
+
+def contact_rings(centres: Array, normals: Array, axis: Array | None, radius: float) -> Array:
+    """(K, 3) circles about some places (M, 3), each in a plane of its normal, parted by NaN.
+
+    The circles lie across an ignored axis.
+    """
+    across = np.eye(3)[np.abs(normals).argmin(axis=1)] if axis is None else axis
+    sides = np.cross(normals, across)
+    sides /= np.maximum(row_norms(sides), 1e-12)[:, None]
+    angle = np.append(np.linspace(0, 2 * np.pi, 33), np.nan)[:, None]
+    rings = np.cos(angle) * normals[:, None] + np.sin(angle) * sides[:, None]
+    return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
 def plane_basis(axis: Array) -> Array:
@@ -92,48 +135,6 @@ def axis_names(basis: Array) -> list[str]:
     ]
 
 
-def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
-    """The scene of a planar fixture, in its plane."""
-    ticks, fixture = replayed.ticks, replayed.fixture
-    assert fixture.ignore_axis is not None
-    basis = plane_basis(fixture.ignore_axis)
-    cloud = MM * fixture.points @ basis
-    hip = MM * ticks.hip @ basis
-    proxy = MM * ticks.proxy @ basis
-    radius = MM * fixture.contact_radius
-    around = 3 * radius
-    if fixture.guidance is not None:
-        around = max(around, 2 * MM * fixture.guidance.radius)
-    low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
-    height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
-    figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
-    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
-    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
-    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
-    marks = contact_marks(ticks, mark_hz)
-    if fixture.guidance is not None:
-        draw_tube(axes, fixture, basis)
-    if fixture.region is None:
-        # A tube has no contact circle.
-        marks = marks[:0]
-    circles = [Circle(tuple(centre), radius) for centre in proxy[marks]]
-    axes.add_collection(
-        PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
-    )
-    arrows = radius * ticks.normal[marks] @ basis
-    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": PROXY, "width": 0.0025}
-    axes.quiver(*proxy[marks].T, *arrows.T, zorder=5, **look)
-    if fixture.region is not None:
-        label = f"contact circle, {mark_hz:g} Hz"
-        axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
-    axes.set_aspect("equal")
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    across, up = axis_names(basis)
-    axes.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
-    return figure
-
-
 def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
     """The band around the strokes that guide."""
     guidance = fixture.guidance
@@ -149,37 +150,6 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         # The legend names the tube once.
         label = None
-
-
-def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
-    """The scene of any other fixture, in perspective."""
-    normal = replayed.ticks.normal
-    cloud = MM * replayed.fixture.points
-    hip, proxy = MM * replayed.ticks.hip, MM * replayed.ticks.proxy
-    radius = MM * replayed.fixture.contact_radius
-    figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    every = max(1, len(cloud) // MAX_DRAWN)
-    axes.plot(*cloud[::every].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
-    axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
-    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
-    marks = contact_marks(replayed.ticks, mark_hz)
-    axes.quiver(*proxy[marks].T, *(radius * normal[marks]).T, color=PROXY, lw=0.8)
-    for k in marks:
-        axes.plot(*contact_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_aspect("equal")
-    axes.legend(loc="upper left", fontsize="small")
-    return figure
-
-
-def contact_ring(centre: Array, normal: Array, radius: float) -> Array:
-    """(33, 3) the great circle about `centre` whose plane holds `normal`."""
-    if not normal.any():
-        return np.full((33, 3), np.nan)
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    side /= np.linalg.norm(side)
-    angle = np.linspace(0, 2 * np.pi, 33)[:, None]
-    return centre + radius * (np.cos(angle) * normal + np.sin(angle) * side)
 
 
 def guide_plot(replayed: Replay) -> Figure:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.display import MAX_NUMBERED, nice_length
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, on_slice
-from vfplan.geometry.lines import ring_of
+from vfplan.geometry.lines import normals, ring_of
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
@@ -67,6 +67,9 @@ OUTLINE_GAP_PX = 3.0
 
 # Distance [px of the picture] between the outline and the arrow heads along it.
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
+
+# Length [px of the picture] of an arrow.
+ARROW_PX = 16
 
 # Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
@@ -217,14 +220,12 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
 
 def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
     """Arrow heads this far beside the line, to the right of who goes along it."""
-    for i in np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int):
-        a, b = points[max(i - 3, 0)], points[min(i + 3, len(points) - 1)]
-        length = np.hypot(*(b - a))
-        if length == 0:
-            continue
-        shift = distance * np.array([-(b - a)[1], (b - a)[0]]) / length
-        look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 12, "lw": 0}
-        axes.annotate("", xy=b + shift, xytext=a + shift, arrowprops=look, zorder=5)
+    shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
+    left = normals(points, closed=False)[shown]
+    along = ARROW_PX * np.column_stack([left[:, 1], -left[:, 0]])
+    head = {"width": 3, "headwidth": 5, "headlength": 5, "headaxislength": 5, "pivot": "mid"}
+    axes.quiver(*(points[shown] + distance * left).T, *along.T, color=CLOUD, angles="xy",
+                units="dots", scale_units="dots", scale=1, zorder=5, **head)  # fmt: skip
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
 
 
@@ -238,6 +239,6 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
         half = entry.size_px / 2 + 3
         corner = entry.u - half, entry.v - half
         look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
-        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, **look))
+        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, path_effects=HALO, **look))
         words = {"color": OTHER_INK, "fontsize": "small", "va": "bottom", "clip_on": True}
-        axes.text(*corner, str(entry.number), **words)
+        axes.text(*corner, str(entry.number), path_effects=HALO, **words)
