@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
 
 from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, clouds, grouped
 from vfplan.figures.style import new_figure, save_png, style, subplots
@@ -59,10 +58,11 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
         draw_panel(axes, scene_results, looks, stage, slowest)
         draw_bounds(axes, document, stage)
         axes.set_title(scene, fontsize=8.5)
+        axes.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
         axes.tick_params(labelbottom=True)
+        axes.tick_params(which="minor", labelbottom=True, labelsize=6.5)
     for axes in panels[len(scenes) :]:
         axes.remove()
-    figure.supxlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
     figure.supylabel(f"RMS error [{'px' if results[0]['unit'] == 'px' else 'µm'}]", fontsize=8.5)
 
     # A line of the legend for each look, whichever panels have it.
@@ -112,8 +112,6 @@ def draw_panel(
 ) -> None:
     """Draw the results of one scene; `slowest` is where the front's staircase ends."""
     axes.set(xscale="log", yscale="log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_minor_formatter(NullFormatter())
 
     # A method's settings from the cheapest to the dearest.
     tried = sorted((r for r in results if not r["chosen"]), key=itemgetter("time_us_median"))
