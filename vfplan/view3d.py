@@ -26,8 +26,8 @@ from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.session.result import TickBlock
 
-# What VTK may render into without a screen, and the Debian package that each of them needs.
-WINDOWS = {"vtkOSOpenGLRenderWindow": "libosmesa6", "vtkEGLRenderWindow": "libegl1"}
+# What VTK may render into without a screen. Debian's libosmesa6 and libegl1 have them.
+WINDOWS = ("vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow")
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 # Seconds that the first picture may take. It takes one or two; a cold disk some more.
@@ -72,23 +72,17 @@ def rendering_fault(window: str | None) -> str:
 
 def ready_pyvista(*, screen: bool) -> Any:
     """PyVista, ready to render; raises `MissingExtra` where it would crash."""
-    if screen:
-        if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-            raise MissingExtra("there is no screen here. Give --screenshot PNG", code="no-screen")
-        fault = rendering_fault(None)
-        if fault:
-            message = f"nothing can be drawn on this screen: {fault}. Run apt install libgl1"
-            raise MissingExtra(message, code="no-opengl")
-    else:
-        window = offscreen_window()
-        if window is None:
-            fault = rendering_fault(list(WINDOWS)[-1])
-            packages = " or ".join(WINDOWS.values())
-            raise MissingExtra(
-                f"nothing can be drawn without a screen: {fault}. Install Debian's "
-                f"{packages}: apt install {WINDOWS['vtkOSOpenGLRenderWindow']}",
-                code="no-opengl",
-            )
+    if screen and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise MissingExtra("there is no screen here. Give --screenshot PNG", code="no-screen")
+    window = None if screen else offscreen_window()
+    fault = "" if window else rendering_fault(None if screen else WINDOWS[-1])
+    if fault or not (screen or window):
+        where, package = ("on this", "libgl1") if screen else ("without a", "libosmesa6")
+        raise MissingExtra(
+            f"nothing can be drawn {where} screen: {fault}. Run apt install {package}",
+            code="no-opengl",
+        )
+    if window:
         # VTK reads the variable when it is first imported.
         os.environ[VARIABLE] = window
     import pyvista

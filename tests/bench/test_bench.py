@@ -6,26 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
-from scipy.spatial import cKDTree
 
 from vfplan import ProxyParameters
-from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
+from vfplan.bench.peers import Peer, mesh_peers
 from vfplan.bench.pipeline import (
     SAMPLINGS,
     coverage,
-    curve,
-    from_pixels,
     lines,
     markers_px,
-    pen_slice,
     planned_surface,
     score_points,
     surface_error,
 )
-from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, evenly_sampled, judge
+from vfplan.bench.proxy import BoxMesh, Case, judge
 from vfplan.bench.record import BenchRun, errors_of, mark_pareto, measure_runs
 from vfplan.errors import CurveError, SettingError
-from vfplan.planning.tolerance import SPEED_M_S, choose
+from vfplan.planning.tolerance import SPEED_M_S
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
 
@@ -93,16 +89,6 @@ def test_pen_covers_its_area(width):
     assert 0 <= share.min() < share.max() <= 1
 
 
-def test_scaled_picture_has_its_line_where_the_truth_says():
-    picture = pen_slice(4.0, scale=1.5).astype(float)
-    assert picture.shape == (720, 960, 3)
-    red = picture[..., 0] - picture[..., 1:].mean(axis=2)
-    v, u = np.nonzero(red > 90)
-    places = from_pixels(np.column_stack([u, v]).astype(float), 1.5)
-    away, _ = cKDTree(curve()).query(places)
-    assert away.max() < 4 / 2 + 0.7
-
-
 @pytest.mark.parametrize("line", lines(), ids=lambda line: line.name)
 def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
     """Even spacing by R alone is wrong by 1 + R/ρ outside of a bend of radius ρ."""
@@ -117,22 +103,6 @@ def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
         assert even == pytest.approx((1 + R / radius) * tolerance, rel=0.02)
 
 
-def test_planned_surface_is_nowhere_nearer_than_R():
-    for line in lines():
-        away, _ = cKDTree(line.fine).query(planned_surface(line))
-        assert away.min() > R * (1 - 2e-5)
-        assert away.max() < R * (1 + 1e-5)
-
-
-def test_exact_proxy_has_no_error():
-    case = next(cases(True))
-    errors = judge(case, case.truth)
-    assert errors["error_rms"] == errors["error_max"] == 0
-    assert errors["force_rms_n"] == 0
-    assert errors["surface_error_m"] < 1e-12
-    assert errors["meets_tolerance"] is True
-
-
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     scene = SCENES["segment"]()
     hips = scene.path("above", 0.2)
@@ -143,11 +113,15 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     assert errors["force_rms_n"] == pytest.approx(1e-2)
 
 
-@pytest.mark.parametrize(("lift", "kept"), [(0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)])
+@pytest.mark.parametrize(
+    ("lift", "kept"), [(0.0, True), (0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)]
+)
 def test_a_surface_is_judged_by_the_tolerance_on_either_side(lift, kept):
     scene = SCENES["sheet"]()
     case = Case("sheet", scene, scene.path("front", 0.2)[:400])
-    assert judge(case, np.add(case.truth, [0, lift, 0]))["meets_tolerance"] is kept
+    errors = judge(case, np.add(case.truth, [0, lift, 0]))
+    assert errors["error_max"] == pytest.approx(abs(lift))
+    assert errors["meets_tolerance"] is kept
 
 
 def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(nanoflann_peer):
@@ -164,17 +138,6 @@ def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(na
         expected = box.half[2] + np.array([R, -R, 6e-3])
         assert pushed[:, 2] == pytest.approx(expected, abs=1e-8), peer.name
         assert (us > 0).all()
-
-
-@pytest.mark.parametrize("name", ["sheet", "sphere", "segment"])
-def test_chosen_cloud_has_dimples_within_their_share(name):
-    choice = choose(1e-5, R)
-    cloud = evenly_sampled(SCENES[name](), choice).points
-    spread = np.linalg.norm(cloud - cloud[:1], axis=1)
-    near, _ = cKDTree(cloud).query(cloud[np.argsort(spread)[:400]], k=2)
-    allowed = choice.spacing_m / np.sqrt(1 if name == "segment" else 2)
-    assert near[:, 1].max() <= 1.1 * allowed
-    assert len(cloud) > 50
 
 
 PAGE = (ROOT / "docs" / "accuracy.md").read_text()
@@ -284,26 +247,6 @@ def test_the_box_of_the_bench_has_its_closed_form():
     assert box.truth(hips, R) == pytest.approx(expected, abs=1e-12)
     away = np.linalg.norm(box.points - np.clip(box.points, -box.half, box.half), axis=1)
     assert away.max() < 1e-12
-
-
-def test_the_ball_of_the_bench_is_closed_and_round():
-    ball = BallMesh()
-    corners, triangles = ball.mesh
-    assert len(triangles) == 8 * 25**2
-    assert np.linalg.norm(corners, axis=1) == pytest.approx(ball.radius)
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-    one, two, three = np.moveaxis(corners[triangles], 1, 0)
-    outwards = (np.cross(two - one, three - one) * one).sum(axis=1)
-    assert (outwards > 0).all(), "turned alike, so that the smooth body is rendered"
-
-
-def test_a_peer_that_cannot_be_built_says_what_is_missing(monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CXX", raising=False)
-    with pytest.raises(SettingError) as error:
-        build_nanoflann(tmp_path)
-    assert error.value.code == "no-compiler"
 
 
 def test_distance_from_a_drawn_line_knows_no_vertices():

@@ -52,12 +52,6 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
 
 
-def test_the_cloud_alone(tmp_path):
-    need_gl()
-    view3d.draw_view(fixture_of(line()), tmp_path / "cloud.png")
-    assert share(tmp_path / "cloud.png", rgb(PROXY)) < 1e-5
-
-
 def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     """With the slice the ground is grey, and without it all but its border is white."""
     need_gl()

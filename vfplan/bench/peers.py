@@ -127,23 +127,20 @@ def build_nanoflann(folder: Path) -> Peer:
     Raises SettingError: there is no compiler or no nanoflann here, or it does not compile; the
         message says what to install
     """
-    compiler = which(os.environ.get("CXX", "g++")) or which("clang++")
-    if compiler is None:
-        raise SettingError(
-            "the nanoflann peer did not run, because there is no C++ compiler. Run apt install g++",
-            code="no-compiler",
-        )
+    compiler = which(os.environ.get("CXX", "g++")) or which("clang++") or "g++"
     program = folder / "nanoflann_peer"
     with as_file(files("vfplan.samples") / "peer" / "nanoflann_peer.cpp") as source:
         command = [compiler, "-std=c++20", "-O3", "-o", str(program), str(source)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        errors = [line.strip() for line in done.stderr.splitlines() if "error" in line]
-        reason = errors[0] if errors else "no message"
-        raise SettingError(
-            f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
-            code="peer-not-built",
-        )
+        try:
+            subprocess.run(command, capture_output=True, text=True, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            said = getattr(error, "stderr", None) or str(error)
+            reason = next((line for line in said.splitlines() if "error" in line), said).strip()
+            raise SettingError(
+                f"the nanoflann peer did not compile: {reason}. Run apt install g++ "
+                "libnanoflann-dev",
+                code="peer-not-built",
+            ) from None
     return Peer(shlex.quote(str(program)))
 
 

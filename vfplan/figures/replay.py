@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
-from vfplan.figures.style import subplots
+from vfplan.figures.style import pixels_on, subplots
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import ring_of
-from vfplan.images.read import PlannedImage
+from vfplan.geometry.lines import normals, ring_of
+from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
@@ -88,26 +88,26 @@ def scene(replayed: Replay) -> Figure:
     # A tube has no contact circle.
     if fixture.region is not None:
         marks = contact_marks(ticks, MARK_HZ)
-        places, normals = MM * ticks.proxy[marks], ticks.normal[marks]
-        rings = contact_rings(places, normals, axis, radius) @ basis
+        places, outward = MM * ticks.proxy[marks], ticks.normal[marks]
+        rings = contact_rings(places, outward, axis, radius) @ basis
         label = f"contact circle, {MARK_HZ:g} Hz"
         axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
-        axes.quiver(*(places @ basis).T, *(radius * normals @ basis).T, color=PROXY, **arrow)
+        axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names.items()})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 
 
-def contact_rings(centres: Array, normals: Array, axis: Array | None, radius: float) -> Array:
-    """(K, 3) circles about some places (M, 3), each in a plane of its normal, parted by NaN.
+def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: float) -> Array:
+    """(K, 3) circles about places (M, 3), each in a plane of its outward normal, parted by NaN.
 
     The circles lie across an ignored axis.
     """
-    across = np.eye(3)[np.abs(normals).argmin(axis=1)] if axis is None else axis
-    sides = np.cross(normals, across)
+    across = np.eye(3)[np.abs(outward).argmin(axis=1)] if axis is None else axis
+    sides = np.cross(outward, across)
     sides /= np.maximum(row_norms(sides), 1e-12)[:, None]
     angle = np.append(np.linspace(0, 2 * np.pi, 33), np.nan)[:, None]
-    rings = np.cos(angle) * normals[:, None] + np.sin(angle) * sides[:, None]
+    rings = np.cos(angle) * outward[:, None] + np.sin(angle) * sides[:, None]
     return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
@@ -143,9 +143,7 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         if guidance.stroke not in (None, number):
             continue
         line = MM * ring_of(stroke.points, stroke.closed) @ basis
-        tangent = np.gradient(line, axis=0)
-        normal = tangent[:, ::-1] * [-1, 1] / np.hypot(*tangent.T)[:, None]
-        across = MM * guidance.radius * normal
+        across = MM * guidance.radius * normals(line, closed=False)
         band = np.vstack([line + across, (line - across)[::-1]])
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         # The legend names the tube once.
@@ -163,9 +161,6 @@ def guide_plot(replayed: Replay) -> Figure:
     top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
     top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest lateral error")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
-    for start in MM * np.cumsum(guide["lengths_m"])[:-1]:
-        for axes in (top, bottom):
-            axes.axvline(start, color=CLOUD, lw=0.6, ls=":")
     top.set_ylabel("beside the curve [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
@@ -179,45 +174,14 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     """The curve's ruler and (N,) the deepest penetration at each planned point [m].
 
     A tick counts for the planned point nearest to its proxy. The depth is 0 where the hand never
-    pressed.
-
-    Raises
-    ------
-    InputError
-        The fixture was not drawn as a curve.
+    pressed. The fixture was drawn as a curve.
     """
-    ruler = CurveRuler.of(replayed.fixture)
-    if ruler is None:
-        raise InputError(
-            "This fixture was not drawn as a curve, so there is no depth along it. Leave the "
-            "picture out.",
-            code="no-curve",
-        )
+    ruler = CurveRuler(replayed.fixture)
     ticks = replayed.ticks
     in_contact = ticks.penetration > CONTACT_M
     depth = np.zeros(len(ruler.points))
     np.maximum.at(depth, ruler.nearest(ticks.proxy[in_contact]), ticks.penetration[in_contact])
     return ruler, depth
-
-
-def image_places(fixture: Fixture) -> Array:
-    """(N, 2) where the planned points lie on the slice, (u, v) [px].
-
-    This is the least-squares inverse of the registration's map from the plane into space; it is
-    exact for points that the map made.
-
-    Raises
-    ------
-    InputError
-        The fixture was not registered from an image.
-    """
-    record = fixture.registration
-    if record is None or record.T_robot_image.shape != (3, 3):
-        message = "The fixture holds no registration from an image's pixels. Leave --image out."
-        raise InputError(message, code="no-image-registration")
-    T_robot_image = record.T_robot_image
-    from_origin = fixture.points - T_robot_image[:, 2]
-    return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
@@ -226,7 +190,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     Raises
     ------
     InputError
-        The image is not the one that the fixture was planned on.
+        The image is not the one that the fixture was planned on, or it is unknown how it lies.
     """
     planned = replayed.fixture.provenance.inputs.get("image")
     if planned is not None and planned != image.sha256:
@@ -236,8 +200,12 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
             code="another-slice",
             numbers={"found": image.sha256, "expected": planned},
         )
+    plane = plane_of_slice(replayed.fixture, image)
+    if plane is None:
+        message = "The fixture holds no registration from an image's pixels. Leave --image out."
+        raise InputError(message, code="no-image-registration")
     _, depth = depth_along(replayed)
-    places = image_places(replayed.fixture)
+    places = pixels_on(plane, replayed.fixture.points)
     height, width = image.rgb.shape[:2]
     figure, axes = subplots(7.0, max(3.0, 7.0 * height / width - 0.4))
     grey = np.asarray(image.rgb, float).mean(axis=2)

@@ -15,8 +15,8 @@ import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED, nice_length
-from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, on_slice
+from vfplan.display import MAX_NUMBERED
+from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
 from vfplan.geometry.lines import normals, ring_of
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
@@ -85,12 +85,7 @@ HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
     """Write the pen's mask, white on black, at the image's own size (the paper's Fig. 5b)."""
-    from vfplan.errors import OutputError
-
-    encoded, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
-    if not encoded:
-        message = "the mask cannot be encoded as PNG. Leave the picture out."
-        raise OutputError(message, where=str(path))
+    _, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
     write_whole(path, [data.tobytes()], overwrite=True)
 
 
@@ -159,22 +154,9 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
             picture = picture / np.iinfo(picture.dtype).max
         axes.imshow(picture, interpolation="nearest")
         yield axes, scale
-        draw_scale(axes, image)
+        if image.pixel_spacing_mm is not None:
+            draw_scale(axes, image.pixel_spacing_mm[0])
         draw_sides(axes, image)
-
-
-def draw_scale(axes: Any, image: PlannedImage) -> None:
-    """A length across the slice, at the bottom on the left."""
-    if image.pixel_spacing_mm is None:
-        return
-    length = nice_length(0.2 * image.width_px * image.pixel_spacing_mm[0])
-    start, low = 0.03 * image.width_px, 0.96 * image.height_px
-    end = start + length / image.pixel_spacing_mm[0]
-    edge = (withStroke(linewidth=5.0, foreground="white"),)
-    axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
-    where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": "small"}
-    middle = ((start + end) / 2, low)
-    axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
 
 
 def draw_sides(axes: Any, image: PlannedImage) -> None:

@@ -23,7 +23,7 @@ from functools import partial
 import numpy as np
 
 from vfplan.engine.parameters import Rule, Vector, check_axis
-from vfplan.engine.proxy import ProxyEngine, Status, Trace, as_rendered, best_rule
+from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
@@ -76,17 +76,14 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
 
     None where no ball fits beside the bundle's cloud.
     """
-    if fixture is None:
-        contact = contacts.patch()
-        make_engine = partial(engine_for, rule="robust")
-    else:
+    rule, band, contact = "robust", None, contacts.patch()
+    if fixture is not None:
         rule = best_rule(fixture)
-        band = fixture.band if rule == "robust" else None
-        contact = next(contacts.contacts_along(as_rendered(fixture, rule), 3), None)
-        make_engine = partial(engine_for, rule=rule, band=band)
+        _, places, band = contacts.contacts_on(fixture, rule)
+        contact = next(places, None)
         if contact is None:
             return []
-
+    make_engine = partial(engine_for, rule=rule, band=band)
     results = []
     for case in cases:
         figure = case.measure(contact, make_engine)
@@ -130,14 +127,19 @@ def surface_direction(contact: Contact) -> Vector:
 
 def random_path(contact: Contact, ticks: int, seed: int = 7) -> Vector:
     """(T, 3) a random HIP path around the touch, up to 2 R into the cloud and off it [m]."""
-    rng = np.random.default_rng(seed)
     s = np.linspace(0.0, 1.0, ticks)[:, None]
-    wave = np.zeros((ticks, 3))
-    for k in range(1, 12):
-        phase = rng.uniform(0, 2 * np.pi, 3)
-        wave += rng.normal(size=3) / k * np.sin(2 * np.pi * k * s + phase)
+    wave = random_wave(np.random.default_rng(seed), s, 11)
     ramp = np.minimum(1.0, 20 * s)  # The path leaves the free start smoothly.
     return contact.start + ramp * contact.radius * (0.8 * wave - 0.7 * contact.normals[0])
+
+
+def random_wave(rng: np.random.Generator, s: Vector, harmonics: int) -> Vector:
+    """(T, 3) a sum of harmonics of s (T, 1), of one period from 0 to 1, each of a random phase."""
+    wave = np.zeros((len(s), 3))
+    for k in range(1, harmonics + 1):
+        phase = rng.uniform(0.0, 2 * np.pi, 3)
+        wave += rng.normal(size=3) / k * np.cos(2 * np.pi * k * s + phase)
+    return wave
 
 
 def drift_at_rest(contact: Contact, make_engine: EngineFactory, ticks: int) -> float:
@@ -176,14 +178,14 @@ def breach_by_piercing(
     `speed` [m/s] and `rate` [Hz] say how many ticks that takes, at least 8 and at most
     `BLOCK_TICKS`.
     """
-    s = np.linspace(0, 1, 2000)[:, None]
-    across = 3 * np.cos(2 * np.pi * s) * contact.normals[0]
-    along = 0.5 * s * surface_direction(contact)
-    path = contact.touch + contact.radius * (across + along)
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    ticks = min(max(int(length / speed * rate), 8), BLOCK_TICKS)
-    rows = np.linspace(0, len(path) - 1, ticks)
-    hips = np.column_stack([np.interp(rows, np.arange(len(path)), line) for line in path.T])
+
+    def path(ticks: int) -> Vector:
+        s = np.linspace(0, 1, ticks)[:, None]
+        across = 3 * np.cos(2 * np.pi * s) * contact.normals[0]
+        return contact.touch + contact.radius * (across + 0.5 * s * surface_direction(contact))
+
+    length = float(np.linalg.norm(np.diff(path(2000), axis=0), axis=1).sum())
+    hips = path(min(max(int(length / speed * rate), 8), BLOCK_TICKS))
     engine = make_engine(contact)
     engine.reset(hips[0])
     return breach(contact, engine, engine.run(hips))
@@ -276,12 +278,8 @@ def random_cycle(contact: Contact, rng: np.random.Generator) -> Vector:
     """
     seconds = 10 ** rng.uniform(-0.8, 0.8)
     s = np.linspace(0.0, 1.0, round(seconds * 1000.0))[:, None]
-    wave = np.zeros((len(s), 3))
-    for k in range(1, 5):
-        phase = rng.uniform(0.0, 2 * np.pi, 3)
-        wave += rng.normal(size=3) / k * np.cos(2 * np.pi * k * s + phase)
-    window = np.sin(np.pi * s) ** 2
-    path = contact.start + contact.radius * window * (wave + contact.push_direction)
+    way = random_wave(rng, s, 4) + contact.push_direction
+    path = contact.start + contact.radius * np.sin(np.pi * s) ** 2 * way
     path[-1] = path[0]
     return path
 

@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from vfplan.engine.parameters import Rule, Vector
-from vfplan.engine.proxy import ProxyEngine, Status, Step
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Fixture, Pieces
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.contacts import CaseResult, Contact, outcome_of
 from vfplan.stability.loop import (
     Engine,
+    FlatWall,
     SimulatedHand,
     exact_bound,
     run_until_still,
@@ -153,11 +154,11 @@ def scenes_for(fixture: Fixture | None) -> tuple[list[str], dict[str, str]]:
     if count > 2:
         skipped["point"] = f"the cloud has {count} points"
     else:
-        for name in ("flat", "convex", "corner", "three-walls", "channel", "double-sheet"):
-            skipped[name] = f"no walls in a cloud of {count}"
+        walls = [name for name in contacts.SCENES if name not in ("point", "omega")]
+        skipped |= dict.fromkeys(walls, f"no walls in a cloud of {count}")
     if fixture.ignore_axis is not None:
-        for name in ("three-walls", "double-sheet", "point"):
-            skipped[name] = "the fixture is endless along its ignored axis"
+        reason = "the fixture is endless along its ignored axis"
+        skipped |= dict.fromkeys(("three-walls", "double-sheet", "point"), reason)
     return [name for name in contacts.SCENES if name not in skipped], skipped
 
 
@@ -295,18 +296,6 @@ PUSH_N = 10.0
 
 # Time within which a mass may come to rest beyond twice what linear theory says [s].
 REST_TIME = 2.0
-
-
-class FlatWall:
-    """An engine of 1 N/m whose forbidden region is y < 0, and whose tool is a point."""
-
-    def reset(self, hip: Vector) -> None:
-        """A flat wall remembers nothing."""
-
-    def step(self, hip: Vector) -> Step:
-        """Answer to the tool's point at `hip` (3,) [m]."""
-        proxy = np.array([hip[0], max(hip[1], 0.0), hip[2]])
-        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
 
 
 def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:

@@ -24,7 +24,7 @@ RADIUS = 5e-3
 # Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack.
 ROUNDING_M = 1e-12
 
-X, Y, _ = np.eye(3)
+X, Y, Z = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +87,7 @@ def beside(
 
 def patch() -> Contact:
     """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
-    steps = np.arange(-20, 21) * (0.02 / 40)
-    x, z = np.meshgrid(steps, steps)
-    points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    points = scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3)
     return Contact(points, RADIUS * Y, Y[None])
 
 

@@ -15,13 +15,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Vector, number
-from vfplan.engine.proxy import Step
+from vfplan.engine.proxy import ProxyEngine, Status, Step
 from vfplan.robot import Robot
 
 # Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
@@ -187,14 +186,19 @@ def stable_edge(
     return low
 
 
-class Engine(Protocol):
-    """What the loop needs of an engine."""
+class FlatWall:
+    """An engine of 1 N/m whose forbidden region is y < 0, and whose tool is a point."""
 
     def reset(self, hip: Vector) -> None:
-        """Put the proxy at `hip` (3,) [m]."""
+        """A flat wall remembers nothing."""
 
     def step(self, hip: Vector) -> Step:
         """Answer to the tool's point at `hip` (3,) [m]."""
+        proxy = np.array([hip[0], max(hip[1], 0.0), hip[2]])
+        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
+
+
+Engine = ProxyEngine | FlatWall
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +237,8 @@ class LoopMotion:
 
     Parameters
     ----------
-    x, v
-        (T, 3) position [m] and velocity [m/s] at the beginning of the tick.
+    x
+        (T, 3) position at the beginning of the tick [m].
     held_force
         (T, 3) the force that the robot held over the tick [N].
     energy
@@ -245,7 +249,6 @@ class LoopMotion:
     """
 
     x: Vector
-    v: Vector
     held_force: Vector
     energy: Vector
     limited_ticks: int | None = None
@@ -318,7 +321,7 @@ def simulate(
     energy = kinetic_energy + spring_energy + hand.potential_at(positions)
     if robot.force_limit_n is None and robot.force_step_limit_n is None:
         limited_ticks = None
-    return LoopMotion(positions, velocities, held_forces, energy, limited_ticks)
+    return LoopMotion(positions, held_forces, energy, limited_ticks)
 
 
 def run_until_still(engine: Engine, hand: SimulatedHand, stiffness: float, start: Vector) -> Vector:
