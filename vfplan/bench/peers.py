@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from vfplan.bench.record import Array
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
+from vfplan.replaying.metrics import flattened
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
@@ -76,13 +77,12 @@ class Peer:
         SettingError
             The program failed, took longer than two minutes, or wrote something else.
         """
-        # What presses space flat along an ignored axis.
-        axis = np.zeros(3) if settings.ignore_axis is None else settings.ignore_axis
-        flat = np.eye(3) - np.outer(axis, axis)
+        flat_hips = flattened(hips, settings.ignore_axis)
         names = ("contact_radius", "band", "point_radius", "outer_radius", "gain")
         numbers = {name: getattr(settings, name) for name in names}
         numbers["stiffness"] = settings.stiffness[0]
-        tables = {"points": ("x,y,z", points @ flat), "path": ("x,y,z", hips @ flat)}
+        flat_points = flattened(points, settings.ignore_axis)
+        tables = {"points": ("x,y,z", flat_points), "path": ("x,y,z", flat_hips)}
         if mesh is not None:
             tables |= {"corners": ("x,y,z", mesh[0]), "triangles": ("a,b,c", mesh[1])}
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
@@ -105,7 +105,7 @@ class Peer:
                 "ones",
                 code="peer-answer",
             )
-        return table[:, :3] + hips @ (np.eye(3) - flat), table[:, 3]
+        return table[:, :3] + (hips - flat_hips), table[:, 3]
 
     def call(self, folder: Path) -> None:
         """Run the program on a folder; raises `SettingError`."""

@@ -139,9 +139,8 @@ def draw_markers(
     axes.plot(*markers[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
     if not used.all():
         axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
-    axes.plot(
-        [], [], color=CONTACT, lw=1.4, label=f"residual (across the slice), drawn {factor:g}x"
-    )
+    label = f"residual (in brackets: across the slice), drawn {factor:g}x"
+    axes.plot([], [], color=CONTACT, lw=1.4, label=label)
     normal = plane_normal(linear)
     normal /= np.linalg.norm(normal)
     residuals_mm = registration.vectors * MM

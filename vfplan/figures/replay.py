@@ -69,7 +69,8 @@ def scene(replayed: Replay) -> Figure:
     names = dict(zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False))
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-        arrow = {"lw": 0.8}
+        arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
+        cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
     else:
         tube = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
         around = max(3 * radius, 2 * tube)
@@ -78,11 +79,11 @@ def scene(replayed: Replay) -> Figure:
         figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
+        dots = {"ms": 1.5}
         if fixture.guidance is not None:
             draw_tube(axes, fixture, basis)
-    every = 1 if axis is not None else max(1, len(cloud) // MAX_DRAWN)
-    label = f"fixture, {len(cloud)} points"
-    axes.plot(*cloud[::every].T, ".", ms=1.5, color=CLOUD, label=label, zorder=2)
+    label = f"fixture, {len(fixture.points)} points"
+    axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
     axes.plot(*(MM * ticks.hip @ basis).T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
     axes.plot(*(MM * ticks.proxy @ basis).T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     # A tube has no contact circle.

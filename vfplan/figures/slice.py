@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from vfplan.display import MAX_NUMBERED
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
@@ -188,8 +189,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     for outline in outline_along(points, distance, closed=stroke.closed):
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
         if len(bridges):
-            offsets = outline[:, None] - bridges[None]
-            to_bridge = np.hypot(*offsets.transpose(2, 0, 1)).min(axis=1)
+            to_bridge, _ = cKDTree(bridges).query(outline)
             beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
             axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
     draw_direction(axes, points, distance + ARROW_GAP_PX / scale)

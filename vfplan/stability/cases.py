@@ -25,6 +25,7 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
+from vfplan.replaying.metrics import flattened
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -305,9 +306,7 @@ def energy_balance(
     axis
         (3,) the ignored axis. A movement along it does no work.
     """
-    movement = np.diff(hips, axis=0)
-    if axis is not None:
-        movement = movement - np.outer(movement @ axis, axis)
+    movement = flattened(np.diff(hips, axis=0), axis)
     # The vector from the HIP to the proxy, without its part along an ignored axis.
     stretch = trace.force / stiffness
     length = np.linalg.norm(stretch, axis=1)
