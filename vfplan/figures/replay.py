@@ -29,7 +29,7 @@ def timeline(replayed: Replay) -> Figure:
     figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
     peak = row_norms(ticks.force).max()
     for name, force in zip("xyz", ticks.force.T, strict=True):
-        if np.abs(force).max() > 1e-6 * peak:
+        if np.abs(force).max() > 1e-3 * peak:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
