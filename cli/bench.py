@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.options import FILE, MM, OVERWRITE, option, options_in_order
+from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, progress
 
@@ -24,7 +24,7 @@ from vfplan.io.writing import write_whole
 STAGES = ("extract", "sample", "register", "proxy", "plan")
 
 
-@command("bench", first_screen="-o --quick --peer --tolerance --json")
+@command("bench", first_screen="-o --quick --peer --json")
 @click.argument("stage", type=click.Choice([*STAGES, "all", "summary"]), default="all")
 @options_in_order(
     option("-o", "--output", type=FILE, metavar="DIR",
@@ -36,14 +36,12 @@ STAGES = ("extract", "sample", "register", "proxy", "plan")
            help="Compare the engines with this program. CMD FOLDER reads points.csv, path.csv and "
            "settings.csv there and writes proxies.csv.  [default: the shipped program with "
            "nanoflann, if it compiles]"),
-    option("--tolerance", "tolerance_m", type=MM, default="0.01",
-           help="Tolerance that the chosen settings keep [mm]."),
 )  # fmt: skip
-def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
+def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     """Measure error and run time of a step, by default of every step, against a known truth.
 
     For each scene the table has every method with its error and its time, which is that of one
-    call or of one tick. The last sentences compare the chosen setting with other settings.
+    call or of one tick. The last sentences compare the chosen setting with other methods.
     `summary` measures the engines, and prints the last sentence alone.
     """
     from vfplan.bench.record import table_lines
@@ -55,7 +53,7 @@ def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
     drawn = [*stages, "summary"] if "proxy" in stages else stages
     names = ["bench.json", *(f"bench_{name}.png" for name in drawn)]
     refuse_folder(output, *names)
-    document = measure(stages, peers, quick, tolerance_m)
+    document = measure(stages, peers, quick)
     if output is not None:
         write_bench(document, drawn, [output / name for name in names])
 
@@ -66,7 +64,7 @@ def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
         return CommandResult(document, sentences["proxy"], verdict="", next_step="")
     *others, last = sentences
     lines = [
-        *table_lines(document, stages), "",
+        *table_lines(document), "",
         f"measured in {document['elapsed_s']:.0f} s on {document['machine']['processor']}",
         *(f"{name}: {sentences[name]}" for name in others),
     ]  # fmt: skip
@@ -80,12 +78,10 @@ def vfplan_bench(stage, output, peers, quick, tolerance_m) -> CommandResult:
     )
 
 
-def measure(
-    stages: list[str], commands: tuple[str, ...], quick: bool, tolerance_m: float
-) -> dict[str, Any]:
+def measure(stages: list[str], commands: tuple[str, ...], quick: bool) -> dict[str, Any]:
     """The document of a bench of now, beside the peers named or the shipped one."""
     from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
-    from vfplan.bench.stages import bench
+    from vfplan.bench.pipeline import bench
 
     peers = [Peer(words) for words in commands]
     absent: list[dict[str, Any]] = []
@@ -99,9 +95,7 @@ def measure(
             except SettingError as error:
                 absent.append({"name": "nanoflann_peer", "ran": False, "message": error.message})
             peers += mesh_peers()
-        document = bench(
-            stages, quick=quick, tolerance_m=tolerance_m, peers=peers, progress=progress
-        )
+        document = bench(stages, quick=quick, peers=peers, progress=progress)
     document["peers"] += absent
     return document
 

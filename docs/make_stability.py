@@ -132,9 +132,7 @@ def stability_map() -> Figure:
             for damping, rate in ROBOTS:
                 robot = Robot("map", 1.0, damping, rate, delay)
                 x.append(damping * rate)
-                measured.append(
-                    largest_stiffness(patch(), robot, engine_for(patch(), rule)).measured
-                )
+                measured.append(largest_stiffness(patch(), robot, engine_for(patch(), rule))[0])
         if rule == "paper":
             axes.plot(x, measured, "o", color=RULE[rule], markersize=9, markerfacecolor="none",
                       label="measured, rule paper")  # fmt: skip

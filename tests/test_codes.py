@@ -251,7 +251,7 @@ PATCHED = {
             np.zeros(3), np.ones(3), 1.0)),
     "peer-not-built": (
         "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
-    "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
+    "peer-failed": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
 }
 # fmt: on
 

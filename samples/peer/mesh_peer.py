@@ -69,8 +69,8 @@ def with_open3d(corners: np.ndarray, triangles: np.ndarray) -> Callable[[np.ndar
 def main(library: str, folder: Path) -> None:
     """Push each position out of the ball around its nearest place."""
     makers = {"igl": with_igl, "coal": with_coal, "open3d": with_open3d}
-    corners = np.loadtxt(folder / "corners.csv", delimiter=",")
-    triangles = np.loadtxt(folder / "triangles.csv", delimiter=",", dtype=np.int64)
+    corners = np.loadtxt(folder / "corners.csv", delimiter=",", skiprows=1)
+    triangles = np.loadtxt(folder / "triangles.csv", int, delimiter=",", skiprows=1)
     hips = np.loadtxt(folder / "path.csv", delimiter=",", skiprows=1, ndmin=2)
     names, values = np.loadtxt(folder / "settings.csv", str, delimiter=",", skiprows=1).T
     settings = dict(zip(names, values.astype(float), strict=True))

@@ -7,7 +7,8 @@ import pytest
 
 import vfplan
 from vfplan.arm.model import Arm
-from vfplan.stability.loop import Plant, exact_bound
+from vfplan.robot import Robot
+from vfplan.stability.loop import exact_bound
 
 POSTURES = {
     "ready": [0, -0.785, 0, -2.356, 0, 1.571, 0.785],
@@ -64,7 +65,7 @@ def test_the_exact_bound_holds_at_the_postures_mass(name):
         arm.hold(POSTURES[name])
         J = arm.read_tip()[2][:3]
         mass = 1 / (UP @ J @ np.linalg.solve(arm.inertia(), J.T) @ UP)
-        bound = exact_bound(Plant(mass, DAMPING, 1e-3), 1)
+        bound = exact_bound(Robot("arm", mass, DAMPING, 1000.0, delay_ticks=1))
         heights = swings(arm, share * bound)
         size = np.abs(heights - np.median(heights))
         return size[-300:].max() / size[:300].max()

@@ -6,32 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from conftest import ROOT
-from scipy.spatial import cKDTree
 
 from vfplan import ProxyParameters
-from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
+from vfplan.bench.peers import Peer, mesh_peers
 from vfplan.bench.pipeline import (
     SAMPLINGS,
     coverage,
-    curve,
-    from_pixels,
     lines,
     markers_px,
-    pen_slice,
     planned_surface,
     score_points,
     surface_error,
 )
-from vfplan.bench.proxy import BallMesh, BoxMesh, Case, cases, evenly_sampled, judge
-from vfplan.bench.record import (
-    BenchRun,
-    errors_of,
-    judge_chosen,
-    mark_pareto,
-    measure_runs,
-)
+from vfplan.bench.proxy import BoxMesh, Case, judge
+from vfplan.bench.record import BenchRun, errors_of, mark_pareto, measure_runs
 from vfplan.errors import CurveError, SettingError
-from vfplan.planning.tolerance import SPEED_M_S, choose
+from vfplan.planning.tolerance import SPEED_M_S
 from vfplan.reference import PaperProxy
 from vfplan.scenes import SCENES
 
@@ -45,20 +35,6 @@ def test_fronts_do_not_mix_scenes():
     ]
     mark_pareto(records)
     assert [r["pareto"] for r in records] == [True, False, True, True, True]
-
-
-@pytest.mark.parametrize(
-    ("more", "kept"),
-    [({"stage": "proxy", "surface_error_m": 0.9, "inside_m": 0.9}, True),
-     ({"stage": "proxy", "surface_error_m": 1.1, "inside_m": 0.0}, False),
-     ({"stage": "proxy", "surface_error_m": 0.1, "inside_m": 1.1}, False),
-     ({"stage": "sample"}, False)],
-)  # fmt: skip
-def test_chosen_is_judged_by_its_surface(more, kept):
-    records = [{"error_max": 9.0} | more, {"error_max": 9.0, "chosen": True} | more]
-    judge_chosen(records, 1.0)
-    assert "meets_tolerance" not in records[0]
-    assert records[1]["meets_tolerance"] is kept
 
 
 def running(work, name="m", **more):
@@ -79,9 +55,7 @@ def test_result_reports_medians_tails_and_spread():
     assert record["error_max"] == 4
     assert record["time_us_median"] == 2, "each tick counts with its least time"
     assert record["time_us_p999"] <= 4, "what the system interrupted is no tick's own"
-    assert record["repeats"] == 3
-    assert record["peer"] is True
-    assert "chosen" not in record
+    assert (record["peer"], record["chosen"]) == (True, False)
 
 
 def test_a_refusal_is_noted_and_the_others_go_on():
@@ -92,7 +66,7 @@ def test_a_refusal_is_noted_and_the_others_go_on():
     results, refused = measure_runs("s", [bad, trial([[1]] * 3)], 2)
     assert [r["method"] for r in results] == ["m"]
     named = {"stage": "s", "scene": "scene", "method": "b", "settings": {"scale": 0.5}}
-    assert refused == [named | {"message": "no line"}]
+    assert refused[0].items() >= (named | {"message": "no line"}).items()
 
 
 def test_slow_trials_sit_out_the_later_rounds():
@@ -101,10 +75,9 @@ def test_slow_trials_sit_out_the_later_rounds():
     def taking(us):
         return running(lambda: (seen.append(us), np.full(1, us)), str(us))
 
-    results, _ = measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
-    assert [r["repeats"] for r in results] == [7, 3, 3]
+    measure_runs("s", [taking(1.0), taking(1e5), taking(1e6)], 7, told.append)
     assert [seen.count(us) for us in (1.0, 1e5, 1e6)] == [8, 4, 4]
-    assert sum(told) == 3 * 8, "the bar ends where it should"
+    assert sum(told) == 8, "the bar ends where it should"
 
 
 @pytest.mark.parametrize("width", [1.5, 3.0, 4.7])
@@ -114,16 +87,6 @@ def test_pen_covers_its_area(width):
     length = np.hypot(*(line[-1] - line[0]))
     assert share.sum() == pytest.approx(length * width + np.pi * width**2 / 4, rel=5e-3)
     assert 0 <= share.min() < share.max() <= 1
-
-
-def test_scaled_picture_has_its_line_where_the_truth_says():
-    picture = pen_slice(4.0, scale=1.5).astype(float)
-    assert picture.shape == (720, 960, 3)
-    red = picture[..., 0] - picture[..., 1:].mean(axis=2)
-    v, u = np.nonzero(red > 90)
-    places = from_pixels(np.column_stack([u, v]).astype(float), 1.5)
-    away, _ = cKDTree(curve()).query(places)
-    assert away.max() < 4 / 2 + 0.7
 
 
 @pytest.mark.parametrize("line", lines(), ids=lambda line: line.name)
@@ -140,29 +103,25 @@ def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
         assert even == pytest.approx((1 + R / radius) * tolerance, rel=0.02)
 
 
-def test_planned_surface_is_nowhere_nearer_than_R():
-    for line in lines():
-        away, _ = cKDTree(line.fine).query(planned_surface(line))
-        assert away.min() > R * (1 - 2e-5)
-        assert away.max() < R * (1 + 1e-5)
-
-
-def test_exact_proxy_has_no_error():
-    case = next(cases(True))
-    errors = judge(case, case.scene.points, case.truth, {})
-    assert errors["error_rms"] == errors["error_max"] == 0
-    assert errors["force_rms_n"] == 0
-    assert errors["surface_error_m"] < 1e-12
-
-
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     scene = SCENES["segment"]()
     hips = scene.path("above", 0.2)
     case = Case("segment", scene, hips)
     shifted = case.truth + np.array([0, 1e-5, 0])
-    errors = judge(case, scene.points, shifted, {})
+    errors = judge(case, shifted)
     assert errors["error_rms"] == pytest.approx(1e-5)
     assert errors["force_rms_n"] == pytest.approx(1e-2)
+
+
+@pytest.mark.parametrize(
+    ("lift", "kept"), [(0.0, True), (0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)]
+)
+def test_a_surface_is_judged_by_the_tolerance_on_either_side(lift, kept):
+    scene = SCENES["sheet"]()
+    case = Case("sheet", scene, scene.path("front", 0.2)[:400])
+    errors = judge(case, np.add(case.truth, [0, lift, 0]))
+    assert errors["error_max"] == pytest.approx(abs(lift))
+    assert errors["meets_tolerance"] is kept
 
 
 def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(nanoflann_peer):
@@ -179,17 +138,6 @@ def test_penalties_push_out_of_the_nearest_ball_and_through_on_the_other_side(na
         expected = box.half[2] + np.array([R, -R, 6e-3])
         assert pushed[:, 2] == pytest.approx(expected, abs=1e-8), peer.name
         assert (us > 0).all()
-
-
-@pytest.mark.parametrize("name", ["sheet", "sphere", "segment"])
-def test_chosen_cloud_has_dimples_within_their_share(name):
-    choice = choose(1e-5, R)
-    cloud = evenly_sampled(SCENES[name](), choice).points
-    spread = np.linalg.norm(cloud - cloud[:1], axis=1)
-    near, _ = cKDTree(cloud).query(cloud[np.argsort(spread)[:400]], k=2)
-    allowed = choice.spacing_m / np.sqrt(1 if name == "segment" else 2)
-    assert near[:, 1].max() <= 1.1 * allowed
-    assert len(cloud) > 50
 
 
 PAGE = (ROOT / "docs" / "accuracy.md").read_text()
@@ -260,7 +208,7 @@ def test_peer_gets_the_scene_and_answers(tmp_path):
 
 @pytest.mark.parametrize(
     ("body", "says"),
-    [("sys.exit('out of paper')", "exit code 1: out of paper"), ("pass", "proxies.csv"),
+    [("sys.exit('out of paper')", "exit status 1. out of paper"), ("pass", "proxies.csv"),
      (WRITES % "float('nan')", "finite"),
      (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)")],
 )  # fmt: skip
@@ -301,26 +249,6 @@ def test_the_box_of_the_bench_has_its_closed_form():
     assert away.max() < 1e-12
 
 
-def test_the_ball_of_the_bench_is_closed_and_round():
-    ball = BallMesh()
-    corners, triangles = ball.mesh
-    assert len(triangles) == 8 * 25**2
-    assert np.linalg.norm(corners, axis=1) == pytest.approx(ball.radius)
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    assert (np.unique(edges, axis=0, return_counts=True)[1] == 2).all()
-    one, two, three = np.moveaxis(corners[triangles], 1, 0)
-    outwards = (np.cross(two - one, three - one) * one).sum(axis=1)
-    assert (outwards > 0).all(), "turned alike, so that the smooth body is rendered"
-
-
-def test_a_peer_that_cannot_be_built_says_what_is_missing(monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.delenv("CXX", raising=False)
-    with pytest.raises(SettingError) as error:
-        build_nanoflann(tmp_path)
-    assert error.value.code == "no-compiler"
-
-
 def test_distance_from_a_drawn_line_knows_no_vertices():
     """Between the vertices it is that of the line, beyond its ends that of the end."""
     t = np.linspace(0, 1, 21)[:, None]
@@ -335,7 +263,7 @@ def test_distance_from_a_drawn_line_knows_no_vertices():
 
 @pytest.mark.parametrize(
     ("arguments", "code"),
-    [("paint", 2), ("extract --tolerance 0", 2), ("proxy --quick --peer /nowhere/peer", 2),
+    [("paint", 2), ("proxy --quick --peer /nowhere/peer", 2),
      ("extract -o /nowhere/at/all", 2), ("extract --peer true", 2)],
 )  # fmt: skip
 def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):

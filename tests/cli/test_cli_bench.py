@@ -94,15 +94,12 @@ def test_no_baseline_is_as_near_as_the_robust_rule(document):
 
 def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(document):
     tolerance = document["tolerance_m"]
-    for stage in ("sample", "proxy"):
-        for scene in scenes(document, stage):
-            if "noise" in scene:
-                continue  # what was measured is further off than the tolerance
-            (chosen,) = of(document, stage=stage, scene=scene, chosen=True)
-            key = "error_max" if stage == "sample" else "surface_error_m"
-            assert chosen[key] <= tolerance, scene
-            assert chosen.get("inside_m", 0.0) <= tolerance, scene
-            assert chosen["meets_tolerance"] is True
+    for scene in scenes(document, "sample"):
+        (chosen,) = of(document, stage="sample", scene=scene, chosen=True)
+        assert chosen["error_max"] <= tolerance, scene
+    for chosen in of(document, stage="proxy", chosen=True):
+        # What was measured is further off than the tolerance.
+        assert chosen["meets_tolerance"] is ("noise" not in chosen["scene"])
 
 
 def test_files_say_what_the_document_says(quick):
@@ -112,17 +109,14 @@ def test_files_say_what_the_document_says(quick):
     }  # fmt: skip
     stored = json.loads((folder / "bench.json").read_text())
     assert stored["results"] == document["results"]
-
-
-def test_the_table_has_a_head_and_a_key(document):
-    lines = table_lines(document, ["proxy"])
-    assert lines[0].split()[:5] == ["proxy:", "median", "a", "tick", "p99.9"]
-    assert any(line.startswith("* on the front") for line in lines)
+    lines = table_lines(document)
+    assert {f"proxy: {scene}" for scene in scenes(document, "proxy")} < set(lines)
+    assert sum(line.endswith("chosen by tolerance") for line in lines) == 8
     assert not any(" us " in line or "e-0" in line for line in lines)
 
 
 def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):
-    monkeypatch.setattr("vfplan.bench.stages.bench", lambda *_, **__: document)
+    monkeypatch.setattr("vfplan.bench.pipeline.bench", lambda *_, **__: document)
     sentence = CliRunner().invoke(cli, ["bench", "summary", "--peer", "true"]).stdout
     assert sentence.strip() == document["summary"]["proxy"]
     rows = of(document, stage="proxy", chosen=True)

@@ -74,19 +74,8 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
 
 
 def test_options_win_over_the_robot(vfplan_cli, dot):
-    options = (
-        "--robot",
-        "franka",
-        "--delay-ticks",
-        0,
-        "--damping",
-        20,
-        "--rate",
-        500,
-        "--filter",
-        0,
-    )
-    run = vfplan_cli("stability", dot, *options, "--part", "closed-loop", "--json")
+    words = "--robot franka --delay-ticks 0 --damping 20 --rate 500 --filter 0 --part closed-loop"
+    run = vfplan_cli("stability", dot, *words.split(), "--json")
     assert run.json["k_linear_bound_n_per_m"] == pytest.approx(20 * 500 * 2)
     assert [blow["rests"] for blow in run.json["blows"]] == [True, True, True]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 
 from vfplan import PlannedImage
 from vfplan.curve.extraction import vector_stroke
@@ -44,11 +45,12 @@ def sagittal(spacing=(0.5, 0.7)):
 
 def test_bar_is_as_long_as_it_says(drawn):
     axes = drawn(sagittal())
-    text = next(t for t in axes.texts if t.get_text().endswith("mm"))
-    bar = next(line for line in axes.lines if line.get_linewidth() == 2.5)
-    assert np.ptp(bar.get_xdata()) * 0.5 == pytest.approx(float(text.get_text().split()[0])) == 20
+    [bar] = axes.findobj(AnchoredSizeBar)
+    assert bar.txt_label.get_text() == "20 mm"
+    assert bar.size_bar.get_children()[0].get_width() * 0.5 == pytest.approx(20)
     bare = drawn(PlannedImage(np.zeros((300, 400, 3), np.uint8)))
-    assert not any("mm" in t.get_text() or t.get_text() in [*"LRAPHF"] for t in bare.texts)
+    assert not bare.findobj(AnchoredSizeBar)
+    assert not any(t.get_text() in [*"LRAPHF"] for t in bare.texts)
 
 
 def test_sides_are_the_patients(drawn):

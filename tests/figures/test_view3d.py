@@ -52,12 +52,6 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
 
 
-def test_the_cloud_alone(tmp_path):
-    need_gl()
-    view3d.draw_view(fixture_of(line()), tmp_path / "cloud.png")
-    assert share(tmp_path / "cloud.png", rgb(PROXY)) < 1e-5
-
-
 def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     """With the slice the ground is grey, and without it all but its border is white."""
     need_gl()
@@ -89,7 +83,7 @@ def test_a_probe_that_crashes_is_a_no(monkeypatch):
     monkeypatch.setattr(view3d, "PROBE", "import os; os.kill(os.getpid(), 11)")
     view3d.rendering_fault.cache_clear()
     try:
-        assert "ended by signal 11" in view3d.rendering_fault(None)
+        assert "SIGSEGV" in view3d.rendering_fault(None)
     finally:
         view3d.rendering_fault.cache_clear()
 

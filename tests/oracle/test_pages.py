@@ -9,7 +9,7 @@ from importlib import import_module
 import pytest
 from conftest import ROOT
 
-from vfplan.bench import stages
+from vfplan.bench import pipeline
 from vfplan.bench.peers import Peer
 from vfplan.stability.study import study
 
@@ -39,9 +39,9 @@ def without_times(text):
 
 
 def test_accuracy(program, monkeypatch, nanoflann_peer):
-    monkeypatch.setattr(stages, "REPEATS", 1)
+    monkeypatch.setattr(pipeline, "REPEATS", 1)
     peers = [nanoflann_peer, Peer(f"{nanoflann_peer.command} penalty", "nearest-point penalty")]
-    document = stages.bench(peers=peers)
+    document = pipeline.bench(peers=peers)
     for name, table in program("accuracy_tables").TABLES.items():
         if name != "machine":
             made, shown = without_times(table(document)), without_times(block(ACCURACY, name))

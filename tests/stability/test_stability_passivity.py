@@ -26,11 +26,10 @@ def pressing(count=400):
 
 def test_bound_is_reached_by_a_perfect_wall():
     hips = pressing()
-    found = energy_balance(wall(hips, 700.0), hips, 700.0)
-    assert found.work_j == pytest.approx(found.bound_j, rel=1e-9)
-    assert found.work_j > 0
-    assert found.recede_m < 1e-18
-    assert found.stored_j == pytest.approx(0.5 * 700 * 2e-3**2, rel=1e-3)
+    excess, recede, stored = energy_balance(wall(hips, 700.0), hips, 700.0)
+    assert abs(excess) < 1e-12 * stored
+    assert recede < 1e-18
+    assert stored == pytest.approx(0.5 * 700 * 2e-3**2, rel=1e-3)
 
 
 def test_a_sticky_wall_is_active():
@@ -38,14 +37,15 @@ def test_a_sticky_wall_is_active():
     ideal = wall(hips, 700.0)
     stiffer_out = np.where(np.arange(400)[:, None] > 200, 1.1, 1.0)
     sticky = replace(ideal, force=ideal.force * stiffer_out)
-    assert energy_balance(sticky, hips, 700.0).excess > 0.05
+    excess, _, stored = energy_balance(sticky, hips, 700.0)
+    assert excess > 0.05 * stored
 
 
 def test_ignored_axis_does_no_work_and_adds_no_bound():
     s = np.linspace(0, 2 * np.pi, 50)
     hips = np.column_stack([0 * s, -1e-3 + 0 * s, 0.1 * np.sin(s)])
-    found = energy_balance(wall(hips, 1.0), hips, 1.0, np.array([0.0, 0.0, 1.0]))
-    assert (found.work_j, found.bound_j) == (0.0, 0.0)
+    excess, _, _ = energy_balance(wall(hips, 1.0), hips, 1.0, np.array([0.0, 0.0, 1.0]))
+    assert excess == 0.0
 
 
 @pytest.mark.parametrize("scene", ["flat", "corner", "three-walls", "channel", "point", "omega"])

@@ -26,7 +26,7 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, rendered_ticks, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
-from vfplan.stability.loop import Plant, exact_bound
+from vfplan.stability.loop import exact_bound
 from vfplan.stability.study import largest_rendered_stiffness
 
 Array = NDArray[np.float64]
@@ -420,7 +420,6 @@ def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> di
     conditions, masses_kg = zip(*(arm.posture(motion.q[k]) for k in ticks), strict=True)
     condition, mass_kg = max(conditions), min(masses_kg)
     worst, lightest = ticks[conditions.index(condition)], ticks[masses_kg.index(mass_kg)]
-    plant = Plant.of(replace(arm.robot, mass_kg=mass_kg))
     figures = {
         "joint_margin_min_rad": float(to_limit.min()),
         "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,
@@ -429,7 +428,7 @@ def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> di
         "condition_max_tick": worst,
         "mass_min_kg": mass_kg,
         "mass_min_tick": lightest,
-        "k_max_n_per_m": exact_bound(plant, arm.robot.delay_ticks),
+        "k_max_n_per_m": exact_bound(replace(arm.robot, mass_kg=mass_kg)),
     }
     if ruler is not None:
         figures["condition_max_along"] = ruler.locate(motion.tip[worst])

@@ -8,12 +8,12 @@ star is the chosen setting; dotted lines are the tolerance and the budget of a t
 from __future__ import annotations
 
 from itertools import cycle
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import NullFormatter
 
 from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, clouds, grouped
 from vfplan.figures.style import new_figure, save_png, style, subplots
@@ -37,6 +37,9 @@ MARKERS = "os^vDPX<>ph"
 
 Look = dict[str, str]
 
+# The star of a chosen setting.
+CHOSEN: dict[str, Any] = {"color": "black", "marker": "*", "ms": 12, "mfc": "white", "zorder": 6}
+
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     """The diagram of one stage of a bench document, as a PNG."""
@@ -47,22 +50,20 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     rows = -(-len(scenes) // columns)
     figure = new_figure(max(5.0, 2.6 * columns + 0.4), 2.5 * rows + 1.1)
     with style():
-        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat
 
     # A panel a scene; the last row may have fewer.
-    slowest = max(place_of(result, stage)[1] for result in results)
-    for axes, (scene, scene_results) in zip(panels.flat, scenes.items(), strict=False):
+    slowest = max(place_of(result, stage)[0] for result in results)
+    for axes, (scene, scene_results) in zip(panels, scenes.items(), strict=False):
         draw_panel(axes, scene_results, looks, stage, slowest)
         draw_bounds(axes, document, stage)
         axes.set_title(scene, fontsize=8.5)
-    for axes in list(panels.flat)[len(scenes) :]:
+        axes.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
+        axes.tick_params(labelbottom=True)
+        axes.tick_params(which="minor", labelbottom=True, labelsize=6.5)
+    for axes in panels[len(scenes) :]:
         axes.remove()
-    for k in range(columns):
-        lowest = panels[(len(scenes) - 1 - k) // columns, k]
-        lowest.set_xlabel(f"median time [{LOOKS[stage].time_unit}]", fontsize=8.5)
-        lowest.tick_params(labelbottom=True)
-    error_unit = "px" if results[0]["unit"] == "px" else "µm"
-    figure.supylabel(f"RMS error [{error_unit}]", fontsize=8.5)
+    figure.supylabel(f"RMS error [{'px' if results[0]['unit'] == 'px' else 'µm'}]", fontsize=8.5)
 
     # A line of the legend for each look, whichever panels have it.
     handles = {}
@@ -83,13 +84,10 @@ def draw_summary(document: dict[str, Any], path: Path) -> None:
     figure, axes = subplots(7.4, 4.6)
     axes.set(xscale="log", yscale="log", xlabel="median time of a tick [µs]",
              ylabel="RMS error of the proxy [µm]")  # fmt: skip
-    spare = cycle(zip((HIP, FORCE, PROXY, CONTACT), "^vXP", strict=True))
-    for method, records in clouds("proxy", results).items():
-        if method == "chosen":
-            look = {"color": "black", "marker": "*", "ms": 13, "mfc": "white", "zorder": 6}
-        else:
-            colour, marker = (RULES[method], "o") if method in RULES else next(spare)
-            look = {"color": colour, "marker": marker, "ms": 5, "zorder": 4}
+    methods = clouds("proxy", results)
+    looks = looks_of([result for result in results if result["method"] in methods])
+    for method, records in methods.items():
+        look = {"ms": 5, "zorder": 4} | looks.get(method, CHOSEN)
         draw_marks(axes, records, "proxy", ls="", elinewidth=0.5, label=method, **look)
     draw_bounds(axes, document, "proxy")
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), fontsize=8)
@@ -101,7 +99,7 @@ def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
     spare = cycle((HIP, FORCE, PROXY, CONTACT))
     colours = dict(RULES)
     looks: dict[str, Look] = {}
-    for method in dict.fromkeys(r["method"] for r in results if not r.get("chosen")):
+    for method in dict.fromkeys(r["method"] for r in results if not r["chosen"]):
         rule = method.split(", ")[0]
         if rule not in colours:
             colours[rule] = next(spare)
@@ -114,16 +112,12 @@ def draw_panel(
 ) -> None:
     """Draw the results of one scene; `slowest` is where the front's staircase ends."""
     axes.set(xscale="log", yscale="log")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_minor_formatter(NullFormatter())
 
     # A method's settings from the cheapest to the dearest.
-    for method, look in looks.items():
-        settings = [r for r in results if r["method"] == method and not r.get("chosen")]
-        if settings:
-            settings.sort(key=lambda result: result["time_us_median"])
-            draw_marks(axes, settings, stage, capsize=1.5, ms=4, lw=1.0, elinewidth=0.7, zorder=4,
-                       label=method, **look)  # fmt: skip
+    tried = sorted((r for r in results if not r["chosen"]), key=itemgetter("time_us_median"))
+    for method, settings in grouped(tried, "method").items():
+        draw_marks(axes, settings, stage, capsize=1.5, ms=4, lw=1.0, elinewidth=0.7, zorder=4,
+                   label=method, **looks[method])  # fmt: skip
 
     # The staircase under which nothing was measured.
     front = sorted(place_of(result, stage) for result in results if result["pareto"])
@@ -133,11 +127,10 @@ def draw_panel(
 
     # The chosen settings: RMS at the star, the maximum at the end of the line above it.
     for result in results:
-        if result.get("chosen"):
+        if result["chosen"]:
             x, _, error, largest = place_of(result, stage)
-            axes.errorbar(x, error, [[0.0], [largest - error]], capsize=3, ls="",
-                          marker="*", ms=12, color="black", mfc="white", elinewidth=0.8, zorder=6,
-                          label="chosen")  # fmt: skip
+            axes.errorbar(x, error, [[0.0], [largest - error]], capsize=3, ls="", elinewidth=0.8,
+                          label="chosen", **CHOSEN)  # fmt: skip
 
 
 def draw_marks(axes: Axes, records: list[dict[str, Any]], stage: str, **look: Any) -> None:
@@ -160,7 +153,6 @@ def draw_bounds(axes: Axes, document: dict[str, Any], stage: str) -> None:
 def place_of(result: dict[str, Any], stage: str) -> tuple[float, float, float, float]:
     """Median time, its p99.9, RMS error and largest error in the units of the diagram."""
     factor = 1e-3 if LOOKS[stage].time_unit == "ms" else 1.0
-    times = [factor * result[name] for name in ("time_us_median", "time_us_p999")]
     scale, smallest = (1e6, SMALLEST_UM) if result["unit"] == "m" else (1.0, SMALLEST_PX)
     errors = [max(scale * result[name], smallest) for name in ("error_rms", "error_max")]
-    return (*times, *errors)
+    return factor * result["time_us_median"], factor * result["time_us_p999"], *errors

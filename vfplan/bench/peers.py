@@ -8,11 +8,10 @@ called as
 FOLDER holds `points.csv` (a header `x,y,z`, metres), `path.csv` (the same; one HIP a tick), on a
 scene of triangles `corners.csv` and `triangles.csv` (a header `a,b,c`, rows of corners), and
 `settings.csv` (a header `name,value`; the names contact_radius, band, point_radius, outer_radius,
-stiffness, gain, and for a planar scene ignore_axis_x, ignore_axis_y and ignore_axis_z). The program
-sets itself up, starts with the proxy at the first HIP, and writes `proxies.csv` with a header
-`x,y,z,us`: after each tick the proxy [m] and the time the tick took [µs]. Cloud and path of a
-planar scene are pressed flat along its axis before the peer sees them, so that a program made for
-space gets the same answer.
+stiffness, gain). The program sets itself up, starts with the proxy at the first HIP, and writes
+`proxies.csv` with a header `x,y,z,us`: after each tick the proxy [m] and the time the tick took
+[µs]. Cloud and path of a planar scene are pressed flat along its axis before the peer sees them, so
+that a program made for space gets the same answer.
 """
 
 from __future__ import annotations
@@ -34,6 +33,7 @@ from numpy.typing import NDArray
 from vfplan.bench.record import Array
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
+from vfplan.replaying.metrics import flattened
 
 Mesh = tuple[Array, NDArray[np.int32]]
 
@@ -65,19 +65,7 @@ class Peer:
     @property
     def name(self) -> str:
         """What the tables call it."""
-        return self.title or Path(self._words[0]).stem
-
-    @property
-    def _words(self) -> list[str]:
-        return shlex.split(self.command)
-
-    def check(self) -> None:
-        """Raise `SettingError` when the program cannot be started at all."""
-        if not self.command.strip() or which(self._words[0]) is None:
-            raise SettingError(
-                f"peer {self.command!r} is no program. Give one that can be run",
-                code="no-such-peer",
-            )
+        return self.title or Path(shlex.split(self.command)[0]).stem
 
     def run(
         self, points: Array, hips: Array, settings: ProxyParameters, mesh: Mesh | None = None
@@ -89,66 +77,48 @@ class Peer:
         SettingError
             The program failed, took longer than two minutes, or wrote something else.
         """
-        # What presses space flat along an ignored axis.
-        axis = np.zeros(3) if settings.ignore_axis is None else settings.ignore_axis
-        flat = np.eye(3) - np.outer(axis, axis)
+        flat_hips = flattened(hips, settings.ignore_axis)
+        names = ("contact_radius", "band", "point_radius", "outer_radius", "gain")
+        numbers = {name: getattr(settings, name) for name in names}
+        numbers["stiffness"] = settings.stiffness[0]
+        flat_points = flattened(points, settings.ignore_axis)
+        tables = {"points": ("x,y,z", flat_points), "path": ("x,y,z", flat_hips)}
+        if mesh is not None:
+            tables |= {"corners": ("x,y,z", mesh[0]), "triangles": ("a,b,c", mesh[1])}
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
             folder = Path(name)
-            for file, rows in (("points.csv", points), ("path.csv", hips)):
-                np.savetxt(folder / file, rows @ flat, "%.17g", ",", header="x,y,z", comments="")
-            if mesh is not None:
-                corners, triangles = mesh
-                np.savetxt(folder / "corners.csv", corners, "%.17g", ",", header="x,y,z")
-                np.savetxt(folder / "triangles.csv", triangles, "%d", ",", header="a,b,c")
-            (folder / "settings.csv").write_text(settings_table(settings))
+            for file, (header, rows) in tables.items():
+                path = folder / f"{file}.csv"
+                np.savetxt(path, rows, "%.17g", ",", header=header, comments="")
+            lines = ["name,value", *(f"{name},{value:.17g}" for name, value in numbers.items())]
+            (folder / "settings.csv").write_text("\n".join(lines) + "\n")
             self.call(folder)
-            path = folder / "proxies.csv"
             try:
-                table = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+                table = np.loadtxt(folder / "proxies.csv", delimiter=",", skiprows=1, ndmin=2)
+                is_sound = table.shape == (len(hips), 4) and np.isfinite(table).all()
+                found = f"holds {table.shape} numbers"
             except (OSError, ValueError) as error:
-                raise SettingError(
-                    f"peer {self.name!r}: proxies.csv: {error}. Let it write one row a tick",
-                    code="peer-answer",
-                ) from None
-        if table.shape != (len(hips), 4) or not np.isfinite(table).all():
+                is_sound, found = False, str(error)
+        if not is_sound:
             raise SettingError(
-                f"peer {self.name!r}: proxies.csv holds {table.shape} numbers. Let it write "
-                f"({len(hips)}, 4) finite ones",
+                f"peer {self.name!r}: proxies.csv {found}. Let it write ({len(hips)}, 4) finite "
+                "ones",
                 code="peer-answer",
             )
-        return table[:, :3] + hips @ (np.eye(3) - flat), table[:, 3]
+        return table[:, :3] + (hips - flat_hips), table[:, 3]
 
     def call(self, folder: Path) -> None:
         """Run the program on a folder; raises `SettingError`."""
+        command = [*shlex.split(self.command), str(folder)]
+        how = {"capture_output": True, "text": True, "env": os.environ | {"LC_ALL": "C"}}
         try:
-            done = subprocess.run(
-                [*self._words, str(folder)], capture_output=True, text=True, timeout=TIMEOUT_S,
-                check=False, env=os.environ | {"LC_ALL": "C"},
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
+            subprocess.run(command, check=True, timeout=TIMEOUT_S, **how)
+        except (OSError, subprocess.SubprocessError) as error:
+            said = " ".join(str(getattr(error, "stderr", None) or "").split())[-QUOTED_CHARACTERS:]
             raise SettingError(
-                f"peer {self.name!r} is not done in {TIMEOUT_S:g} s. Give a faster one",
-                code="peer-slow",
-            ) from None
-        if done.returncode:
-            message = " ".join(done.stderr.split())[-QUOTED_CHARACTERS:] or "no message"
-            raise SettingError(
-                f"peer {self.name!r} ended with exit code {done.returncode}: {message}. "
-                "Correct that program",
+                f"peer {self.name!r} failed: {error} {said}. Correct that program",
                 code="peer-failed",
-            )
-
-
-def settings_table(parameters: ProxyParameters) -> str:
-    """The content of `settings.csv`."""
-    names = ("contact_radius", "band", "point_radius", "outer_radius")
-    values: dict[str, float] = {name: getattr(parameters, name) for name in names}
-    values |= {"stiffness": parameters.stiffness[0], "gain": parameters.gain}
-    if parameters.ignore_axis is not None:
-        values |= {
-            f"ignore_axis_{k}": x for k, x in zip("xyz", parameters.ignore_axis, strict=True)
-        }
-    return "".join(["name,value\n", *(f"{name},{value:.17g}\n" for name, value in values.items())])
+            ) from None
 
 
 def build_nanoflann(folder: Path) -> Peer:
@@ -157,23 +127,20 @@ def build_nanoflann(folder: Path) -> Peer:
     Raises SettingError: there is no compiler or no nanoflann here, or it does not compile; the
         message says what to install
     """
-    compiler = which(os.environ.get("CXX", "g++")) or which("clang++")
-    if compiler is None:
-        raise SettingError(
-            "the nanoflann peer did not run, because there is no C++ compiler. Run apt install g++",
-            code="no-compiler",
-        )
+    compiler = which(os.environ.get("CXX", "g++")) or which("clang++") or "g++"
     program = folder / "nanoflann_peer"
     with as_file(files("vfplan.samples") / "peer" / "nanoflann_peer.cpp") as source:
         command = [compiler, "-std=c++20", "-O3", "-o", str(program), str(source)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        errors = [line.strip() for line in done.stderr.splitlines() if "error" in line]
-        reason = errors[0] if errors else "no message"
-        raise SettingError(
-            f"the nanoflann peer did not compile: {reason}. Run apt install libnanoflann-dev",
-            code="peer-not-built",
-        )
+        try:
+            subprocess.run(command, capture_output=True, text=True, check=True)
+        except (OSError, subprocess.CalledProcessError) as error:
+            said = getattr(error, "stderr", None) or str(error)
+            reason = next((line for line in said.splitlines() if "error" in line), said).strip()
+            raise SettingError(
+                f"the nanoflann peer did not compile: {reason}. Run apt install g++ "
+                "libnanoflann-dev",
+                code="peer-not-built",
+            ) from None
     return Peer(shlex.quote(str(program)))
 
 

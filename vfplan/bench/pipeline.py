@@ -1,4 +1,4 @@
-"""Stages extract, register, sample and plan: from a drawn slice to a fixture, and its error.
+"""Stages extract, register, sample and plan, and all stages as one document.
 
 extract
     Methods x image scale x JPEG quality x pen width. Errors are distances from the drawn centre
@@ -25,8 +25,13 @@ plan
 
 from __future__ import annotations
 
+import os
+import platform
+import re
 import tempfile
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from importlib.resources import files
@@ -39,14 +44,30 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from vfplan import _core
-from vfplan.bench.proxy import Elbow, R, elbow_truth
-from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed, timed_ticks
+from vfplan.bench.peers import Peer
+from vfplan.bench.proxy import Elbow, R, elbow_truth, proxy_scenes
+from vfplan.bench.record import (
+    FEWEST_REPEATS,
+    LOOKS,
+    TOLERANCE_M,
+    Advance,
+    Array,
+    BenchRun,
+    Record,
+    Setting,
+    errors_of,
+    mark_pareto,
+    measure_runs,
+    summaries,
+    timed,
+    timed_ticks,
+)
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.geometry.lines import normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.planning.tolerance import choose, sample_curve
+from vfplan.planning.tolerance import RATE_HZ, choose, sample_curve
 from vfplan.scenes.outline import Run, arc, in_space, segment
 
 # Width of the drawn slice at scale 1 [px].
@@ -59,8 +80,8 @@ HEIGHT_PX = 3 * WIDTH_PX // 4
 SUBPIXELS = 8
 
 
-def extract_scenes(quick: bool, *_: Any) -> Iterator[list[BenchRun]]:
-    """The runs of each pen and quality; the tolerance has no say here."""
+def extract_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+    """The runs of each pen and quality."""
     scales, pens_px, qualities = [0.5, 0.75, 1.0, 1.5, 2.0], [1.5, 3.0, 5.0], [None, 90, 75, 50]
     if quick:
         scales, pens_px, qualities = [0.5, 1.0], [3.0], [None, 75]
@@ -199,8 +220,8 @@ PIXEL_M = 0.5e-3
 DEFAULT_MARKERS = 9
 
 
-def register_scenes(quick: bool, *_: Any) -> Iterator[list[BenchRun]]:
-    """The runs of each noise and print; the tolerance has no say here."""
+def register_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+    """The runs of each noise and print."""
     noises_mm, counts, draws = [0.05, 0.2, 1.0], [4, 6, 9, 16, 25, 49], 100
     if quick:
         noises_mm, counts, draws = [0.2], [4, 9, 25], 30
@@ -312,12 +333,12 @@ class TrueCurve:
         return in_space(normals(self.fine[:, :2], self.run.closed))
 
 
-def sample_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:
+def sample_scenes(quick: bool) -> Iterator[list[BenchRun]]:
     """The runs of each curve."""
     tolerances, curves = [1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7], lines()
     if quick:
         tolerances, curves = [1e-4, 1e-5, 1e-6], curves[1:]
-    chosen_m = choose(tolerance_m, R).sampling_tolerance_m
+    chosen_m = choose(TOLERANCE_M, R).sampling_tolerance_m
     for line in curves:
         # A HIP along the left side of the curve, pressed in, after an approach from outside.
         picked = np.linspace(0, len(line.fine) - 1, TICKS).astype(int)
@@ -404,65 +425,51 @@ SAMPLINGS: dict[str, Callable[..., Array]] = {
 }
 
 
-def plan_scenes(quick: bool, tolerance_m: float, *_: Any) -> Iterator[list[BenchRun]]:
+def plan_scenes(quick: bool) -> Iterator[list[BenchRun]]:
     """The runs with the shipped and with exact markers."""
-    tolerances = {1e-4, 1e-5} if quick else {3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6}
+    tolerances = [1e-4, 1e-5] if quick else [3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6]
     # Every fifth place of the true surface counts, 0.1 mm apart.
     surface = planned_surface(TrueCurve("elbow", *Elbow().runs))[::5]
     score = partial(score_plan, surface=surface)
-    for scene, exact in (("elbow, markers touched", False), ("elbow, exact markers", True)):
-        runs = []
-        steps = sorted({*tolerances, tolerance_m})[::-1]
-        for name, listed, *settings in plan_methods(steps, tolerance_m):
-            run = partial(plan_elbow, *settings, exact)
-            chosen = name == "ridge" and listed["tolerance_m"] == tolerance_m
-            runs.append(BenchRun(scene, name, listed, run, score, "m", chosen))
-        yield runs
+    sample = Path(str(files("vfplan.samples")))
+    source, touched = (sample / f"elbow_markers_{frame}.csv" for frame in ("image", "robot"))
+    with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
+        exact = Path(name) / "robot.csv"
+        write_exact_markers(source, exact)
+        for scene, target in (("markers touched", touched), ("exact markers", exact)):
+            runs = []
+            for method, listed, extraction, settings in plan_methods(tolerances):
+                call = partial(plan, sample / "elbow.png", source, target, extraction=extraction,
+                               settings=settings)  # fmt: skip
+                chosen = method == "ridge" and settings == FixtureSettings()
+                runs.append(BenchRun(f"elbow, {scene}", method, listed, partial(timed, call),
+                                     score, "m", chosen))  # fmt: skip
+            yield runs
 
 
 def plan_methods(
-    tolerances: list[float], tolerance_m: float
+    tolerances: list[float],
 ) -> Iterator[tuple[str, dict[str, Setting], ExtractSettings, FixtureSettings]]:
     """The paths through the pipeline: name, setting for the table, and settings of both steps.
 
     The default at every tolerance, and the others at the one that is chosen: they take seconds.
     """
+    as_it_is, chosen = ExtractSettings(), FixtureSettings()
+    listed: dict[str, Setting] = {"tolerance_m": TOLERANCE_M}
     for tolerance in tolerances:
-        settings = FixtureSettings(tolerance_m=tolerance)
-        yield "ridge", {"tolerance_m": tolerance}, ExtractSettings(), settings
-    listed: dict[str, Setting] = {"tolerance_m": tolerance_m}
-    settings = FixtureSettings(tolerance_m=tolerance_m)
-    yield "skeleton", listed, ExtractSettings(method="skeleton"), settings
+        yield "ridge", {"tolerance_m": tolerance}, as_it_is, replace(chosen, tolerance_m=tolerance)
+    yield "skeleton", listed, ExtractSettings(method="skeleton"), chosen
     spacing = ExtractSettings(pixel_spacing_mm=(0.5, 0.5))
-    yield "ridge, rigid", listed, spacing, replace(settings, model="rigid")
-    yield "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), FixtureSettings()
-
-
-def plan_elbow(
-    extraction: ExtractSettings, settings: FixtureSettings, exact: bool
-) -> tuple[Any, Array]:
-    """The plan on the shipped slice, with the shipped or with exact markers, and its time."""
-    folder = Path(str(files("vfplan.samples")))
-    source, target = (folder / f"elbow_markers_{frame}.csv" for frame in ("image", "robot"))
-    with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
-        if exact:
-            target = Path(name) / "robot.csv"
-            write_exact_markers(source, target)
-        return timed(
-            lambda: plan(folder / "elbow.png", source, target, extraction=extraction,
-                         settings=settings)
-        )  # fmt: skip
+    yield "ridge, rigid", listed, spacing, replace(chosen, model="rigid")
+    yield "the paper's: every mask pixel", {}, ExtractSettings(method="mask"), chosen
 
 
 def write_exact_markers(source: Path, target: Path) -> None:
     """Write where the markers of the slice truly are in the robot's frame."""
-    _, T = elbow_truth()
-    lines = ["label,x_m,y_m,z_m"]
-    for row in source.read_text().splitlines()[1:]:
-        label, u, v = row.split(",")
-        x, y, z = T @ [float(u), float(v), 1.0]
-        lines.append(f"{label},{x:.17g},{y:.17g},{z:.17g}")
-    target.write_text("\n".join(lines) + "\n")
+    rows = np.loadtxt(source, str, delimiter=",", skiprows=1)
+    places = apply(elbow_truth()[1], rows[:, 1:].astype(float))
+    lines = np.column_stack([rows[:, 0], places.astype(str)])
+    np.savetxt(target, lines, "%s", ",", header="label,x_m,y_m,z_m", comments="")
 
 
 def score_plan(planned: Any, surface: Array) -> Record:
@@ -470,3 +477,88 @@ def score_plan(planned: Any, surface: Array) -> Record:
     points = planned.fixture.points * [1.0, 1.0, 0.0]
     nearest, _ = cKDTree(points).query(surface)
     return errors_of(nearest - R, points=len(points))
+
+
+# Time for a tick of a 1 kHz controller [µs].
+BUDGET_US = 1e6 / RATE_HZ
+
+# Number of timed rounds; the medians of seven spread by some percent.
+REPEATS = 7
+
+Bar = Callable[[str, int], AbstractContextManager[Advance]]
+
+
+def bench(
+    stages: Sequence[str] = tuple(LOOKS),
+    *,
+    quick: bool = False,
+    peers: Sequence[Peer] = (),
+    progress: Bar = lambda label, total: nullcontext(lambda n: None),
+) -> dict[str, Any]:
+    """Measure error against run time.
+
+    Parameters
+    ----------
+    stages
+        Some of `LOOKS`.
+    quick
+        Fewer scenes, settings and repeats: under a minute instead of under ten.
+    peers
+        Outside programs, used by stage "proxy".
+    progress
+        A `with` block around each scene, given its name and how many rounds it has; yields what is
+        called after each round.
+
+    Returns
+    -------
+    dict
+        The document of docs/accuracy.md: `results`, `peers`, `machine`, `chosen`, ...
+
+    Raises
+    ------
+    SettingError
+        A peer that failed.
+    """
+    scenes: dict[str, Callable[[bool], Iterable[list[BenchRun]]]] = {
+        "extract": extract_scenes, "sample": sample_scenes, "register": register_scenes,
+        "proxy": partial(proxy_scenes, peers=peers), "plan": plan_scenes,
+    }  # fmt: skip
+    repeats = FEWEST_REPEATS if quick else REPEATS
+    started = time.perf_counter()
+    records: list[Record] = []
+    refused: list[Record] = []
+    for stage in stages:
+        for runs in scenes[stage](quick):
+            with progress(f"{stage}: {runs[0].scene}", 1 + repeats) as advance:
+                measured, unusable = measure_runs(stage, runs, repeats, advance)
+            records += measured
+            refused += unusable
+    mark_pareto(records)
+    document = {
+        "format": "vfplan-bench", "version": "1.0", "stages": list(stages), "quick": quick,
+        "tolerance_m": TOLERANCE_M, "budget_us": BUDGET_US,
+        "chosen": dict(vars(choose(TOLERANCE_M, R))),
+        "results": records, "refused": refused,
+        "peers": [{"name": p.name, "command": p.command, "ran": True} for p in peers],
+        "machine": describe_machine(),
+        "elapsed_s": time.perf_counter() - started,
+    }  # fmt: skip
+    return document | {"summary": summaries(document)}
+
+
+def describe_machine() -> dict[str, Any]:
+    """Processor, cores, system, Python, NumPy."""
+    processor = platform.processor() or platform.machine()
+    # Other systems have no such file.
+    with suppress(OSError):
+        named = re.search("model name\\s*: (.*)", Path("/proc/cpuinfo").read_text())
+        if named:
+            processor = named[1]
+    affinity = getattr(os, "sched_getaffinity", None)
+    return {
+        "processor": processor,
+        "cores": os.cpu_count() if affinity is None else len(affinity(0)),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }

@@ -2,12 +2,13 @@
 
 Error: distance of the rendered from the exact proxy, tick by tick [m]. Beside it stand
 
-force_rms_n, force_max_n
-    RMS and maximum of |rendered - true force| over the same HIP path: the RMS force error of
-    Ruffaldi, Morris et al., "Standardized evaluation of haptic rendering systems" (2006).
+force_rms_n
+    RMS of |rendered - true force| over the same HIP path: the RMS force error of Ruffaldi, Morris
+    et al., "Standardized evaluation of haptic rendering systems" (2006).
 surface_error_m
     How far the proxy stands from the planned surface, either way, in contact; what a tolerance is
     about. `inside_m` is the part of it that counts: nearer to the exact geometry than R.
+    `meets_tolerance` says whether neither exceeds the tolerance of a plan.
 
 Each scene has a HIP path and its exact proxy, computed once. Two are triangle meshes: a ball, whose
 surface bends, and a box, which has edges and corners. Their exact proxy is known in closed form.
@@ -30,7 +31,15 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from vfplan.bench.peers import Peer
-from vfplan.bench.record import Array, BenchRun, Record, Setting, errors_of, timed_ticks
+from vfplan.bench.record import (
+    TOLERANCE_M,
+    Array,
+    BenchRun,
+    Record,
+    Setting,
+    errors_of,
+    timed_ticks,
+)
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
@@ -270,15 +279,13 @@ def exact_engine(scene: Scene) -> tuple[ProxyEngine, dict[str, Any]]:
     if isinstance(scene, Meshed):
         corners, triangles = scene.mesh
         engine = ProxyEngine.on(corners, triangles, R, stiffness=DEFAULT_STIFFNESS)
-        return engine, {"triangles": len(triangles)}
+        return engine, {"points": len(scene.points), "triangles": len(triangles)}
     pieces = fitted(scene)
     engine = ProxyEngine.along(pieces, R, stiffness=DEFAULT_STIFFNESS)
-    return engine, {"lines_and_arcs": pieces.count}
+    return engine, {"points": len(scene.points), "lines_and_arcs": pieces.count}
 
 
-def proxy_scenes(
-    quick: bool, tolerance_m: float, peers: Sequence[Peer]
-) -> Iterator[list[BenchRun]]:
+def proxy_scenes(quick: bool, peers: Sequence[Peer]) -> Iterator[list[BenchRun]]:
     """The runs of each scene and route."""
     spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
     for case in cases(quick):
@@ -289,50 +296,46 @@ def proxy_scenes(
         for spacing in coarser:
             runs += runs_on(case, spacing, on_points)
         runs += runs_on(case, finest, peers)
-        yield [*runs, chosen_run(case, tolerance_m)]
+        yield [*runs, chosen_run(case)]
+
+
+# The settings of the engines on points that are compared, by the name of the method.
+ON_POINTS: dict[str, dict[str, Any]] = {
+    "robust": {}, "robust, 1 iteration": {"max_iterations": 1},
+    "robust, 4 iterations": {"max_iterations": 4}, "paper": {"rule": "paper"},
+}  # fmt: skip
 
 
 def runs_on(case: Case, spacing: float, peers: Sequence[Peer]) -> Iterator[BenchRun]:
     """The runs of every rule on a case, and of the peers."""
     scene = replace(case.scene, spacing=spacing)
-
-    def with_engine(
-        name: str, engine: ProxyEngine, figures: dict[str, Any] | None = None, **settings: Setting
-    ) -> BenchRun:
+    points = scene.points
+    for name, settings in ON_POINTS.items():
+        engine = engine_on_points(scene, **settings)
         listed = {"spacing_m": spacing, **settings}
-        return engine_run(case, name, listed, engine, scene.points, figures or {})
-
-    yield with_engine("robust", engine_on_points(scene))
-    for name, limit in (("robust, 1 iteration", 1), ("robust, 4 iterations", 4)):
-        engine = engine_on_points(scene, max_iterations=limit)
-        yield with_engine(name, engine, max_iterations=limit)
-    yield with_engine("paper", engine_on_points(scene, rule="paper"))
+        yield engine_run(case, name, listed, engine, {"points": len(points)})
     if isinstance(scene, (Drawn, Meshed)):
         engine, figures = exact_engine(scene)
-        yield with_engine("exact", engine, figures)
-    points, axis = scene.points, scene.ignore_axis
+        yield engine_run(case, "exact", {"spacing_m": spacing}, engine, figures)
     mesh = scene.mesh if isinstance(scene, Meshed) else None
+    parameters = ProxyParameters.make(
+        points, rule="paper", ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS
+    )
     for peer in peers:
-        if peer.needs_mesh and mesh is None:
-            continue
-        parameters = ProxyParameters.make(
-            points, rule="paper", ignore_axis=axis, stiffness=DEFAULT_STIFFNESS
-        )
-        figures = {"points": len(points), "band_m": parameters.band}
-        run = partial(peer.run, points, case.hips, parameters, mesh)
-        score = partial(judge, case, points, figures=figures)
-        yield BenchRun(case.name, peer.name, {"spacing_m": spacing}, run, score, "m", peer=True)
+        if mesh is not None or not peer.needs_mesh:
+            run = partial(peer.run, points, case.hips, parameters, mesh)
+            score = partial(judge, case, points=len(points))
+            yield BenchRun(case.name, peer.name, {"spacing_m": spacing}, run, score, "m", peer=True)
 
 
-def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
+def chosen_run(case: Case) -> BenchRun:
     """What a plan makes of it: lines and arcs, triangles, or `robust` on the tolerance's points.
 
     A drawing is measured as a plan measures vectors.
     """
-    scene, points = case.scene, case.scene.points
-    choice = choose(tolerance_m, R, planar=scene.ignore_axis is not None)
+    scene = case.scene
+    choice = choose(TOLERANCE_M, R, planar=scene.ignore_axis is not None)
     settings: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
-    figures: dict[str, Any] = {}
     if isinstance(scene, Drawn):
         settings["arcs_m"] = DEFAULT_ARCS_M
         engine, figures = exact_engine(replace(scene, spacing=FINE_M))
@@ -341,57 +344,51 @@ def chosen_run(case: Case, tolerance_m: float) -> BenchRun:
     elif isinstance(scene, NoisySheet):
         # A measured cloud has no tolerance: it is taken as `vfplan import` takes it.
         settings["spacing_m"] = scene.spacing
-        engine = engine_on_points(scene)
+        engine, figures = engine_on_points(scene), {"points": len(scene.points)}
     else:
         dense = evenly_sampled(scene, choice)
-        points = dense.points
         settings |= {"spacing_m": choice.spacing_m, "band_m": choice.band_m,
                      "max_iterations": choice.max_iterations}  # fmt: skip
         engine = engine_on_points(dense, band=choice.band_m, max_iterations=choice.max_iterations)
-    figures["left_out"] = dict(engine.left_out)
-    return engine_run(case, "chosen by tolerance", settings, engine, points, figures, chosen=True)
+        figures = {"points": len(dense.points)}
+    return engine_run(case, "chosen by tolerance", settings, engine, figures, chosen=True)
 
 
 def engine_run(
     case: Case,
     name: str,
     settings: dict[str, Setting],
-    engine: Any,
-    points: Array,
+    engine: ProxyEngine,
     figures: dict[str, Any],
     chosen: bool = False,
 ) -> BenchRun:
     """An engine on the path of a case."""
-    figures = {"points": len(points), "band_m": engine.parameters.band, **figures}
 
     def run() -> tuple[Array, Array]:
         trace, us = timed_ticks(engine, case.hips)
         return trace.proxy, us
 
-    score = partial(judge, case, points, figures=figures)
-    return BenchRun(case.name, name, settings, run, score, "m", chosen)
+    return BenchRun(case.name, name, settings, run, partial(judge, case, **figures), "m", chosen)
 
 
-def judge(case: Case, points: Array, proxy: Array, figures: dict[str, Any]) -> Record:
+def judge(case: Case, proxy: Array, **figures: Any) -> Record:
     """Every figure of a rendered proxy (T, 3) [m] against the exact one, beside other figures."""
-    truth, hips = case.truth, case.hips
-    errors = np.linalg.norm(proxy - truth, axis=1)
-
-    # The error of the force.
-    force = case.scene.force(hips, proxy, DEFAULT_STIFFNESS)
-    force_errors = np.linalg.norm(force - case.scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
-    record = {
-        "ticks": len(errors),
-        "force_rms_n": float(np.sqrt(np.mean(force_errors**2))),
-        "force_max_n": float(force_errors.max()),
-    }
+    scene, truth, hips = case.scene, case.truth, case.hips
+    force = scene.force(hips, proxy, DEFAULT_STIFFNESS)
+    force_errors = np.linalg.norm(force - scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
 
     # The surface. Where the proxy is the exact one, as in free motion, its clearance is known.
     clearance = case.clearance.copy()
     has_moved = (proxy != truth).any(axis=1)
-    clearance[has_moved] = case.scene.clearance(proxy[has_moved]) - R
+    clearance[has_moved] = scene.clearance(proxy[has_moved]) - R
     in_contact = np.linalg.norm(truth - hips, axis=1) > CONTACT_DEPTH_M
-    record["surface_error_m"] = float(np.abs(clearance[in_contact]).max(initial=0.0))
-    record["inside_m"] = float(max(0.0, -clearance.min()))
-
-    return errors_of(errors, **record, **figures)
+    surface_m = float(np.abs(clearance[in_contact]).max(initial=0.0))
+    inside_m = float(max(0.0, -clearance.min()))
+    return errors_of(
+        np.linalg.norm(proxy - truth, axis=1),
+        force_rms_n=float(np.sqrt(np.mean(force_errors**2))),
+        surface_error_m=surface_m,
+        inside_m=inside_m,
+        meets_tolerance=max(surface_m, inside_m) <= TOLERANCE_M,
+        **figures,
+    )

@@ -5,7 +5,7 @@ A run is one method with one set of settings on one scene. It is repeated; its e
 
 What a bench says: a table, and a sentence a stage on the chosen setting, its error, its time, and
 the peers': medians over the scenes. The chosen setting is the one that `vfplan plan` takes without
-options, or that `--tolerance` leads to.
+options.
 """
 
 from __future__ import annotations
@@ -20,14 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.display import duration, length, three_digits
+from vfplan.engine.proxy import ProxyEngine, Trace
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
-from vfplan.replaying.metrics import timed as timed_run
+from vfplan.planning.settings import FixtureSettings
 
 Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
 Record = dict[str, Any]
 Advance = Callable[[int], None]
+
+# How far the chosen settings may move the surface [m].
+TOLERANCE_M = FixtureSettings.tolerance_m
 
 # Errors below a nanometre [m] are rounding, and count as equal.
 SMALLEST_ERROR_M = ROUNDING_M
@@ -35,8 +39,8 @@ SMALLEST_ERROR_M = ROUNDING_M
 # Number of timed repeats after which a slow run is timed well enough.
 FEWEST_REPEATS = 3
 
-# Time [s] that a run must have taken for that.
-TIMED_ENOUGH_S = 0.25
+# Time [µs] that a run must have taken for that.
+TIMED_ENOUGH_US = 0.25e6
 
 
 def errors_of(distances: Any, **figures: Any) -> Record:
@@ -59,25 +63,14 @@ class BenchRun:
     # From the answer to `errors_of` it, and the unit of the errors, "px" or "m"
     score: Callable[[Any], Record]
     unit: str
-    # Whether these are the settings that `vfplan.planning.tolerance` takes from the tolerance
+    # Whether these are the settings that a plan takes
     chosen: bool = False
     # Whether an outside program does it
     peer: bool = False
 
 
-def time_us(repeats: list[Array]) -> Record:
-    """Median and tail of the parts' times [µs].
-
-    Parameters
-    ----------
-    repeats
-        A (K,) array of times for each repeat. Of several parts, as ticks are, each counts with its
-        shortest time over the repeats: what the work takes where the system interrupts nothing. A
-        single call counts as often as it ran.
-    """
-    times = np.min(repeats, axis=0) if len(repeats[0]) > 1 else np.concatenate(repeats)
-    median, tail = np.quantile(times, [0.5, 0.999])
-    return {"time_us_median": float(median), "time_us_p999": float(tail)}
+# What of a run stands in its record.
+LISTED = ("scene", "method", "settings", "unit", "chosen", "peer")
 
 
 def mark_pareto(records: list[Record]) -> None:
@@ -108,23 +101,17 @@ def comparable_error(record: Record) -> float:
     return max(error, SMALLEST_ERROR_M) if record.get("unit") == "m" else error
 
 
-def judge_chosen(records: list[Record], tolerance_m: float) -> None:
-    """Say of each chosen record whether its surface keeps the tolerance, `meets_tolerance`.
-
-    The error of a surface is `surface_error_m` and `inside_m`, and in stage sample `error_max`.
-    """
-    for record in records:
-        if record.get("chosen") and record["stage"] in ("sample", "proxy"):
-            surface_m = record.get("surface_error_m", record["error_max"])
-            largest_m = max(surface_m, record.get("inside_m", 0.0))
-            record["meets_tolerance"] = bool(largest_m <= tolerance_m)
-
-
 def timed(work: Callable[[], Any]) -> tuple[Any, Array]:
     """The answer of a call, and its time as (1,) [µs]."""
     started = time.perf_counter_ns()
     answer = work()
     return answer, np.array([(time.perf_counter_ns() - started) / 1e3])
+
+
+def timed_ticks(engine: ProxyEngine, hips: Array) -> tuple[Trace, Array]:
+    """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs]."""
+    engine.reset(hips[0])
+    return engine.run_timed(hips)
 
 
 def measure_runs(
@@ -133,7 +120,9 @@ def measure_runs(
     """Measure the runs of one scene: a record for each, and those that refused their input.
 
     Every round does each run once, in another order each time; the first round warms caches up
-    and gives the answers to score, and is not timed. Slow runs stop after the first rounds.
+    and gives the answers to score, and is not timed. Slow runs stop after the first rounds. Of
+    several parts, as ticks are, each counts with its shortest time over the rounds: what the work
+    takes where the system interrupts nothing. A single call counts as often as it ran.
 
     Parameters
     ----------
@@ -144,39 +133,30 @@ def measure_runs(
     repeats
         Timed rounds, at most.
     advance
-        Called with how many runs are done; with len(runs) * (1 + repeats) in all.
+        Called with 1 after each of the 1 + `repeats` rounds.
     """
     rng = np.random.default_rng(0)
     measured: list[tuple[BenchRun, Record, list[Array]]] = []
     refused: list[Record] = []
     for bench_run in runs:
-        head = {name: getattr(bench_run, name) for name in ("scene", "method", "settings")}
-        head = {"stage": stage, **head}
+        record = {name: getattr(bench_run, name) for name in LISTED} | {"stage": stage}
         try:
             answer, _ = bench_run.run()
-            record = head | bench_run.score(answer) | {"unit": bench_run.unit}
-            measured.append((bench_run, record, []))
         except InputError as error:
-            refused.append(head | {"message": error.message})
-        advance(1)
+            refused.append(record | {"message": error.message})
+        else:
+            measured.append((bench_run, record | bench_run.score(answer), []))
+    advance(1)
     for _ in range(repeats):
         for i in rng.permutation(len(measured)):
             bench_run, _, times = measured[i]
-            spent_s = 1e-6 * sum(us.sum() for us in times)
-            if len(times) < FEWEST_REPEATS or spent_s <= TIMED_ENOUGH_S:
+            if len(times) < FEWEST_REPEATS or sum(us.sum() for us in times) <= TIMED_ENOUGH_US:
                 times.append(bench_run.run()[1])
-            advance(1)
-        advance(len(refused))
-    for bench_run, record, times in measured:
-        record |= time_us(times) | {"repeats": len(times)}
-        record |= {name: True for name in ("chosen", "peer") if getattr(bench_run, name)}
+        advance(1)
+    for _, record, times in measured:
+        us = np.min(times, axis=0) if len(times[0]) > 1 else np.concatenate(times)
+        record["time_us_median"], record["time_us_p999"] = np.quantile(us, [0.5, 0.999]).tolist()
     return [record for _, record, _ in measured], refused
-
-
-def timed_ticks(engine: Any, hips: Array) -> tuple[Any, Array]:
-    """Run a path from its first HIP on: the trace, and the time of each tick (T,) [µs]."""
-    engine.reset(hips[0])
-    return timed_run(engine, hips)
 
 
 class StageLook(NamedTuple):
@@ -204,14 +184,10 @@ LOOKS = {
 }  # fmt: skip
 
 
-def error_text(result: Record, key: str = "error_rms") -> str:
-    """An error with its unit."""
-    return length(result[key]) if result["unit"] == "m" else f"{three_digits(result[key])} px"
-
-
-def time_text(us: float) -> str:
-    """A time given in microseconds, in the unit that suits it."""
-    return duration(1e-6 * us)
+def error_text(result: Record) -> str:
+    """The RMS error with its unit."""
+    error = result["error_rms"]
+    return length(error) if result["unit"] == "m" else f"{three_digits(error)} px"
 
 
 def summaries(document: dict[str, Any]) -> dict[str, str]:
@@ -253,76 +229,23 @@ def clouds(stage: str, results: list[Record]) -> dict[str, list[Record]]:
 
 def cost_text(part: str, records: list[Record]) -> str:
     """What the records take and how far they err, in the median and at most."""
-    time = time_text(float(np.median([r["time_us_median"] for r in records])))
-    tail = (
-        f" (p99.9 {time_text(max(r['time_us_p999'] for r in records))})" if part == "tick" else ""
-    )
+    time = duration(1e-6 * float(np.median([r["time_us_median"] for r in records])))
+    if part == "tick":
+        time += f" (p99.9 {duration(1e-6 * max(r['time_us_p999'] for r in records))})"
     typical = records[0] | {"error_rms": float(np.median([r["error_rms"] for r in records]))}
     worst = max(records, key=itemgetter("error_rms"))
-    return f"takes {time}{tail} and errs by {error_text(typical)} RMS ({error_text(worst)} at most)"
+    return f"takes {time} and errs by {error_text(typical)} RMS ({error_text(worst)} at most)"
 
 
-KEY = (
-    "* on the front: nothing on this scene is both faster and nearer to the truth",
-    "> the setting that is chosen: a plan's own, or what --tolerance leads to",
-)
-SHORT_KEY = "Of each method the setting with the least error is listed; -o DIR writes all."
-
-
-def table_lines(document: dict[str, Any], stages: list[str]) -> list[str]:
-    """A table of each scene, cheapest first, under one header a stage, and the key."""
+def table_lines(document: dict[str, Any]) -> list[str]:
+    """Time and error on each scene: of each method, the setting that errs least."""
     lines = []
-    for stage in stages:
-        results = [r for r in document["results"] if r["stage"] == stage]
-        median = f"median a {LOOKS[stage].part}"
-        header = table_row("", median, "p99.9", "error RMS", "at most", "method", "settings")
-        lines.append(f"{stage}: " + header.strip())
-        for scene, scene_results in grouped(results, "scene").items():
-            lines.append(f"  {scene}")
-            visible = best_of_each_method(scene_results)
-            lines += map(result_row, sorted(visible, key=lambda r: r["time_us_median"]))
-    for refusal in document.get("refused", ()):
-        if refusal["stage"] in stages:
-            what = f"{refusal['method']} {settings_text(refusal['settings'])}"
-            lines.append(f"refused: {refusal['scene']}: {what}: {refusal['message']}")
-    return [*lines, "", *KEY, SHORT_KEY]
-
-
-def best_of_each_method(results: list[Record]) -> list[Record]:
-    """Of each method the setting that errs least, and every chosen setting."""
-    methods = grouped(results, "method")
-    best = {name: min(found, key=itemgetter("error_rms")) for name, found in methods.items()}
-    return [r for r in results if r.get("chosen") or best[r["method"]] is r]
-
-
-def result_row(result: Record) -> str:
-    """A result as a row of the table."""
-    marks = "*" if result["pareto"] else " "
-    if result.get("chosen"):
-        marks += ">"
-    times = [time_text(result[name]) for name in ("time_us_median", "time_us_p999")]
-    errors = [error_text(result, name) for name in ("error_rms", "error_max")]
-    return table_row(marks, *times, *errors, result["method"], settings_text(result["settings"]))
-
-
-def table_row(
-    marks: str, median: str, tail: str, rms: str, largest: str, method: str, settings: str
-) -> str:
-    """A row: four columns of numbers, then the method and its settings."""
-    numbers = f"{median:>14}{tail:>14}{rms:>14}{largest:>14}"
-    return f"  {marks:<2}{numbers}  {method:<30}{settings}".rstrip()
-
-
-def settings_text(settings: dict[str, Any]) -> str:
-    """Settings as a person reads them, with their units."""
-    parts = []
-    for name, value in settings.items():
-        if name.endswith("_per_m"):
-            parts.append(f"{name.removesuffix('_per_m')} {value / 1e3:.4g}/mm")
-        elif name.endswith("_m"):
-            parts.append(f"{name.removesuffix('_m')} {length(value)}")
-        elif isinstance(value, float):
-            parts.append(f"{name}={value:.4g}")
-        else:
-            parts.append(f"{name}={value}")
-    return ", ".join(parts)
+    for (stage, scene), results in grouped(document["results"], "stage", "scene").items():
+        lines.append(f"{stage}: {scene}")
+        for method, settings in grouped(results, "method").items():
+            best = min(settings, key=itemgetter("error_rms"))
+            time = duration(1e-6 * best["time_us_median"])
+            lines.append(f"  {time:>10}{error_text(best):>12} RMS  {method}")
+    for refusal in document["refused"]:
+        lines.append(f"refused: {refusal['scene']}: {refusal['method']}: {refusal['message']}")
+    return lines

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
-from vfplan.figures.style import subplots
+from vfplan.figures.style import pixels_on, subplots
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import ring_of
-from vfplan.images.read import PlannedImage
+from vfplan.geometry.lines import normals, ring_of
+from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
@@ -34,7 +32,7 @@ def timeline(replayed: Replay) -> Figure:
     figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
     peak = row_norms(ticks.force).max()
     for name, force in zip("xyz", ticks.force.T, strict=True):
-        if np.abs(force).max() > 1e-6 * peak:
+        if np.abs(force).max() > 1e-3 * peak:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
@@ -62,13 +60,68 @@ def shade_episodes(axes: Axes, replayed: Replay) -> None:
         axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
 
 
-def scene(replayed: Replay, *, mark_hz: float = MARK_HZ) -> Figure:
+def scene(replayed: Replay) -> Figure:
     """Cloud, HIP and proxy path, contact circles and normals.
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
-    is_planar = replayed.fixture.ignore_axis is not None
-    return (scene_in_plane if is_planar else scene_in_space)(replayed, mark_hz)
+    ticks, fixture = replayed.ticks, replayed.fixture
+    axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
+    basis = np.eye(3) if axis is None else plane_basis(axis)
+    cloud = MM * fixture.points @ basis
+    names = dict(zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False))
+    if axis is None:
+        figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
+        arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
+        cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
+    else:
+        tube = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
+        around = max(3 * radius, 2 * tube)
+        low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
+        hip = MM * ticks.hip @ basis
+        path = np.vstack([hip, MM * ticks.proxy @ basis, low, high])
+        ends = path.min(axis=0) - radius, path.max(axis=0) + radius
+        if (ends[1] - ends[0]).max() <= MAX_TIMES_FIXTURE * (high - low).max():
+            low, high = ends
+        outside = ((hip < low) | (hip > high)).any(axis=1).mean()
+        height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
+        figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        if outside > 0:
+            words = f"{100 * outside:.2g} % of the HIP's path lies outside this picture"
+            axes.set_title(words, loc="right", y=0, fontsize="small")
+        arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
+        dots = {"ms": 1.5}
+        if fixture.guidance is not None:
+            draw_tube(axes, fixture, basis)
+    label = f"fixture, {len(fixture.points)} points"
+    axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
+    axes.plot(*(MM * ticks.hip @ basis).T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+    axes.plot(*(MM * ticks.proxy @ basis).T, lw=0.9, color=PROXY, label="proxy", zorder=4)
+    # A tube has no contact circle.
+    if fixture.region is not None:
+        marks = contact_marks(ticks, MARK_HZ)
+        places, outward = MM * ticks.proxy[marks], ticks.normal[marks]
+        rings = contact_rings(places, outward, axis, radius) @ basis
+        label = f"contact circle, {MARK_HZ:g} Hz"
+        axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
+        axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
+    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names.items()})
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
+    return figure
+
+
+def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: float) -> Array:
+    """(K, 3) circles about places (M, 3), each in a plane of its outward normal, parted by NaN.
+
+    The circles lie across an ignored axis.
+    """
+    across = np.eye(3)[np.abs(outward).argmin(axis=1)] if axis is None else axis
+    sides = np.cross(outward, across)
+    sides /= np.maximum(row_norms(sides), 1e-12)[:, None]
+    angle = np.append(np.linspace(0, 2 * np.pi, 33), np.nan)[:, None]
+    rings = np.cos(angle) * outward[:, None] + np.sin(angle) * sides[:, None]
+    return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
 def plane_basis(axis: Array) -> Array:
@@ -95,58 +148,6 @@ def axis_names(basis: Array) -> list[str]:
     ]
 
 
-def scene_in_plane(replayed: Replay, mark_hz: float) -> Figure:
-    """The scene of a planar fixture, in its plane."""
-    ticks, fixture = replayed.ticks, replayed.fixture
-    assert fixture.ignore_axis is not None
-    basis = plane_basis(fixture.ignore_axis)
-    cloud = MM * fixture.points @ basis
-    hip = MM * ticks.hip @ basis
-    proxy = MM * ticks.proxy @ basis
-    radius = MM * fixture.contact_radius
-    around = 3 * radius
-    if fixture.guidance is not None:
-        around = max(around, 2 * MM * fixture.guidance.radius)
-    low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
-    path = np.vstack([hip, proxy, low, high])
-    low_of_all, high_of_all = path.min(axis=0) - radius, path.max(axis=0) + radius
-    outside = np.zeros(len(hip), bool)
-    if (high_of_all - low_of_all).max() <= MAX_TIMES_FIXTURE * (high - low).max():
-        low, high = low_of_all, high_of_all
-    else:
-        outside = ((hip < low) | (hip > high)).any(axis=1)
-    height_in = 5.9 * (high[1] - low[1]) / (high[0] - low[0])
-    figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
-    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=f"fixture, {len(cloud)} points", zorder=2)
-    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
-    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy", zorder=4)
-    marks = contact_marks(ticks, mark_hz)
-    if fixture.guidance is not None:
-        draw_tube(axes, fixture, basis)
-    if fixture.region is None:
-        # A tube has no contact circle.
-        marks = marks[:0]
-    circles = [Circle(tuple(centre), radius) for centre in proxy[marks]]
-    axes.add_collection(
-        PatchCollection(circles, facecolor="none", edgecolor=CONTACT, lw=0.6, alpha=0.7)
-    )
-    arrows = radius * ticks.normal[marks] @ basis
-    look = {"angles": "xy", "scale_units": "xy", "scale": 1, "color": PROXY, "width": 0.0025}
-    axes.quiver(*proxy[marks].T, *arrows.T, zorder=5, **look)
-    if fixture.region is not None:
-        label = f"contact circle, {mark_hz:g} Hz"
-        axes.plot([], [], "o", ms=3, mfc="none", mec=CONTACT, label=label)
-    axes.set_aspect("equal")
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
-    if outside.any():
-        words = f"{100 * outside.mean():.2g} % of the HIP's path lies outside this picture"
-        axes.set_title(words, loc="right", y=0, fontsize="small")
-    across, up = axis_names(basis)
-    axes.set(xlabel=f"{across} [mm]", ylabel=f"{up} [mm]")
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
-    return figure
-
-
 def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
     """The band around the strokes that guide."""
     guidance = fixture.guidance
@@ -155,44 +156,11 @@ def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
         if guidance.stroke not in (None, number):
             continue
         line = MM * ring_of(stroke.points, stroke.closed) @ basis
-        tangent = np.gradient(line, axis=0)
-        normal = tangent[:, ::-1] * [-1, 1] / np.hypot(*tangent.T)[:, None]
-        across = MM * guidance.radius * normal
+        across = MM * guidance.radius * normals(line, closed=False)
         band = np.vstack([line + across, (line - across)[::-1]])
         axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
         # The legend names the tube once.
         label = None
-
-
-def scene_in_space(replayed: Replay, mark_hz: float) -> Figure:
-    """The scene of any other fixture, in perspective."""
-    normal = replayed.ticks.normal
-    cloud = MM * replayed.fixture.points
-    hip, proxy = MM * replayed.ticks.hip, MM * replayed.ticks.proxy
-    radius = MM * replayed.fixture.contact_radius
-    figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-    every = max(1, len(cloud) // MAX_DRAWN)
-    axes.plot(*cloud[::every].T, ".", ms=1.0, color=CLOUD, alpha=0.4, label="fixture")
-    axes.plot(*hip.T, ".", ms=1.5, color=HIP, label="HIP")
-    axes.plot(*proxy.T, "-", lw=0.9, color=PROXY, label="proxy")
-    marks = contact_marks(replayed.ticks, mark_hz)
-    axes.quiver(*proxy[marks].T, *(radius * normal[marks]).T, color=PROXY, lw=0.8)
-    for k in marks:
-        axes.plot(*contact_ring(proxy[k], normal[k], radius).T, color=CONTACT, lw=0.5)
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    axes.set_aspect("equal")
-    axes.legend(loc="upper left", fontsize="small")
-    return figure
-
-
-def contact_ring(centre: Array, normal: Array, radius: float) -> Array:
-    """(33, 3) the great circle about `centre` whose plane holds `normal`."""
-    if not normal.any():
-        return np.full((33, 3), np.nan)
-    side = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
-    side /= np.linalg.norm(side)
-    angle = np.linspace(0, 2 * np.pi, 33)[:, None]
-    return centre + radius * (np.cos(angle) * normal + np.sin(angle) * side)
 
 
 def guide_plot(replayed: Replay) -> Figure:
@@ -206,9 +174,6 @@ def guide_plot(replayed: Replay) -> Figure:
     top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
     top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest lateral error")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
-    for start in MM * np.cumsum(guide["lengths_m"])[:-1]:
-        for axes in (top, bottom):
-            axes.axvline(start, color=CLOUD, lw=0.6, ls=":")
     top.set_ylabel("beside the curve [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
@@ -222,45 +187,14 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     """The curve's ruler and (N,) the deepest penetration at each planned point [m].
 
     A tick counts for the planned point nearest to its proxy. The depth is 0 where the hand never
-    pressed.
-
-    Raises
-    ------
-    InputError
-        The fixture was not drawn as a curve.
+    pressed. The fixture was drawn as a curve.
     """
-    ruler = CurveRuler.of(replayed.fixture)
-    if ruler is None:
-        raise InputError(
-            "This fixture was not drawn as a curve, so there is no depth along it. Leave the "
-            "picture out.",
-            code="no-curve",
-        )
+    ruler = CurveRuler(replayed.fixture)
     ticks = replayed.ticks
     in_contact = ticks.penetration > CONTACT_M
     depth = np.zeros(len(ruler.points))
     np.maximum.at(depth, ruler.nearest(ticks.proxy[in_contact]), ticks.penetration[in_contact])
     return ruler, depth
-
-
-def image_places(fixture: Fixture) -> Array:
-    """(N, 2) where the planned points lie on the slice, (u, v) [px].
-
-    This is the least-squares inverse of the registration's map from the plane into space; it is
-    exact for points that the map made.
-
-    Raises
-    ------
-    InputError
-        The fixture was not registered from an image.
-    """
-    record = fixture.registration
-    if record is None or record.T_robot_image.shape != (3, 3):
-        message = "The fixture holds no registration from an image's pixels. Leave --image out."
-        raise InputError(message, code="no-image-registration")
-    T_robot_image = record.T_robot_image
-    from_origin = fixture.points - T_robot_image[:, 2]
-    return np.linalg.lstsq(T_robot_image[:, :2], from_origin.T, rcond=None)[0].T
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
@@ -269,7 +203,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     Raises
     ------
     InputError
-        The image is not the one that the fixture was planned on.
+        The image is not the one that the fixture was planned on, or it is unknown how it lies.
     """
     planned = replayed.fixture.provenance.inputs.get("image")
     if planned is not None and planned != image.sha256:
@@ -279,8 +213,12 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
             code="another-slice",
             numbers={"found": image.sha256, "expected": planned},
         )
+    plane = plane_of_slice(replayed.fixture, image)
+    if plane is None:
+        message = "The fixture holds no registration from an image's pixels. Leave --image out."
+        raise InputError(message, code="no-image-registration")
     _, depth = depth_along(replayed)
-    places = image_places(replayed.fixture)
+    places = pixels_on(plane, replayed.fixture.points)
     height, width = image.rgb.shape[:2]
     figure, axes = subplots(7.0, max(3.0, 7.0 * height / width - 0.4))
     grey = np.asarray(image.rgb, float).mean(axis=2)

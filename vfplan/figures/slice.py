@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
-from vfplan.display import MAX_NUMBERED, nice_length
-from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, on_slice
-from vfplan.geometry.lines import ring_of
+from vfplan.display import MAX_NUMBERED
+from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
+from vfplan.geometry.lines import normals, ring_of
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
@@ -68,6 +69,9 @@ OUTLINE_GAP_PX = 3.0
 # Distance [px of the picture] between the outline and the arrow heads along it.
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
 
+# Length [px of the picture] of an arrow.
+ARROW_PX = 16
+
 # Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
 
@@ -82,12 +86,7 @@ HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
     """Write the pen's mask, white on black, at the image's own size (the paper's Fig. 5b)."""
-    from vfplan.errors import OutputError
-
-    encoded, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
-    if not encoded:
-        message = "the mask cannot be encoded as PNG. Leave the picture out."
-        raise OutputError(message, where=str(path))
+    _, data = cv2.imencode(".png", extraction.mask.astype(np.uint8) * 255)
     write_whole(path, [data.tobytes()], overwrite=True)
 
 
@@ -156,22 +155,9 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
             picture = picture / np.iinfo(picture.dtype).max
         axes.imshow(picture, interpolation="nearest")
         yield axes, scale
-        draw_scale(axes, image)
+        if image.pixel_spacing_mm is not None:
+            draw_scale(axes, image.pixel_spacing_mm[0])
         draw_sides(axes, image)
-
-
-def draw_scale(axes: Any, image: PlannedImage) -> None:
-    """A length across the slice, at the bottom on the left."""
-    if image.pixel_spacing_mm is None:
-        return
-    length = nice_length(0.2 * image.width_px * image.pixel_spacing_mm[0])
-    start, low = 0.03 * image.width_px, 0.96 * image.height_px
-    end = start + length / image.pixel_spacing_mm[0]
-    edge = (withStroke(linewidth=5.0, foreground="white"),)
-    axes.plot([start, end], [low, low], color=FORCE, lw=2.5, path_effects=edge, zorder=8)
-    where = {"xytext": (0, 4), "textcoords": "offset points", "ha": "center", "fontsize": "small"}
-    middle = ((start + end) / 2, low)
-    axes.annotate(f"{length:g} mm", middle, color=FORCE, path_effects=HALO, zorder=8, **where)
 
 
 def draw_sides(axes: Any, image: PlannedImage) -> None:
@@ -203,8 +189,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     for outline in outline_along(points, distance, closed=stroke.closed):
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
         if len(bridges):
-            offsets = outline[:, None] - bridges[None]
-            to_bridge = np.hypot(*offsets.transpose(2, 0, 1)).min(axis=1)
+            to_bridge, _ = cKDTree(bridges).query(outline)
             beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
             axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
     draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
@@ -217,14 +202,12 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
 
 def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
     """Arrow heads this far beside the line, to the right of who goes along it."""
-    for i in np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int):
-        a, b = points[max(i - 3, 0)], points[min(i + 3, len(points) - 1)]
-        length = np.hypot(*(b - a))
-        if length == 0:
-            continue
-        shift = distance * np.array([-(b - a)[1], (b - a)[0]]) / length
-        look = {"arrowstyle": "-|>", "color": CLOUD, "mutation_scale": 12, "lw": 0}
-        axes.annotate("", xy=b + shift, xytext=a + shift, arrowprops=look, zorder=5)
+    shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
+    left = normals(points, closed=False)[shown]
+    along = ARROW_PX * np.column_stack([left[:, 1], -left[:, 0]])
+    head = {"width": 3, "headwidth": 5, "headlength": 5, "headaxislength": 5, "pivot": "mid"}
+    axes.quiver(*(points[shown] + distance * left).T, *along.T, color=CLOUD, angles="xy",
+                units="dots", scale_units="dots", scale=1, zorder=5, **head)  # fmt: skip
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
 
 
@@ -238,6 +221,6 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
         half = entry.size_px / 2 + 3
         corner = entry.u - half, entry.v - half
         look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
-        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, **look))
+        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, path_effects=HALO, **look))
         words = {"color": OTHER_INK, "fontsize": "small", "va": "bottom", "clip_on": True}
-        axes.text(*corner, str(entry.number), **words)
+        axes.text(*corner, str(entry.number), path_effects=HALO, **words)

@@ -11,9 +11,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+from numpy.typing import NDArray
 
+from vfplan.display import nice_length
 from vfplan.io.writing import write_whole
-from vfplan.palette import CONTACT, CYCLE, RULE
+from vfplan.palette import CONTACT, CYCLE, FORCE, RULE
 from vfplan.stability.contacts import CaseResult
 
 # Dots an inch of every picture.
@@ -89,6 +92,25 @@ def on_slice(
         once = dict(zip(labels, handles, strict=True))
         figure.legend(once.values(), once.keys(), **{"ncols": min(8, len(once)), **legend})
     save_png(figure, path)
+
+
+def draw_scale(axes: Any, mm_per_px: float, factor: float | None = None) -> None:
+    """A bar of a round length at the bottom on the left of a slice.
+
+    factor: how much larger than life residuals are drawn on it
+    """
+    length_mm = nice_length(0.15 * axes.get_xlim()[1] * mm_per_px)
+    text = f"{length_mm:g} mm"
+    if factor is not None:
+        text += f" in the slice, {length_mm / factor:g} mm of a residual"
+    size = length_mm / mm_per_px, text, "lower left"
+    look = {"size_vertical": 0.02 * length_mm / mm_per_px, "color": FORCE, "label_top": True}
+    axes.add_artist(AnchoredSizeBar(axes.transData, *size, pad=0.3, sep=3, **look))
+
+
+def pixels_on(plane: NDArray, places: NDArray) -> NDArray:
+    """(M, 2) pixels of places (M, k), projected onto a slice; plane (k, 3) maps (u, v, 1) there."""
+    return (places - plane[:, 2]) @ np.linalg.pinv(plane[:, :2]).T
 
 
 def png_bytes(figure: Figure) -> bytes:

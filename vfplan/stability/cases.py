@@ -23,8 +23,9 @@ from functools import partial
 import numpy as np
 
 from vfplan.engine.parameters import Rule, Vector, check_axis
-from vfplan.engine.proxy import ProxyEngine, Status, Trace, as_rendered, best_rule
+from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
+from vfplan.replaying.metrics import flattened
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -76,27 +77,23 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
 
     None where no ball fits beside the bundle's cloud.
     """
-    if fixture is None:
-        contact = contacts.patch()
-        make_engine = partial(engine_for, rule="robust")
-    else:
+    rule, band, contact = "robust", None, contacts.patch()
+    if fixture is not None:
         rule = best_rule(fixture)
-        band = fixture.band if rule == "robust" else None
-        contact = next(contacts.contacts_along(as_rendered(fixture, rule), 3), None)
-        make_engine = partial(engine_for, rule=rule, band=band)
+        _, places, band = contacts.contacts_on(fixture, rule)
+        contact = next(places, None)
         if contact is None:
             return []
-
-    figures = [(case, case.measure(contact, make_engine)) for case in cases]
-    return [
-        CaseResult(
-            f"extreme/{case.name}",
-            outcome_of(figure <= case.limit),  # A figure that is no number fails.
-            f"expected {case.expected}; {figure:.3g} {case.unit}",
-            case.limit, figure, case.unit, {"expected": case.expected},
-        )
-        for case, figure in figures
-    ]  # fmt: skip
+    make_engine = partial(engine_for, rule=rule, band=band)
+    results = []
+    for case in cases:
+        figure = case.measure(contact, make_engine)
+        detail = f"expected {case.expected}; {figure:.3g} {case.unit}"
+        # A figure that is no number fails.
+        outcome = outcome_of(figure <= case.limit)
+        name = f"extreme/{case.name}"
+        results.append(CaseResult(name, outcome, detail, case.limit, figure, case.unit))
+    return results
 
 
 def engine_at_start(contact: Contact, make_engine: EngineFactory) -> ProxyEngine:
@@ -131,14 +128,19 @@ def surface_direction(contact: Contact) -> Vector:
 
 def random_path(contact: Contact, ticks: int, seed: int = 7) -> Vector:
     """(T, 3) a random HIP path around the touch, up to 2 R into the cloud and off it [m]."""
-    rng = np.random.default_rng(seed)
     s = np.linspace(0.0, 1.0, ticks)[:, None]
-    wave = np.zeros((ticks, 3))
-    for k in range(1, 12):
-        phase = rng.uniform(0, 2 * np.pi, 3)
-        wave += rng.normal(size=3) / k * np.sin(2 * np.pi * k * s + phase)
+    wave = random_wave(np.random.default_rng(seed), s, 11)
     ramp = np.minimum(1.0, 20 * s)  # The path leaves the free start smoothly.
     return contact.start + ramp * contact.radius * (0.8 * wave - 0.7 * contact.normals[0])
+
+
+def random_wave(rng: np.random.Generator, s: Vector, harmonics: int) -> Vector:
+    """(T, 3) a sum of harmonics of s (T, 1), of one period from 0 to 1, each of a random phase."""
+    wave = np.zeros((len(s), 3))
+    for k in range(1, harmonics + 1):
+        phase = rng.uniform(0.0, 2 * np.pi, 3)
+        wave += rng.normal(size=3) / k * np.cos(2 * np.pi * k * s + phase)
+    return wave
 
 
 def drift_at_rest(contact: Contact, make_engine: EngineFactory, ticks: int) -> float:
@@ -177,14 +179,14 @@ def breach_by_piercing(
     `speed` [m/s] and `rate` [Hz] say how many ticks that takes, at least 8 and at most
     `BLOCK_TICKS`.
     """
-    s = np.linspace(0, 1, 2000)[:, None]
-    across = 3 * np.cos(2 * np.pi * s) * contact.normals[0]
-    along = 0.5 * s * surface_direction(contact)
-    path = contact.touch + contact.radius * (across + along)
-    length = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
-    ticks = min(max(int(length / speed * rate), 8), BLOCK_TICKS)
-    rows = np.linspace(0, len(path) - 1, ticks)
-    hips = np.column_stack([np.interp(rows, np.arange(len(path)), line) for line in path.T])
+
+    def path(ticks: int) -> Vector:
+        s = np.linspace(0, 1, ticks)[:, None]
+        across = 3 * np.cos(2 * np.pi * s) * contact.normals[0]
+        return contact.touch + contact.radius * (across + 0.5 * s * surface_direction(contact))
+
+    length = float(np.linalg.norm(np.diff(path(2000), axis=0), axis=1).sum())
+    hips = path(min(max(int(length / speed * rate), 8), BLOCK_TICKS))
     engine = make_engine(contact)
     engine.reset(hips[0])
     return breach(contact, engine, engine.run(hips))
@@ -269,35 +271,6 @@ CASES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class EnergyBalance:
-    """Work and its bound over one closed cycle of the HIP.
-
-    Parameters
-    ----------
-    work_j
-        Σ F_k·(x_{k+1} - x_k), which the fixture gave the hand [J]; below 0 the hand gave it.
-    bound_j
-        The bound of this module for a proxy that does not recede [J].
-    recede_m
-        Largest growth of |proxy - HIP| in one tick beyond what the HIP's own step explains [m].
-    stored_j
-        Largest U along the cycle [J], against which the other figures are held.
-    """
-
-    work_j: float
-    bound_j: float
-    recede_m: float
-    stored_j: float
-
-    @property
-    def excess(self) -> float:
-        """(work - bound) / stored. Above 0 the fixture was active."""
-        if self.stored_j <= 0:
-            return 0.0
-        return (self.work_j - self.bound_j) / self.stored_j
-
-
 def random_cycle(contact: Contact, rng: np.random.Generator) -> Vector:
     """(T, 3) a closed random path at 1 kHz that starts and ends clear of the contact [m].
 
@@ -306,20 +279,21 @@ def random_cycle(contact: Contact, rng: np.random.Generator) -> Vector:
     """
     seconds = 10 ** rng.uniform(-0.8, 0.8)
     s = np.linspace(0.0, 1.0, round(seconds * 1000.0))[:, None]
-    wave = np.zeros((len(s), 3))
-    for k in range(1, 5):
-        phase = rng.uniform(0.0, 2 * np.pi, 3)
-        wave += rng.normal(size=3) / k * np.cos(2 * np.pi * k * s + phase)
-    window = np.sin(np.pi * s) ** 2
-    path = contact.start + contact.radius * window * (wave + contact.push_direction)
+    way = random_wave(rng, s, 4) + contact.push_direction
+    path = contact.start + contact.radius * np.sin(np.pi * s) ** 2 * way
     path[-1] = path[0]
     return path
 
 
 def energy_balance(
     trace: Trace, hips: Vector, stiffness: float, axis: Vector | None = None
-) -> EnergyBalance:
-    """The energy balance of one cycle.
+) -> tuple[float, float, float]:
+    """The energy balance of one closed cycle of the HIP.
+
+    Returns the work Σ F_k·(x_{k+1} - x_k) that the fixture gave the hand, less the bound of this
+    module for a proxy that does not recede [J]; the largest growth of |proxy - HIP| in one tick
+    beyond what the HIP's own step explains [m]; and the largest U along the cycle [J]. Where the
+    first is above 0 the fixture was active.
 
     Parameters
     ----------
@@ -332,21 +306,16 @@ def energy_balance(
     axis
         (3,) the ignored axis. A movement along it does no work.
     """
-    movement = np.diff(hips, axis=0)
-    if axis is not None:
-        movement = movement - np.outer(movement @ axis, axis)
+    movement = flattened(np.diff(hips, axis=0), axis)
     # The vector from the HIP to the proxy, without its part along an ignored axis.
     stretch = trace.force / stiffness
     length = np.linalg.norm(stretch, axis=1)
     length_before = np.linalg.norm(stretch[:-1] - movement, axis=1)
     stored = 0.5 * stiffness * length * length
     bound = stored[0] - stored[-1] + 0.5 * stiffness * (movement * movement).sum()
-    return EnergyBalance(
-        work_j=float((trace.force[:-1] * movement).sum()),
-        bound_j=float(bound),
-        recede_m=float(np.maximum(length[1:] - length_before, 0.0).max(initial=0.0)),
-        stored_j=float(stored.max()),
-    )
+    work = (trace.force[:-1] * movement).sum()
+    recede = (length[1:] - length_before).max(initial=0.0)
+    return float(work - bound), float(recede), float(stored.max())
 
 
 def passivity_cases(
@@ -365,17 +334,17 @@ def passivity_cases(
     engine = engine_for(places[0], rule, band)
     axis, engine_band = engine.parameters.ignore_axis, engine.parameters.band
     cycles_per_place = -(-cycles // len(places))
-    balances = []
+    excesses, recede = [], 0.0
     for contact in places:
         for _ in range(cycles_per_place):
             hips = random_cycle(contact, rng)
             engine.reset(hips[0])
-            balances.append(energy_balance(engine.run(hips), hips, 1.0, axis))
+            excess, growth, stored = energy_balance(engine.run(hips), hips, 1.0, axis)
+            excesses.append(excess / stored if stored > 0 else 0.0)
+            recede = max(recede, growth)
 
-    excesses = [balance.excess for balance in balances]
-    count = len(balances)
+    count = len(excesses)
     active = sum(excess > 0 for excess in excesses)
-    recede = max(balance.recede_m for balance in balances)
     energy = CaseResult(
         case=f"passivity/{scene}/{rule}",
         outcome=outcome_of(active == 0, rule),

@@ -12,26 +12,27 @@ passes only where each of them comes to rest (`blow_case`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vfplan.engine.parameters import Rule, Vector
-from vfplan.engine.proxy import ProxyEngine, Status, Step
+from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Fixture, Pieces
 from vfplan.robot import Robot
 from vfplan.stability import contacts
 from vfplan.stability.contacts import CaseResult, Contact, outcome_of
 from vfplan.stability.loop import (
     Engine,
-    Plant,
+    FlatWall,
     SimulatedHand,
     exact_bound,
     run_until_still,
     simulate,
     spectral_radius,
     stable_edge,
+    worst_delay,
 )
 
 # Depth of the hand's press, as a share of R. The contact stays closed under the blow.
@@ -59,32 +60,6 @@ MAX_RATIO = 32 * FIRST_GUESS
 MAX_TICKS = 20_000
 
 
-@dataclass(frozen=True)
-class LargestStiffness:
-    """The largest stable stiffness of one contact.
-
-    Parameters
-    ----------
-    measured
-        The largest K that was stable, within `RESOLUTION` [N/m].
-    exact
-        The K at which the spectral radius of plant and spring reaches 1 [N/m].
-    """
-
-    measured: float
-    exact: float
-
-    @property
-    def ratio(self) -> float:
-        """The measured K over the exact bound."""
-        return self.measured / self.exact
-
-    @property
-    def is_above_search(self) -> bool:
-        """Whether the loop was still stable where the search ended."""
-        return self.ratio >= MAX_RATIO
-
-
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
     axis = contact.ignore_axis
@@ -99,8 +74,11 @@ def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> Proxy
     return ProxyEngine.on(contact.points, contact.exact_shape, contact.radius, stiffness=1.0)
 
 
-def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> LargestStiffness:
-    """Bisect for the largest K at which a struck mass comes to rest.
+def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> tuple[float, float]:
+    """The largest K at which a struck mass comes to rest, by bisection, and the exact bound [N/m].
+
+    The first is right within `RESOLUTION`. At the second the spectral radius of plant and spring
+    reaches 1.
 
     Parameters
     ----------
@@ -108,7 +86,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
         An engine of stiffness 1 N/m on the contact's cloud.
     """
     hand_share = HAND_SHARE if contact.needs_spring else 0.0
-    exact = exact_bound(Plant.of(robot), robot.delay_ticks, hand_share)
+    exact = exact_bound(robot, hand_share)
     ticks = run_length(robot, exact)
 
     def holds(stiffness: float) -> bool:
@@ -117,7 +95,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> Largest
     measured = stable_edge(
         FIRST_GUESS * exact, holds, RESOLUTION, least=RESOLUTION * exact, most=MAX_RATIO * exact
     )
-    return LargestStiffness(measured, exact)
+    return measured, exact
 
 
 def run_length(robot: Robot, exact: float) -> int:
@@ -125,7 +103,7 @@ def run_length(robot: Robot, exact: float) -> int:
 
     At least 16 periods of the oscillation and 400 ticks, and at most `MAX_TICKS`.
     """
-    growth = spectral_radius(Plant.of(robot), 1.005 * exact, robot.delay_ticks)
+    growth = spectral_radius(robot, 1.005 * exact)
     # The energy grows with the square of the motion.
     ticks = math.log(1.05) / (2 * math.log(growth)) if growth > 1 else math.inf
     period = 2 * math.pi * math.sqrt(robot.mass_kg / exact) * robot.rate_hz
@@ -176,11 +154,11 @@ def scenes_for(fixture: Fixture | None) -> tuple[list[str], dict[str, str]]:
     if count > 2:
         skipped["point"] = f"the cloud has {count} points"
     else:
-        for name in ("flat", "convex", "corner", "three-walls", "channel", "double-sheet"):
-            skipped[name] = f"no walls in a cloud of {count}"
+        walls = [name for name in contacts.SCENES if name not in ("point", "omega")]
+        skipped |= dict.fromkeys(walls, f"no walls in a cloud of {count}")
     if fixture.ignore_axis is not None:
-        for name in ("three-walls", "double-sheet", "point"):
-            skipped[name] = "the fixture is endless along its ignored axis"
+        reason = "the fixture is endless along its ignored axis"
+        skipped |= dict.fromkeys(("three-walls", "double-sheet", "point"), reason)
     return [name for name in contacts.SCENES if name not in skipped], skipped
 
 
@@ -206,55 +184,46 @@ def closed_loop_case(
         return [CaseResult(case, "fail", detail, unit="N/m", values={"places": 0})]
     # The contacts of a scene, or of a bundle, share their cloud.
     engine = engine_for(contacts_tried[0], rule, band)
-    contact, largest = weakest_contact(contacts_tried, robot, engine)
-    pressed = press(contact, robot, engine, min(stiffness, 0.5 * largest.measured))
+    contact, measured, exact = weakest_contact(contacts_tried, robot, engine)
+    pressed = press(contact, robot, engine, min(stiffness, 0.5 * measured))
 
+    ratio = measured / exact
+    is_beyond_search = ratio >= MAX_RATIO
     min_ratio = MIN_RATIO
-    is_good = largest.ratio >= MIN_RATIO
+    is_good = ratio >= MIN_RATIO
     if scene == "flat":
         min_ratio = 1 - FLAT_TOLERANCE
-        is_good = abs(largest.ratio - 1) <= FLAT_TOLERANCE or largest.is_above_search
-    values = {
-        "scene": scene, "rule": rule, "k_exact_n_per_m": largest.exact, "ratio": largest.ratio,
-        "places": len(contacts_tried), **pressed,
-    }  # fmt: skip
-    return [
-        CaseResult(
-            case, outcome_of(is_good, rule), closed_loop_detail(largest, pressed),
-            min_ratio * largest.exact, largest.measured, "N/m", values,
-        )
-    ]  # fmt: skip
-
-
-def closed_loop_detail(largest: LargestStiffness, pressed: dict[str, Any]) -> str:
-    """What the search and the press found, in words."""
-    or_more = " or more" if largest.is_above_search else ""
+        is_good = abs(ratio - 1) <= FLAT_TOLERANCE or is_beyond_search
     ending = "no rest"
     if pressed["rest_s"] is not None:
         ending = f"rest in {pressed['rest_s']:.2f} s"
-    return (
-        f"largest stable K {largest.measured:.0f} N/m{or_more}, {largest.ratio:.3f} of the exact "
-        f"bound; pressed: overshoot {pressed['overshoot']:.2f}, {ending}, limit cycle "
+    detail = (
+        f"largest stable K {measured:.0f} N/m{' or more' * is_beyond_search}, {ratio:.3f} of the "
+        f"exact bound; pressed: overshoot {pressed['overshoot']:.2f}, {ending}, limit cycle "
         f"{pressed['limit_cycle_m'] * 1e6:.2g} µm, {pressed['energy_j'] * 1e6:.3g} µJ to the hand"
     )
+    values = {
+        "scene": scene, "rule": rule, "k_exact_n_per_m": exact, "ratio": ratio,
+        "places": len(contacts_tried), **pressed,
+    }  # fmt: skip
+    outcome, limit = outcome_of(is_good, rule), min_ratio * exact
+    return [CaseResult(case, outcome, detail, limit, measured, "N/m", values)]
 
 
 def weakest_contact(
     places: list[Contact], robot: Robot, engine: Engine
-) -> tuple[Contact, LargestStiffness]:
-    """The one of some contacts that bears the least K, and what it bears.
+) -> tuple[Contact, float, float]:
+    """The one of some contacts that bears the least K, that K, and the exact bound [N/m].
 
     A contact that is stable at the least K so far is not bisected.
     """
-    weakest = places[0]
-    lowest = largest_stiffness(weakest, robot, engine)
+    weakest, lowest, exact = places[0], *largest_stiffness(places[0], robot, engine)
     for contact in places[1:]:
-        ticks = run_length(robot, lowest.exact)
-        if not is_stable(contact, robot, engine, lowest.measured, ticks):
-            largest = largest_stiffness(contact, robot, engine)
-            if largest.measured < lowest.measured:
-                weakest, lowest = contact, largest
-    return weakest, lowest
+        if not is_stable(contact, robot, engine, lowest, run_length(robot, exact)):
+            measured, bound = largest_stiffness(contact, robot, engine)
+            if measured < lowest:
+                weakest, lowest, exact = contact, measured, bound
+    return weakest, lowest, exact
 
 
 def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> dict[str, Any]:
@@ -284,20 +253,28 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> d
     motion = simulate(engine, robot, hand, stiffness, start, np.zeros(3), ticks)
 
     depth = (motion.x - contact.touch) @ inward
-    quarter = len(depth) // 4
-    final_depth = float(depth[-quarter:].mean())
-    moving = np.flatnonzero(np.abs(depth - final_depth) > REST_TOLERANCE * abs(final_depth))
-    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
-    rest_s = rest_tick / robot.rate_hz if rest_tick < len(depth) - quarter else None
+    last = depth[-(len(depth) // 4) :]
+    final_depth = float(last.mean())
+    away = np.abs(depth - final_depth)
     pressed = {
         "energy_j": float((motion.held_force[:-1] * np.diff(motion.x, axis=0)).sum()),
-        "limit_cycle_m": float(np.ptp(depth[-quarter:])),
-        "rest_s": rest_s,
+        "limit_cycle_m": float(np.ptp(last)),
+        "rest_s": time_to_rest(away, REST_TOLERANCE * abs(final_depth), len(last), robot),
         "overshoot": float(depth.max() / final_depth - 1.0) if final_depth > 0 else 0.0,
     }
     if motion.limited_ticks is not None:
         pressed["limited_ticks"] = motion.limited_ticks
     return pressed
+
+
+def time_to_rest(away: Vector, tolerance: float, last: int, robot: Robot) -> float | None:
+    """Time until a mass stays within a tolerance of its final place [s].
+
+    `None` where it does not before the `last` ticks. `away` (T,) and the tolerance are in m.
+    """
+    moving = np.flatnonzero(away > tolerance)
+    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
+    return rest_tick / robot.rate_hz if rest_tick < len(away) - last else None
 
 
 def press_length(robot: Robot, stiffness: float) -> int:
@@ -321,23 +298,6 @@ PUSH_N = 10.0
 REST_TIME = 2.0
 
 
-class FlatWall:
-    """An engine of 1 N/m whose forbidden region is y < 0, and whose tool is a point."""
-
-    def reset(self, hip: Vector) -> None:
-        """A flat wall remembers nothing."""
-
-    def step(self, hip: Vector) -> Step:
-        """Answer to the tool's point at `hip` (3,) [m]."""
-        proxy = np.array([hip[0], max(hip[1], 0.0), hip[2]])
-        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
-
-
-def worst_delay(robot: Robot) -> int:
-    """The longest delay of the robot [ticks]."""
-    return robot.delay_ticks + robot.delay_jitter_ticks
-
-
 def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:
     """Push a mass into a flat wall of K [N/m] at a speed [m/s].
 
@@ -346,7 +306,7 @@ def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:
     it rests in time, and how long it rings.
     """
     push = min(PUSH_N, 0.5 * (robot.force_limit_n or math.inf))
-    radius = spectral_radius(Plant.of(robot), stiffness, worst_delay(robot))
+    radius = spectral_radius(robot, stiffness)
     linear = math.log(1 / REST_TOLERANCE) / -math.log(radius) if radius < 1 else 0.0
     ticks = int(min(2 * linear + REST_TIME * robot.rate_hz, MAX_TICKS))
     hand = SimulatedHand(np.array([0.0, -push, 0.0]))
@@ -356,10 +316,9 @@ def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:
     depth = -motion.x[:, 1]
     reach = push / stiffness + speed * math.sqrt(robot.mass_kg / stiffness)
     tolerance = max(REST_TOLERANCE * reach, 2 * (robot.quantum_m or 0.0))
-    moving = np.flatnonzero(np.abs(depth - np.median(depth[-ticks // 8 :])) > tolerance)
-    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
-    rests = rest_tick < ticks - ticks // 8
-    rings_s = rest_tick / robot.rate_hz if rests else None
+    away = np.abs(depth - np.median(depth[-ticks // 8 :]))
+    rings_s = time_to_rest(away, tolerance, ticks // 8, robot)
+    rests = rings_s is not None
     return {"speed_m_per_s": speed, "push_n": push, "rests": rests, "rings_s": rings_s}
 
 
@@ -369,7 +328,7 @@ def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[Case
     A K that theory alone refuses is lowered to the largest that theory lets pass. `measured` is the
     largest K found times the safety factor, as those of the other cases are divided by it.
     """
-    allowed = exact_bound(Plant.of(robot), worst_delay(robot)) / safety_factor
+    allowed = exact_bound(robot) / safety_factor
     stiffness = min(stiffness, allowed)
     if stiffness == 0:
         detail = "without damping no sampled spring is stable, so no blow was struck"

@@ -17,6 +17,7 @@ from vfplan import scenes
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
 from vfplan.fixture import Fixture, Pieces
+from vfplan.replaying.metrics import flattened
 
 # R = r_c of the scenes [m], as in the paper's experiments.
 RADIUS = 5e-3
@@ -24,7 +25,7 @@ RADIUS = 5e-3
 # Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack.
 ROUNDING_M = 1e-12
 
-X, Y, _ = np.eye(3)
+X, Y, Z = np.eye(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +88,7 @@ def beside(
 
 def patch() -> Contact:
     """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
-    steps = np.arange(-20, 21) * (0.02 / 40)
-    x, z = np.meshgrid(steps, steps)
-    points = np.column_stack([x.ravel(), np.zeros(x.size), z.ravel()])
+    points = scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3)
     return Contact(points, RADIUS * Y, Y[None])
 
 
@@ -183,19 +182,15 @@ def contacts_beside(
 ) -> Iterator[Contact]:
     """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
     axis = check_axis(ignore_axis)
-    flat_points = points
-    height = np.zeros(3)
-    if axis is not None:
-        flat_points = points - np.outer(points @ axis, axis)
-        height = (place @ axis) * axis
-    flat_place = place - height
+    flat_points, flat_place = flattened(points, axis), flattened(place[None], axis)[0]
     distance = np.linalg.norm(flat_points - flat_place, axis=1)
     normal = cloud_normal(flat_points[distance < radius], axis)
     for outward in (normal, -normal):
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
-            yield Contact(points, touch + height, outward[None], ignore_axis, radius,
-                          needs_spring=True, exact_shape=exact_shape)  # fmt: skip
+            touch = touch + (place - flat_place)
+            yield Contact(points, touch, outward[None], ignore_axis, radius, needs_spring=True,
+                          exact_shape=exact_shape)  # fmt: skip
 
 
 def first_touch(points: Vector, start: Vector, direction: Vector, radius: float) -> Vector | None:

@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Vector, number
-from vfplan.engine.proxy import Step
+from vfplan.engine.proxy import ProxyEngine, Status, Step
 from vfplan.robot import Robot
 
 # Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
@@ -40,76 +39,61 @@ STABLE_RADIUS = 1.0 - 1e-13
 BOUND_RESOLUTION = 1e-10
 
 
-@dataclass(frozen=True)
-class Plant:
-    """The moving mass along one axis.
+def worst_delay(robot: Robot) -> int:
+    """The longest delay of the robot [ticks]."""
+    return robot.delay_ticks + robot.delay_jitter_ticks
+
+
+def filter_share(robot: Robot) -> float:
+    """Share of a change of force that passes the robot's filter in one tick; 1 without a filter.
+
+    It is the first-order filter of libfranka. A cutoff of 0 means none.
+    """
+    age = 1 / (2 * math.pi * robot.filter_hz) if robot.filter_hz else 0.0
+    period = 1 / robot.rate_hz
+    return period / (period + age)
+
+
+def transition(
+    robot: Robot, hand: float = 0.0, seconds: float | None = None
+) -> NDArray[np.float64]:
+    """(2, 2) the exact motion of the mass along one axis from x = 0.
+
+    The rows are the displacement [m] and the velocity [m/s] afterwards. The columns are the
+    velocity [m/s] and the net force at x [N] at the beginning. The net force is the held force
+    less k_h x. Friction and limits do not act.
 
     Parameters
     ----------
-    mass
-        m [kg] > 0.
-    damping
-        b [N·s/m] >= 0.
-    period
-        T [s] > 0, one tick.
     hand
         k_h [N/m] >= 0, stiffness of a hand that holds the mass.
-    filter_share
-        Share of a change of force that passes the robot's filter in one tick; 1 without a filter.
+    seconds
+        How long it moves [s]; `None`: one tick.
     """
+    from scipy.linalg import expm
 
-    mass: float = 1.0
-    damping: float = 5.0
-    period: float = 1e-3
-    hand: float = 0.0
-    filter_share: float = 1.0
-
-    @classmethod
-    def of(cls, robot: Robot, hand: float = 0.0) -> Plant:
-        """The moving mass of a robot without friction and limits."""
-        period = 1 / robot.rate_hz
-        # libfranka's first-order filter. A cutoff of 0 means none.
-        age = 1 / (2 * math.pi * robot.filter_hz) if robot.filter_hz else 0.0
-        return cls(
-            robot.mass_kg,
-            robot.damping_n_s_per_m,
-            period,
-            hand,
-            filter_share=period / (period + age),
-        )
-
-    def transition(self, t: float | None = None) -> NDArray[np.float64]:
-        """(2, 2) the exact motion over `t` [s] from x = 0; over one tick where `t` is `None`.
-
-        The rows are the displacement [m] and the velocity [m/s] after t. The columns are the
-        velocity [m/s] and the net force at x [N] at the beginning. The net force is the held force
-        less k_h x.
-        """
-        from scipy.linalg import expm
-
-        if t is None:
-            t = self.period
-        # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is
-        # then a number without a unit.
-        alpha = self.damping * t / self.mass
-        kappa = self.hand * t * t / self.mass
-        rate = np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]])
-        units = [[t, t * t / self.mass], [1.0, t / self.mass]]
-        return expm(rate)[:2, 1:] * units
+    t = 1 / robot.rate_hz if seconds is None else seconds
+    # With t as the unit of time: y' = w, w' = r - alpha w - kappa y, r' = 0. Every entry is then a
+    # number without a unit.
+    alpha = robot.damping_n_s_per_m * t / robot.mass_kg
+    kappa = hand * t * t / robot.mass_kg
+    rate = np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]])
+    units = [[t, t * t / robot.mass_kg], [1.0, t / robot.mass_kg]]
+    return expm(rate)[:2, 1:] * units
 
 
-def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray[np.float64]:
-    """One tick of plant and sampled spring F_k = -K x_{k-d}, a square matrix.
+def loop_matrix(robot: Robot, stiffness: float, hand: float = 0.0) -> NDArray[np.float64]:
+    """One tick of mass and sampled spring F_k = -K x_{k-d}, a square matrix.
 
     The state is (x, v), the d older positions, the youngest first, and the force of the tick before
-    where the robot filters it. `stiffness` is K [N/m].
+    where the robot filters it. `stiffness` is K [N/m], d the longest delay, and `hand` k_h [N/m].
     """
-    (xv, xf), (vv, vf) = plant.transition()
-    d, share = delay_ticks, plant.filter_share
+    (xv, xf), (vv, vf) = transition(robot, hand)
+    d, share = worst_delay(robot), filter_share(robot)
     has_filter = share < 1.0
     matrix = np.zeros((2 + d + has_filter, 2 + d + has_filter))
-    matrix[0, :2] = 1.0 - xf * plant.hand, xv
-    matrix[1, :2] = -vf * plant.hand, vv
+    matrix[0, :2] = 1.0 - xf * hand, xv
+    matrix[1, :2] = -vf * hand, vv
 
     # The held force acts on the position of d ticks ago, and keeps a part of the force before it.
     held_force = np.zeros(len(matrix))
@@ -127,20 +111,21 @@ def loop_matrix(plant: Plant, stiffness: float, delay_ticks: int = 0) -> NDArray
     return matrix
 
 
-def spectral_radius(plant: Plant, stiffness: float, delay_ticks: int = 0) -> float:
+def spectral_radius(robot: Robot, stiffness: float, hand: float = 0.0) -> float:
     """The largest absolute eigenvalue of one tick. The loop is stable below 1."""
-    return float(np.abs(np.linalg.eigvals(loop_matrix(plant, stiffness, delay_ticks))).max())
+    return float(np.abs(np.linalg.eigvals(loop_matrix(robot, stiffness, hand))).max())
 
 
-def linear_bound(plant: Plant, delay_ticks: int = 0) -> float:
+def linear_bound(robot: Robot) -> float:
     """The bound K < b / (T/2 + d T + filter) [N/m], of first order in T (Gil et al. 2004).
 
     A filter makes the force older by T (1 / share - 1).
     """
-    return plant.damping / (plant.period * (delay_ticks - 0.5 + 1 / plant.filter_share))
+    age_ticks = worst_delay(robot) - 0.5 + 1 / filter_share(robot)
+    return robot.damping_n_s_per_m * robot.rate_hz / age_ticks
 
 
-def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> float:
+def exact_bound(robot: Robot, hand_share: float = 0.0) -> float:
     """The K [N/m] at which the spectral radius reaches 1; 0 without damping.
 
     The relative error is at most 1e-10, or 2e-13 m / (b T) where that is more.
@@ -148,23 +133,22 @@ def exact_bound(plant: Plant, delay_ticks: int = 0, hand_share: float = 0.0) -> 
     Parameters
     ----------
     hand_share
-        k_h / K of a hand whose spring is scaled with K. With 0 the plant's own hand holds the mass.
+        k_h / K of a hand whose spring is scaled with K.
 
     Raises
     ------
     SettingError
         A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`.
     """
-    if plant.damping == 0.0:
+    if robot.damping_n_s_per_m == 0.0:
         return 0.0
-    decay = plant.damping * plant.period / plant.mass
+    decay = robot.damping_n_s_per_m / robot.rate_hz / robot.mass_kg
     number("damping * period / mass", decay, "", least=MIN_DECAY, most=MAX_DECAY)
 
     def is_stable(stiffness: float) -> bool:
-        held = replace(plant, hand=hand_share * stiffness or plant.hand)
-        return spectral_radius(held, stiffness, delay_ticks) < STABLE_RADIUS
+        return spectral_radius(robot, stiffness, hand_share * stiffness) < STABLE_RADIUS
 
-    return stable_edge(linear_bound(plant, delay_ticks), is_stable, BOUND_RESOLUTION)
+    return stable_edge(linear_bound(robot), is_stable, BOUND_RESOLUTION)
 
 
 def stable_edge(
@@ -202,14 +186,19 @@ def stable_edge(
     return low
 
 
-class Engine(Protocol):
-    """What the loop needs of an engine."""
+class FlatWall:
+    """An engine of 1 N/m whose forbidden region is y < 0, and whose tool is a point."""
 
     def reset(self, hip: Vector) -> None:
-        """Put the proxy at `hip` (3,) [m]."""
+        """A flat wall remembers nothing."""
 
     def step(self, hip: Vector) -> Step:
         """Answer to the tool's point at `hip` (3,) [m]."""
+        proxy = np.array([hip[0], max(hip[1], 0.0), hip[2]])
+        return Step(proxy, np.array([0.0, 1.0, 0.0]), proxy - hip, 1, Status.OK)
+
+
+Engine = ProxyEngine | FlatWall
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,8 +237,8 @@ class LoopMotion:
 
     Parameters
     ----------
-    x, v
-        (T, 3) position [m] and velocity [m/s] at the beginning of the tick.
+    x
+        (T, 3) position at the beginning of the tick [m].
     held_force
         (T, 3) the force that the robot held over the tick [N].
     energy
@@ -260,7 +249,6 @@ class LoopMotion:
     """
 
     x: Vector
-    v: Vector
     held_force: Vector
     energy: Vector
     limited_ticks: int | None = None
@@ -286,10 +274,9 @@ def simulate(
     x, v
         (3,) the first position [m] and velocity [m/s].
     """
-    plant = Plant.of(robot, hand.stiffness)
-    (xv, xf), (vv, vf) = plant.transition()
-    filtered = previous_force = None
-    limited_ticks = 0
+    (xv, xf), (vv, vf) = transition(robot, hand.stiffness)
+    passing_share = filter_share(robot)
+    filtered = limited_ticks = 0
     # How many ticks old the position is that each tick's force answers.
     jitter = np.random.default_rng(1).integers(0, robot.delay_jitter_ticks, ticks, endpoint=True)
     ages = robot.delay_ticks + jitter
@@ -305,19 +292,16 @@ def simulate(
 
         # Before the first tick the force was what it is at the first.
         force = spring_forces[max(tick - ages[tick], 0)]
-        if plant.filter_share < 1.0:
-            filtered = (
-                force if filtered is None else filtered + plant.filter_share * (force - filtered)
-            )
-            force = filtered
+        if passing_share < 1.0:
+            share = passing_share if tick > 0 else 1.0
+            force = filtered = filtered + share * (force - filtered)
         if robot.force_limit_n is not None:
             force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
             limited_ticks += is_limited
-        if robot.force_step_limit_n is not None:
-            base = force if previous_force is None else previous_force
+        if robot.force_step_limit_n is not None and tick > 0:
+            base = held_forces[tick - 1]
             force, is_limited = limit_change(force, base, robot.force_step_limit_n)
             limited_ticks += is_limited
-            previous_force = force
 
         positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
         held_forces[tick] = force
@@ -327,7 +311,7 @@ def simulate(
             displacement = xv * v + xf * net
             v = vv * v + vf * net
         else:
-            axes = [slide(plant, robot.friction_n, float(v[k]), float(net[k])) for k in range(3)]
+            axes = [slide(robot, hand.stiffness, float(v[k]), float(net[k])) for k in range(3)]
             displacement, v = np.transpose(axes)
         x = x + displacement
 
@@ -337,7 +321,7 @@ def simulate(
     energy = kinetic_energy + spring_energy + hand.potential_at(positions)
     if robot.force_limit_n is None and robot.force_step_limit_n is None:
         limited_ticks = None
-    return LoopMotion(positions, velocities, held_forces, energy, limited_ticks)
+    return LoopMotion(positions, held_forces, energy, limited_ticks)
 
 
 def run_until_still(engine: Engine, hand: SimulatedHand, stiffness: float, start: Vector) -> Vector:
@@ -367,32 +351,33 @@ def limit_change(force: Vector, base: Vector, limit: float) -> tuple[Vector, boo
     return force, False
 
 
-def slide(plant: Plant, friction: float, v: float, net: float) -> tuple[float, float]:
+def slide(robot: Robot, hand: float, v: float, net: float) -> tuple[float, float]:
     """One tick along one axis with Coulomb friction, as a robot's joints have it.
 
-    Exact up to each halt and past it. Takes the friction [N], the velocity [m/s] and the force
-    without friction [N] at the beginning of the tick; gives the displacement [m] and the velocity
-    after it.
+    Exact up to each halt and past it. Takes the hand's stiffness [N/m], the velocity [m/s] and the
+    force without friction [N] at the beginning of the tick; gives the displacement [m] and the
+    velocity after it.
     """
     from scipy.optimize import brentq
 
-    remaining = plant.period
+    friction = robot.friction_n
+    remaining = 1 / robot.rate_hz
     displacement = 0.0
     while remaining > 0:
-        force = net - plant.hand * displacement
+        force = net - hand * displacement
         if v == 0.0 and abs(force) <= friction:
             # The mass sticks: held force and hand together cannot move it.
             return displacement, 0.0
         direction = np.sign(force if v == 0.0 else v)
         drive = force - direction * friction
-        moved, v_after = plant.transition(remaining) @ [v, drive]
+        moved, v_after = transition(robot, hand, remaining) @ [v, drive]
         if v_after * direction >= 0.0 or v == 0.0:
             return displacement + moved, v_after
 
         # The mass halts before the tick ends. The rest of the tick begins at rest.
-        halt = brentq(lambda t, v=v, drive=drive: (plant.transition(t) @ [v, drive])[1],
+        halt = brentq(lambda t, v=v, drive=drive: (transition(robot, hand, t) @ [v, drive])[1],
                       0.0, remaining, xtol=1e-16 * remaining, rtol=1e-15)  # fmt: skip
-        displacement += (plant.transition(halt) @ [v, drive])[0]
+        displacement += (transition(robot, hand, halt) @ [v, drive])[0]
         v = 0.0
         remaining -= halt
     return displacement, v

@@ -25,9 +25,9 @@ from vfplan.robot import Robot
 from vfplan.settings import incomplete_recipe, is_length, recalled, recorded
 from vfplan.stability import contacts
 from vfplan.stability.cases import CASES, passivity_cases, run_extreme_cases
-from vfplan.stability.closed_loop import blow_case, closed_loop_case, scenes_for, worst_delay
+from vfplan.stability.closed_loop import blow_case, closed_loop_case, scenes_for
 from vfplan.stability.contacts import CaseResult
-from vfplan.stability.loop import Plant, exact_bound, linear_bound
+from vfplan.stability.loop import exact_bound, linear_bound, worst_delay
 
 # Factor by which K may grow and the loop stays stable, unless the user gives another.
 SAFETY_FACTOR = 1.25
@@ -212,14 +212,13 @@ class Study:
         """The study as `vfplan stability --json` reports it."""
         report = self.verdict.as_dict()
         robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
-        plant, delay = Plant.of(self.robot), self.verdict.delay_ticks
         return {
             **report,
             "k_max_by_rule_n_per_m": {
                 rule: k for rule, k in largest_stiffness_by_rule(self.rows).items() if rule
             },
-            "k_linear_bound_n_per_m": linear_bound(plant, delay),
-            "k_exact_bound_n_per_m": exact_bound(plant, delay),
+            "k_linear_bound_n_per_m": linear_bound(self.robot),
+            "k_exact_bound_n_per_m": exact_bound(self.robot),
             "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},
             "blows": self.blows.values["blows"],
             "failed": [row.case for row in self.failed],
