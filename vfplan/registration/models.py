@@ -263,6 +263,15 @@ class Problem:
         return homogeneous(self.s)
 
 
+def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
+    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
+    s = problem.s[index]
+    centred = s - s.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
+
+
 def make_problem(
     source: ArrayLike,
     target: ArrayLike,
@@ -513,23 +522,15 @@ def fit_similarity(problem: Problem, used: Flags) -> Fit:
 def leave_one_out(fit: Fit) -> Array:
     """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined.
 
-    For the affine model it is (I - H_i)⁻¹ e_i, exact without another fit (R. D. Cook and
-    S. Weisberg, "Residuals and influence in regression", 1982, section 2.2). Every other model is
-    fitted again without each marker.
+    Every fit is made again without each marker.
     """
     problem, used = fit.problem, fit.used
-    if isinstance(problem.model, Affine):
-        self_share = fit.hat * used[:, None, None]
-        return np.linalg.norm(_solve_blocks(np.eye(3) - self_share, fit.vectors), axis=1)
     errors = np.linalg.norm(fit.vectors, axis=1)
     for i in np.flatnonzero(used):
-        others = used & (np.arange(len(used)) != i)
+        others = np.flatnonzero(used & (np.arange(len(used)) != i))
         errors[i] = np.nan
-        s = problem.s[others]
-        # How far the others spread beside the line that fits them best.
-        width = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1]
-        if others.sum() >= problem.model.minimal and width > 1 / MAX_CONDITION:
-            m = problem.model.solve(s, problem.y[others], problem.weights[others])
+        if len(others) >= problem.model.minimal and is_spread_out(problem, others[None])[0]:
+            m = problem.model.solve(problem.s[others], problem.y[others], problem.weights[others])
             errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
     return errors
 
@@ -543,8 +544,10 @@ def studentised_f(fit: Fit) -> Array:
     left to judge by.
     """
     problem, used, vectors = fit.problem, fit.used, fit.vectors
-    sign = np.where(used, -1.0, 1.0)[:, None, None]
-    deleted = _solve_blocks(np.eye(3) + sign * fit.hat, vectors)
+    blocks = np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * fit.hat
+    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
+    deleted = np.full_like(vectors, np.nan)
+    deleted[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
     lost = (problem.weights * vectors * deleted).sum(axis=1)
     floor = problem.rounding_floor_m**2
     total = float((problem.weights * vectors**2)[used].sum())
@@ -565,12 +568,24 @@ def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> floa
     return float(f_quantile(3, dof, 1 - probability / n))
 
 
-def _solve_blocks(blocks: Array, vectors: Array) -> Array:
-    """(N, 3) solutions of N systems; NaN where the block is singular."""
-    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
-    solutions = np.full_like(vectors, np.nan)
-    solutions[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
-    return solutions
+def most_off(rows: Array, errors: Array, floor: float) -> tuple[int, Array, float, float]:
+    """The place that the others contradict most in a fit of n places, as `studentised_f` judges.
+
+    rows: (n, 3, p) how the places move with the parameters, times the roots of their weights
+    errors: (n, 3) what the fit leaves, likewise
+    floor: sums of squares below it are rounding
+
+    Returns its number, its error (3,) in a fit of the others, their mean square, and the
+    probability that one of n good places is as far off.
+    """
+    n, _, p = rows.shape
+    left = np.linalg.svd(rows.reshape(-1, p), full_matrices=False)[0].reshape(n, 3, p)
+    kept = np.eye(3) - left @ left.transpose(0, 2, 1)
+    apart = (np.linalg.pinv(kept) @ errors[..., None])[..., 0]
+    lost = (errors * apart).sum(axis=1)
+    worst, dof = int(lost.argmax()), 3 * (n - 1) - p
+    square = max(float((errors**2).sum() - lost[worst]), floor) / dof
+    return worst, apart[worst], square, n * float(f_exceeds(3, dof, lost[worst] / 3 / square))
 
 
 def f_exceeds(dof: ArrayLike, other_dof: ArrayLike, f: ArrayLike) -> Array:

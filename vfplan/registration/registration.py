@@ -39,6 +39,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
 from math import comb
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,6 @@ from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
-    MAX_CONDITION,
     Fit,
     ModelName,
     Orthogonal,
@@ -60,6 +60,7 @@ from vfplan.registration.models import (
     f_quantile,
     fit_model,
     homogeneous,
+    is_spread_out,
     leave_one_out,
     make_problem,
     marker_rows,
@@ -195,32 +196,8 @@ def _directions(p: int) -> Array:
     return np.ascontiguousarray(normal.T)
 
 
-# Numerator and denominator of the normal quantile over q, by 0.425² - q², and of that of a tail, by
-# the root of the logarithm of its probability less 1.6: M. J. Wichura's "Algorithm AS 241" (Appl.
-# Stat. 37, 1988).
-NORMAL_CENTRE = (
-    (2.50908092873012267e3, 3.34305755835881281e4, 6.72657709270087009e4, 4.59219539315498715e4,
-     1.37316937655094611e4, 1.97159095030655144e3, 1.33141667891784377e2, 3.38713287279636661e0),
-    (5.22649527885285456e3, 2.87290857357219427e4, 3.93078958000927106e4, 2.12137943015865959e4,
-     5.39419602142475111e3, 6.87187007492057908e2, 4.23133307016009113e1, 1.0),
-)  # fmt: skip
-NORMAL_TAIL = (
-    (7.74545014278341407e-4, 2.27238449892691846e-2, 2.41780725177450612e-1, 1.27045825245236838e0,
-     3.64784832476320461e0, 5.76949722146069141e0, 4.63033784615654530e0, 1.42343711074968358e0),
-    (1.05075007164441684e-9, 5.47593808499534495e-4, 1.51986665636164572e-2, 1.48103976427480075e-1,
-     6.89767334985100005e-1, 1.67638483018380385e0, 2.05319162663775882e0, 1.0),
-)  # fmt: skip
-
-
-def normal_quantile(share: ArrayLike) -> Array:
-    """What a standard normal variable stays below with a probability of 1e-11 to 1 - 1e-11."""
-    share = np.asarray(share, dtype=float)
-    q = share - 0.5
-    top, bottom = (np.polyval(row, 0.180625 - q * q) for row in NORMAL_CENTRE)
-    centre = top * q / bottom
-    x = np.sqrt(-np.log(np.minimum(share, 1 - share))) - 1.6
-    top, bottom = (np.polyval(row, x) for row in NORMAL_TAIL)
-    return np.where(np.abs(q) <= 0.425, centre, np.copysign(top / bottom, q))
+# What a standard normal variable stays below with a probability.
+normal_quantile = np.vectorize(NormalDist().inv_cdf, otypes=[float])
 
 
 # All minimal subsets are tried, and this many take some seconds.
@@ -327,15 +304,6 @@ def consistent_markers(problem: Problem) -> Flags:
             break
         used[next_marker] = True
     return used
-
-
-def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
-    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
-    s = problem.s[index]
-    centred = s - s.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = problem.model.dimension if problem.model.name == "affine" else 2
-    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
 def _through(problem: Problem, index: NDArray[np.intp]) -> Array:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_text
-from vfplan.registration.models import f_exceeds
+from vfplan.registration.models import most_off
 from vfplan.registration.registration import pointwise_bound
 
 Array = NDArray[np.float64]
@@ -90,15 +90,9 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
     weights = inverse[:3].reshape(3, n, 3)
     covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
     error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
-    # Without a pose its residual e grows to (I - H)⁻¹ e (R. D. Cook and S. Weisberg, "Residuals and
-    # influence in regression", 1982, section 2.2).
-    hats = np.einsum("nij,jnk->nik", rows, inverse.reshape(6, n, 3))
-    apart = np.linalg.solve(np.eye(3) - hats, residuals[..., None])[..., 0]
-    lost = (residuals * apart).sum(axis=1)
-    f = lost / 3 / (np.maximum((residuals**2).sum() - lost, n * ROUNDING_M**2) / (3 * n - 9))
-    worst = int(f.argmax())
-    if n * f_exceeds(3, 3 * n - 9, f[worst]) < SURE_OUTLIER:
-        apart_m = float(np.linalg.norm(apart[worst]))
+    worst, apart, _, probability = most_off(rows, residuals, n * ROUNDING_M**2)
+    if probability < SURE_OUTLIER:
+        apart_m = float(np.linalg.norm(apart))
         raise CheckFailed(
             f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
             "it out, or record it again",
