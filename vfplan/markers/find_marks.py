@@ -252,7 +252,10 @@ def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     rows, columns = mark.v[:, 0].astype(int), mark.u[0].astype(int)
     # Brightness as JPEG stores it, by ITU-R BT.601.
     grey = picture[np.ix_(rows, columns)] @ [0.299, 0.587, 0.114]
-    background = background_under(mark, grey)
+    background = (
+        background_under_cross(mark, grey, by_colour.parameters)
+        if by_colour.shape == "cross" else background_under_dot(mark, grey)
+    )  # fmt: skip
     darkest_ink = np.unravel_index(np.argmax(mark.coverage * mark.valid), grey.shape)
     contrast = float(grey[darkest_ink]) - background
     is_known = np.abs(contrast) > MIN_CONTRAST / 2
@@ -262,13 +265,45 @@ def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     return replace(mark, coverage=coverage, valid=mark.valid & is_known, weight=weight)
 
 
-def background_under(mark: Mark, grey: Array) -> Array:
-    """The background under a mark: the smoothest filling."""
+def background_under_dot(mark: Mark, grey: Array) -> Array:
+    """The background under a dot: the smoothest filling."""
     from scipy.ndimage import binary_dilation
     from skimage.restoration import inpaint_biharmonic
 
     covered = binary_dilation((mark.coverage > 0.15) & mark.valid, iterations=2)
     return grey if covered.all() else inpaint_biharmonic(grey, covered)
+
+
+def background_under_cross(mark: Mark, grey: Array, parameters: Array) -> Array:
+    """The background under a cross: across each bar, from what lies on its two sides."""
+    from scipy import ndimage
+
+    u0, v0, length, half_width, angle = parameters[:5]
+    cosine, sine = np.cos(angle), np.sin(angle)
+    # Along and across the first bar.
+    x = cosine * (mark.u - u0) + sine * (mark.v - v0)
+    y = cosine * (mark.v - v0) - sine * (mark.u - u0)
+    reach = min(half_width, 1.5) + 1.5
+
+    def grey_at(x: Array, y: Array) -> Array:
+        rows = v0 + sine * x + cosine * y - mark.v[0, 0]
+        columns = u0 + cosine * x - sine * y - mark.u[0, 0]
+        return ndimage.map_coordinates(grey, [rows, columns], order=1, mode="nearest")
+
+    def between(low: Array, high: Array, place: Array) -> Array:
+        part = np.clip((place + reach) / (2 * reach), 0, 1)
+        return (1 - part) * low + part * high
+
+    edge = np.full_like(x, reach)
+    across_first = between(grey_at(x, -edge), grey_at(x, edge), y)
+    across_second = between(grey_at(-edge, y), grey_at(edge, y), x)
+    above = between(grey_at(-edge, -edge), grey_at(edge, -edge), x)
+    below = between(grey_at(-edge, edge), grey_at(edge, edge), x)
+    is_first = (np.abs(y) < reach) & (np.abs(x) < length + 1.5)
+    is_second = (np.abs(x) < reach) & (np.abs(y) < length + 1.5)
+    background = np.where(is_second, across_second, grey)
+    background = np.where(is_first, across_first, background)
+    return np.where(is_first & is_second, between(above, below, y), background)
 
 
 def fit_shape(mark: Mark) -> ShapeFit:
