@@ -45,11 +45,6 @@ def test_polyline_open_and_closed(tmp_path):
     assert len(ring.stroke(1.0).points) == 160
 
 
-def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
-    (tmp_path / "c.csv").write_bytes(b"u_px,v_px\r1,2\r3,4\r")
-    assert read_vector_curve(tmp_path / "c.csv").points.tolist() == [[1, 2], [3, 4]]
-
-
 @pytest.mark.parametrize(
     ("points", "told"),
     [

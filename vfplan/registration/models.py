@@ -24,7 +24,7 @@ from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry.lines import Array, Flags
@@ -304,7 +304,6 @@ def make_problem(
             f"{len(raw)} markers are too few: the {model} model from {raw.shape[1]}-D needs at "
             f"least {needed} ({reason}). Add markers",
             code="too-few-markers",
-            numbers={"markers": len(raw), "needed": needed},
         )
 
     metric = raw * spacing
@@ -365,7 +364,7 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
     for name in names:
         if names.count(name) > 1:
             text = f"label {name!r} occurs more than once. Give each marker a label of its own"
-            raise MarkerError(text, code="label-doubled", numbers={"label": name})
+            raise MarkerError(text, code="label-doubled")
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
@@ -373,11 +372,11 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
                     f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
                     "numbers"
                 )
-                raise MarkerError(text, code="markers-not-finite", numbers={"label": name})
+                raise MarkerError(text, code="markers-not-finite")
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
             text = f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}"
-            raise MarkerError(text, code="markers-too-large", numbers={"largest": largest})
+            raise MarkerError(text, code="markers-too-large")
 
 
 def _spacing(
@@ -419,19 +418,18 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
             code="markers-coincide",
         )
     smallest = max(extent[0] / MAX_CONDITION, rounding)
-    numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
     if not extent[1] > smallest:
         text = (
             f"the markers lie on a line in the {what}: beside it they spread by less than "
             f"1/{MAX_CONDITION:g} of their length. Add a marker off the line"
         )
-        raise MarkerError(text, code="markers-collinear", numbers=numbers)
+        raise MarkerError(text, code="markers-collinear")
     if not extent[rank - 1] > smallest:
         text = (
             f"the markers lie in a plane in the {what}, which determines no affine map. Give "
             "--model similarity or rigid"
         )
-        raise MarkerError(text, code="markers-coplanar", numbers=numbers)
+        raise MarkerError(text, code="markers-coplanar")
     return float(extent[0] / extent[rank - 1])
 
 
@@ -449,7 +447,7 @@ def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array
     for name, row in zip(names, table, strict=True):
         if not (np.isfinite(row) & (row > 0)).all():
             text = f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0"
-            raise MarkerError(text, code="sigma-range", numbers={"label": name})
+            raise MarkerError(text, code="sigma-range")
     unit = float(1 / np.sqrt((1 / table**2).mean()))
     return (unit / table) ** 2, unit
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.io.files import MAX_SETTINGS_BYTES, read_text
+from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
 from vfplan.registration.models import most_off
 from vfplan.registration.registration import pointwise_bound
 
@@ -34,6 +34,9 @@ SURE_OUTLIER = 1e-5
 
 # Places that differ by less are equal: tables are rounded to micrometres [m].
 ROUNDING_M = 1e-6
+
+# Shortest and longest distance of a tool's tip from its flange [m]. Beyond them a unit is wrong.
+MIN_TIP_M, MAX_TIP_M = 0.003, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,7 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
         raise CheckFailed(
             f"the tool turned by {turn_deg:.1f}° about all axes but one, so the tip could lie "
             f"anywhere along that one. Tilt it by at least {MIN_TURN_DEG:g}° to all sides",
-            code="tip-not-determined", numbers={"turn_deg": turn_deg},
+            code="tip-not-determined",
         )  # fmt: skip
 
     # Least squares, with the origins about their mean so that far away places lose no digits.
@@ -89,6 +92,7 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
     covariances = R @ (in_tool.T @ in_tool / (n - 2)) @ R.transpose(0, 2, 1)
     weights = inverse[:3].reshape(3, n, 3)
     covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
+    refuse_unit(solution[:3])
     error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
     worst, apart, _, probability = most_off(rows, residuals, n * ROUNDING_M**2)
     if probability < SURE_OUTLIER:
@@ -96,19 +100,29 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
         raise CheckFailed(
             f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
             "it out, or record it again",
-            code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
+            code="tip-pose-off",
         )  # fmt: skip
     if not error95_m <= max_error_m:
-        spread_m = float(np.ptp(p, axis=0).max())
         raise CheckFailed(
             f"the tip is known to {1e3 * error95_m:.3f} mm only, and --max-error allows "
-            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {spread_m:.3g} m "
-            "apart; give --units mm for millimetres) and the order (w before x, y, z), look at "
-            f"pose {worst + 1}, or record more poses that tilt the tool more",
-            code="tip-error-large", numbers={"error95_m": error95_m},
+            f"{1e3 * max_error_m:g} mm. Check the order (w before x, y, z), look at pose "
+            f"{worst + 1}, or record more poses that tilt the tool more",
+            code="tip-error-large",
         )  # fmt: skip
     lengths = np.linalg.norm(residuals, axis=1)
     return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+
+
+def refuse_unit(tip: Array) -> None:
+    """Refuse a tip (3,) [m] that lies where no tool has one: millimetres read as metres, or so."""
+    length_m = float(np.linalg.norm(tip))
+    if not MIN_TIP_M <= length_m <= MAX_TIP_M:
+        raise CheckFailed(
+            f"as read, the tip lies {1e3 * length_m:.3g} mm from the flange, and "
+            f"{1e3 * MIN_TIP_M:g} mm to {MAX_TIP_M:g} m are allowed. Give --units m or mm, as the "
+            "poses are",
+            code="tip-unit",
+        )  # fmt: skip
 
 
 def read_tip(path: str | Path) -> tuple[str, Array, str]:
@@ -126,4 +140,6 @@ def read_tip(path: str | Path) -> tuple[str, Array, str]:
     if not is_told or tip.shape != (3,) or not np.isfinite(tip).all():
         message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
         raise MarkerError(message, where=str(path), code="tip-file")
+    with naming_place(path):
+        refuse_unit(tip)
     return tool, tip, sha256
