@@ -173,11 +173,11 @@ def match(
     if side is not None and settings.seen_from is None and target_frame == "robot_base":
         record.findings.append(side)
     if marks is not None:
-        record.report["marks_drawn"] = marks.as_dict()
+        record.report["marks_drawn"] = marks[0]
     if drawn_markers:
         record.report["markers_found"] = [asdict(marker) for marker in drawn_markers]
     elif marks is not None:
-        record.findings += marks.findings
+        record.findings += marks[1]
     if target_frame != "robot_base":
         record.doubt(
             "target-not-robot", "register",

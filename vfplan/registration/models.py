@@ -250,8 +250,6 @@ class Problem:
     y: Array
     # (N, 3) relative weights; 1 where every marker is as good as the others.
     weights: Array
-    # Standard deviation that a weight of 1 stands for [m]; `None` where none was stated.
-    sigma_unit_m: float | None
     # Longest over shortest extent of the source; 1 is best.
     condition: float
     # Residuals below this are rounding and no error [m].
@@ -317,7 +315,6 @@ def make_problem(
     _condition(y, target_m, "target", rank)
 
     normaliser = Normaliser(spacing, centre, radius, target_centre)
-    weights, sigma_unit_m = _weights(sigma, names)
     # A residual is a difference of numbers as large as these [m].
     scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
     largest = float(np.abs(target_m).max() + np.abs(metric).max() * scale)
@@ -326,8 +323,7 @@ def make_problem(
         normaliser=normaliser,
         s=normaliser(raw),
         y=y,
-        weights=weights,
-        sigma_unit_m=sigma_unit_m,
+        weights=_weights(sigma, names),
         condition=condition,
         rounding_floor_m=64 * np.finfo(float).eps * largest,
     )
@@ -433,11 +429,11 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     return float(extent[0] / extent[rank - 1])
 
 
-def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array, float | None]:
-    """Relative weights (N, 3) with mean 1, and the standard deviation that a weight of 1 has."""
+def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> Array:
+    """Relative weights (N, 3) with mean 1."""
     n = len(names)
     if sigma is None:
-        return np.ones((n, 3)), None
+        return np.ones((n, 3))
     array = _numbers(sigma, "sigma is")
     if array.shape not in ((n,), (n, 3)):
         raise MarkerError(
@@ -448,8 +444,7 @@ def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array
         if not (np.isfinite(row) & (row > 0)).all():
             text = f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0"
             raise MarkerError(text, code="sigma-range")
-    unit = float(1 / np.sqrt((1 / table**2).mean()))
-    return (unit / table) ** 2, unit
+    return table**-2 / (table**-2).mean()
 
 
 # A set of good markers is suspected once in a hundred: of an outlier, of mistaken labels, or of

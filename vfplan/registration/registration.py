@@ -64,7 +64,6 @@ from vfplan.registration.models import (
     leave_one_out,
     make_problem,
     marker_rows,
-    rms_length,
     studentised_f,
 )
 
@@ -208,16 +207,12 @@ MAX_SUBSETS = 500_000
 STOP_PROBABILITY = 0.05
 
 
-def outlier_limits(fit: Fit) -> Array:
-    """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
-    count = int(fit.used.sum())
-    freedom = (fit.dof - 3 * fit.used).tolist()
-    return np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
-
-
 def is_outlier(fit: Fit) -> Flags:
     """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
-    return (np.nan_to_num(studentised_f(fit)) > outlier_limits(fit)) | ~fit.used
+    count = int(fit.used.sum())
+    freedom = (fit.dof - 3 * fit.used).tolist()
+    limits = np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
+    return (np.nan_to_num(studentised_f(fit)) > limits) | ~fit.used
 
 
 def single_outlier(registration: Registration) -> tuple[int, float] | None:
@@ -227,13 +222,12 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     """
     f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
     worst = int(f.argmax())
-    others = registration.used & (np.arange(len(f)) != worst)
-    problem = registration.problem
-    has_residual = 3 * others.sum() > problem.model.parameters
-    if not f[worst] > outlier_limits(registration)[worst] or not has_residual:
+    if not is_outlier(registration)[worst]:
         return None
-    without = fit_model(problem, others)
-    others_m = rms_length(without.vectors[others])
+    # Three times F is what the squares lose without the marker, over the mean square of the others.
+    dof = registration.dof
+    squares = registration.variance * dof / (1 + 3 * f[worst] / (dof - 3))
+    others_m = float(np.sqrt(squares / (registration.used.sum() - 1)))
     if others_m > registration.fre_rms_m / 2:
         return None
     return worst, others_m
@@ -285,12 +279,12 @@ def consistent_markers(problem: Problem) -> Flags:
         index = index[is_spread_out(problem, index)]
         if not len(index):
             continue
-        squares = _squares(problem, _through(problem, index))
+        squares = _squares(problem, index)
         sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
         candidate = int(sums.argmin())
         if sums[candidate] < smallest_sum:
             smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
-    squares = _squares(problem, _through(problem, np.array([best_subset])))[0]
+    squares = _squares(problem, np.array([best_subset]))[0]
     used = np.zeros(n, dtype=bool)
     used[best_subset] = True
     used[np.argsort(squares, kind="stable")[:half]] = True
@@ -306,14 +300,10 @@ def consistent_markers(problem: Problem) -> Flags:
     return used
 
 
-def _through(problem: Problem, index: NDArray[np.intp]) -> Array:
-    """(P, 3, k+1) the transforms of subsets (P, m) of the markers, all weights equal."""
+def _squares(problem: Problem, index: NDArray[np.intp]) -> Array:
+    """(P, N) weighted squared residual of each marker in unweighted fits of subsets (P, m)."""
     s, y = problem.s[index], problem.y[index]
-    return problem.model.solve(s, y, np.ones_like(y))
-
-
-def _squares(problem: Problem, m: Array) -> Array:
-    """(P, N) weighted squared residual of every marker under each M (P, 3, k+1)."""
+    m = problem.model.solve(s, y, np.ones_like(y))
     error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
     return (problem.weights * error**2).sum(axis=-1)
 
@@ -667,9 +657,6 @@ def registration_report(
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
-    if registration.problem.sigma_unit_m is not None:
-        unit_m = registration.problem.sigma_unit_m
-        report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
     rms_m = float(np.sqrt((error.rms_m**2).mean()))
     place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
     report["tre_rms_m"] = rms_m
