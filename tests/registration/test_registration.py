@@ -150,7 +150,6 @@ def test_affine_needs_a_residual_and_a_solid_one_depth():
         ({"sigma": "x"}, "markers-not-numbers"),
         ({"sigma": np.ones(4)}, "sigma-shape"),
         ({"sigma": np.zeros(9)}, "sigma-range"),
-        ({"labels": ["a"] * 9}, "label-doubled"),
     ],
 )
 def test_settings_are_checked(settings, code):
