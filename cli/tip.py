@@ -116,6 +116,6 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
             "order that is read. Give w before x, y, z, and a matrix column by column, or "
             "--row-major"
         )
-        raise InputError(message, where=str(path), code="pose-invalid")
+        raise InputError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
     poses[:, :3, 3] *= unit_factor(units)
     return poses

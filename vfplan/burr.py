@@ -237,7 +237,7 @@ def burr(
         raise SettingError(
             f"a ball of radius {1e3 * radius_m:g} mm would remove bone before it is felt. "
             f"Give more than 0 and less than the contact radius, {1e3 * contact_m:g} mm",
-            code="burr-radius",
+            code="burr-radius", numbers={"radius_m": radius_m, "contact_radius_m": contact_m},
         )  # fmt: skip
     fixture = sampled(fixture)
     engine = ProxyEngine.of(fixture, "robust", offline=True)

@@ -82,6 +82,7 @@ def check(data: bytes, where: str) -> None:
     def refuse(what: str) -> None:
         raise InputError(
             f"line {parser.CurrentLineNumber}: {what}", where=where, code="mjcf-not-allowed",
+            numbers={"line": parser.CurrentLineNumber},
         )  # fmt: skip
 
     def start(name: str, attributes: dict[str, str]) -> None:
@@ -291,6 +292,7 @@ def tip_site(model: Any, robot: Robot, name: str) -> int:
             f"the arm has {model.njnt} joints, {others} of them no hinges. Give an arm of 1 "
             f"to {MAX_JOINTS} hinges",
             where=name, code="not-an-arm",
+            numbers={"joints": int(model.njnt), "no_hinges": others},
         )  # fmt: skip
     site = mujoco().mj_name2id(model, mujoco().mjtObj.mjOBJ_SITE, "tip")
     if site < 0:

@@ -330,7 +330,7 @@ def check_session(session: Session, fixture: Fixture) -> None:
     if not 1 < len(session.hip) <= MAX_TICKS:
         raise SessionError(
             f"the session has {len(session.hip)} samples. Give 2 to {MAX_TICKS}",
-            where=session.name, code="session-length",
+            where=session.name, code="session-length", numbers={"samples": len(session.hip)},
         )  # fmt: skip
 
 

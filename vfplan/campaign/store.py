@@ -168,7 +168,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     if not count or (trials is not None and count < trials):
         raise InputError(
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
-            where=str(folder), code="too-few-trials",
+            where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
     joined = {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
     return question, joined

@@ -291,7 +291,7 @@ def checked_registration(fixture: Fixture) -> RegistrationRecord:
             f"the fixture's lines and arcs lie up to {1e3 * fixture.pieces.error:.3g} mm "
             "from the curve, and a campaign renders its points. Plan with --arcs "
             f"{1e3 * MAX_DEPARTURE_M:g}",
-            code="arcs-too-far",
+            code="arcs-too-far", numbers={"error_m": fixture.pieces.error},
         )  # fmt: skip
     if fixture.registration is None:
         raise SceneError(

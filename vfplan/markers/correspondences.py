@@ -88,6 +88,7 @@ class MarkerPoints:
                 raise MarkerError(
                     f"label {label!r} occurs {count} times. Give each marker a label of its own",
                     where=self.where, code="label-doubled",
+                    numbers={"label": label, "count": count},
                 )  # fmt: skip
 
 
@@ -203,7 +204,7 @@ def join(
         raise MarkerError(
             f"has no label that {source.where} has. Give the files of one case, with the same "
             "labels in both",
-            where=target.where, code="labels-differ",
+            where=target.where, code="labels-differ", numbers={"labels": list(source.labels)},
         )  # fmt: skip
     findings = source.findings + target.findings
     for side, other in ((source, target), (target, source)):
@@ -288,7 +289,7 @@ def parse_marker_table(
         if not is_known and plain_name.split("_")[0] in COORDINATE_NAMES:
             raise MarkerError(
                 f"column {name!r} is not understood. The columns may be {ALLOWED}",
-                where=place, code="column-unknown",
+                where=place, code="column-unknown", numbers={"column": name},
             )  # fmt: skip
     if not image and not robot:
         raise MarkerError(
@@ -319,6 +320,7 @@ def parse_marker_table(
                     raise MarkerError(
                         f"sigma of marker {label!r} is {values.min():g}. Give a number above 0",
                         where=f"{where}, line {row.line}", code="sigma-range",
+                        numbers={"label": label},
                     )  # fmt: skip
             sigma_unit = sigma[0].rsplit("_", 1)[-1] if sigma != ("sigma",) else unit
             spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
@@ -393,7 +395,7 @@ def choose_columns(
         if name not in columns:
             raise MarkerError(
                 f"column {name!r} is missing beside {','.join(columns)!r}. Add it",
-                where=place, code="column-missing",
+                where=place, code="column-missing", numbers={"column": name},
             )  # fmt: skip
     return names
 
@@ -419,7 +421,7 @@ def unit_of(
     raise MarkerError(
         f"columns x,y,z name no unit, and a layout of {radius:.3g} (rms from its centre) fits "
         "neither metres nor millimetres. Write x_m,y_m,z_m or x_mm,y_mm,z_mm",
-        where=place, code="unit-unclear",
+        where=place, code="unit-unclear", numbers={"radius": radius},
     )  # fmt: skip
 
 

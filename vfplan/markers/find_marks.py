@@ -126,6 +126,7 @@ def find_markers(
                     f"({marker.position_px[0]:.1f}, {marker.position_px[1]:.1f}) px. Give each the "
                     "position of a mark of its own",
                     code="one-mark-two-markers",
+                    numbers={"labels": [other.label, label]},
                 )
         markers.append(marker)
     return tuple(markers)

@@ -302,6 +302,7 @@ def make_problem(
             f"{len(raw)} markers are too few: the {model} model from {raw.shape[1]}-D needs at "
             f"least {needed} ({reason}). Add markers",
             code="too-few-markers",
+            numbers={"markers": len(raw), "needed": needed},
         )
 
     metric = raw * spacing
@@ -364,11 +365,11 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
                     f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
                     "numbers"
                 )
-                raise MarkerError(text, code="markers-not-finite")
+                raise MarkerError(text, code="markers-not-finite", numbers={"label": name})
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
             text = f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}"
-            raise MarkerError(text, code="markers-too-large")
+            raise MarkerError(text, code="markers-too-large", numbers={"largest": largest})
 
 
 def _spacing(
@@ -410,18 +411,19 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
             code="markers-coincide",
         )
     smallest = max(extent[0] / MAX_CONDITION, rounding)
+    numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
     if not extent[1] > smallest:
         text = (
             f"the markers lie on a line in the {what}: beside it they spread by less than "
             f"1/{MAX_CONDITION:g} of their length. Add a marker off the line"
         )
-        raise MarkerError(text, code="markers-collinear")
+        raise MarkerError(text, code="markers-collinear", numbers=numbers)
     if not extent[rank - 1] > smallest:
         text = (
             f"the markers lie in a plane in the {what}, which determines no affine map. Give "
             "--model similarity or rigid"
         )
-        raise MarkerError(text, code="markers-coplanar")
+        raise MarkerError(text, code="markers-coplanar", numbers=numbers)
     return float(extent[0] / extent[rank - 1])
 
 
@@ -439,7 +441,7 @@ def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> Array:
     for name, row in zip(names, table, strict=True):
         if not (np.isfinite(row) & (row > 0)).all():
             text = f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0"
-            raise MarkerError(text, code="sigma-range")
+            raise MarkerError(text, code="sigma-range", numbers={"label": name})
     return table**-2 / (table**-2).mean()
 
 

@@ -117,7 +117,9 @@ def flattening(
         raise MarkerError(text, code="rectify-in-space")
     if n < MIN_MARKERS:
         text = f"{n} markers are too few for a homography. Give at least {MIN_MARKERS}"
-        raise MarkerError(text, code="too-few-markers")
+        raise MarkerError(
+            text, code="too-few-markers", numbers={"markers": n, "needed": MIN_MARKERS}
+        )
     registration = fit_registration(
         pairs.source, pairs.target, labels=pairs.labels, sigma=pairs.sigma
     )
@@ -145,7 +147,7 @@ def flattening(
             f"no homography fits the markers: each is off by {1e3 * error_m:.2f} mm (rms), and "
             f"--max-residual allows {allowed}; {worst} is off most. Look for mistaken labels, a "
             "bent sheet or a lens that bends straight lines",
-            code="residual-large",
+            code="residual-large", numbers={"error_m": error_m, "max_residual_m": max_error_m},
         )  # fmt: skip
 
     # From pixels to places in the sheet [m], along the directions next to the photograph's own.
@@ -179,7 +181,7 @@ def flattening(
         raise CheckFailed(
             f"the flat picture would have {width} x {height} px, and --max-megapixels allows "
             f"{max_megapixels:g} million. Take the photograph from further above",
-            code="flat-picture-large",
+            code="flat-picture-large", numbers={"width_px": width, "height_px": height},
         )  # fmt: skip
     to_pixels = np.array(
         [[1e3 / spacing_mm, 0.0, -0.5 - 1e3 * first[0] / spacing_mm],

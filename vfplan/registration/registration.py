@@ -267,7 +267,7 @@ def consistent_markers(problem: Problem) -> Flags:
             f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
             f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out"
         )
-        raise SettingError(text, code="robust-too-many")
+        raise SettingError(text, code="robust-too-many", numbers={"subsets": subset_count})
     # As few markers as still leave a residual, and at least half of them.
     half = min(n, max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1))
 
@@ -589,6 +589,7 @@ def fit_registration(
             "which is not the side that --seen-from names. Look for two axes exchanged or one "
             "with the wrong sign, or correct --seen-from if it is wrong",
             code="mirrored",
+            numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
         )
     return registration
 

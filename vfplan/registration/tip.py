@@ -77,7 +77,7 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
         raise CheckFailed(
             f"the tool turned by {turn_deg:.1f}° about all axes but one, so the tip could lie "
             f"anywhere along that one. Tilt it by at least {MIN_TURN_DEG:g}° to all sides",
-            code="tip-not-determined",
+            code="tip-not-determined", numbers={"turn_deg": turn_deg},
         )  # fmt: skip
 
     # Least squares, with the origins about their mean so that far away places lose no digits.
@@ -100,14 +100,14 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
         raise CheckFailed(
             f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
             "it out, or record it again",
-            code="tip-pose-off",
+            code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
         )  # fmt: skip
     if not error95_m <= max_error_m:
         raise CheckFailed(
             f"the tip is known to {1e3 * error95_m:.3f} mm only, and --max-error allows "
             f"{1e3 * max_error_m:g} mm. Check the order (w before x, y, z), look at pose "
             f"{worst + 1}, or record more poses that tilt the tool more",
-            code="tip-error-large",
+            code="tip-error-large", numbers={"error95_m": error95_m},
         )  # fmt: skip
     lengths = np.linalg.norm(residuals, axis=1)
     return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
@@ -121,7 +121,7 @@ def refuse_unit(tip: Array) -> None:
             f"as read, the tip lies {1e3 * length_m:.3g} mm from the flange, and "
             f"{1e3 * MIN_TIP_M:g} mm to {MAX_TIP_M:g} m are allowed. Give --units m or mm, as the "
             "poses are",
-            code="tip-unit",
+            code="tip-unit", numbers={"length_m": length_m},
         )  # fmt: skip
 
 

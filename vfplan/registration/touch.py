@@ -198,7 +198,7 @@ def refine_by_touch(
             f"that the markers place; at most {1e3 * MAX_START_DISTANCE_M:.0f} mm is allowed. Look "
             "for a wrong unit or frame"
         )
-        raise MarkerError(text, code="touch-far")
+        raise MarkerError(text, code="touch-far", numbers={"median_distance_m": start_m})
 
     # A robust fit finds which points lie on the surface.
     for _ in range(ROUNDS):
@@ -216,7 +216,7 @@ def refine_by_touch(
                 f"only {used.sum()} touched points lie on one surface, and {min_points} are "
                 "needed. Touch more points on the bone"
             )
-            raise MarkerError(text, code="touch-no-surface")
+            raise MarkerError(text, code="touch-no-surface", numbers={"points": int(used.sum())})
         on_surface = replace(patch, tip_positions=tip_positions[used])
         m = on_surface.fit(m, model, "linear")
         distances_m = patch.distances(m)
@@ -316,5 +316,5 @@ def refuse_free_motion(normals: Array, places: Array) -> float:
             f"changes the distances by {constraint:.3f} of the motion, and at least "
             f"{MIN_CONSTRAINT} is needed. Touch places that face another way"
         )
-        raise MarkerError(text, code="touch-free-motion")
+        raise MarkerError(text, code="touch-free-motion", numbers={"constraint": constraint})
     return constraint

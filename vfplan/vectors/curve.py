@@ -81,7 +81,7 @@ class VectorDrawing:
             raise CurveError(
                 f"is a curve of {steps:.3g} points, and at most {MAX_POINTS} fit into a "
                 "bundle. Give a shorter one",
-                code="vector-too-long",
+                code="vector-too-long", numbers={"points": float(steps), "points_max": MAX_POINTS},
             )  # fmt: skip
         line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
         arc = arc_lengths(line, False)
@@ -139,6 +139,7 @@ def distinct_points(points: NDArray, closed: bool) -> NDArray:
         raise CurveError(
             f"holds a coordinate of {largest:g}. Give at most {MAX_NUMBER:g}",
             code="coordinate-too-large",
+            numbers={"coordinate": largest, "coordinate_max": MAX_NUMBER},
         )
     if len(points):
         chords = arc_lengths(points, False)
@@ -150,7 +151,7 @@ def distinct_points(points: NDArray, closed: bool) -> NDArray:
     if len(points) < wanted:
         raise CurveError(
             f"holds {len(points)} different points. Give at least {wanted}",
-            code="too-few-points",
+            code="too-few-points", numbers={"points": len(points), "points_min": wanted},
         )  # fmt: skip
     return points
 
@@ -321,12 +322,13 @@ def check_drawn_on(
             f"is drawn on {len(drawn_on)} other image(s), the first "
             f"{next(iter(drawn_on))[:64]}, and this one is {image.instance[:64]}. Give the "
             "image that it is drawn on",
-            where=where, code="drawn-on-another-image",
+            where=where, code="drawn-on-another-image", numbers={"images": len(drawn_on)},
         )  # fmt: skip
     frames = drawn_on[image.instance]
     if frames and (frame or 1) not in frames:
         raise CurveError(
             f"is drawn on frame {frames[0]}, not {frame or 1}. Give --frame {frames[0]}",
             where=where, code="drawn-on-another-frame",
+            numbers={"frame": frame or 1, "drawn_on_frame": frames[0]},
         )  # fmt: skip
     return ()

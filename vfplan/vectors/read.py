@@ -161,6 +161,7 @@ def onto_slice(
             f"{1e3 * OUT_OF_PLANE_M:.0f} mm counts as drawn on it. Give the slice that it is "
             "drawn on",
             where=where, code="vector-out-of-plane",
+            numbers={"distance_mm": distance * 1e3, "distance_max_mm": OUT_OF_PLANE_M * 1e3},
         )  # fmt: skip
     return replace(curve, points=pixels.T.copy())
 
@@ -192,7 +193,7 @@ def read_markups(text: str, where: str) -> VectorDrawing:
         listed = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"
         raise CurveError(
             f"holds {listed}. Give one Curve or ClosedCurve",
-            code="vector-several",
+            code="vector-several", numbers={"curves": len(curves)},
         )  # fmt: skip
     closed = SLICER_CURVES[curves[0]["type"]]
     return slicer_curve(lps_points(curves[0], where), closed)
@@ -325,7 +326,7 @@ def origin_of_line(
     if version < UNCLEAR_FORMAT:
         raise CurveError(
             f"is of an ImageJ before 1.52i (format {version}). {NAME_ORIGIN}",
-            code="origin-unknown",
+            code="origin-unknown", numbers={"format": version},
         )  # fmt: skip
     warning = (
         f"{where}: is taken to count from the centres of pixels. Had an ImageJ before 1.52u "
