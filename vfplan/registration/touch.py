@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M, ROWS_AT_ONCE
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, on_segments
 from vfplan.registration.models import (
     RARE_PROBABILITY,
     Orthogonal,
@@ -93,10 +93,8 @@ def on_triangles(places: Array, corners: Array) -> Array:
 
     # The nearest place of each edge.
     for k in range(3):
-        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        length = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
-        t = np.clip(((places - start) * along).sum(axis=1) / length, 0.0, 1.0)
-        take_nearer(start + t[:, None] * along, np.full(len(places), True))
+        foot = on_segments(places, corners[:, k], corners[:, (k + 1) % 3])
+        take_nearer(foot, np.full(len(places), True))
 
     # The foot on the triangle's plane, where it lies inside.
     a, b, c = np.moveaxis(corners, 1, 0)
