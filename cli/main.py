@@ -72,7 +72,7 @@ MODULES = {
     "rehearse": "vfplan.arm.command",
     "live": "vfplan.live.command",
     "ar": "vfplan.camera.command",
-    "burr": "vfplan.burr.command",
+    "burr": "vfplan.burr",
 }
 
 

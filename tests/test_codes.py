@@ -32,7 +32,7 @@ from vfplan.bench import peers
 from vfplan.bench.pipeline import thin_hue_mask
 from vfplan.bundle.importing import check_spacing, drawn
 from vfplan.bundle.validation import validate
-from vfplan.burr.command import burr
+from vfplan.burr import burr
 from vfplan.campaign import trial
 from vfplan.campaign.store import open_folder, workers_of_cluster
 from vfplan.errors import InputError, VfplanError

@@ -87,15 +87,11 @@ def test_a_simulation_that_warns_leaves_no_file(tmp_path, monkeypatch, caplog):
 
 def test_files_that_are_none(tmp_path):
     path = tmp_path / "arm.xml"
-    for data, message in (
-        (None, "panda, fr3 or an MJCF file"),
-        (b"<mujoco>\xff</mujoco>", "is not text"),
-        (b" " * (2**20 + 1), "1048576"),
-    ):
-        if data is not None:
-            path.write_bytes(data)
-        with pytest.raises(InputError, match=message):
-            Arm(path, ROBOT)
+    with pytest.raises(InputError, match="panda, fr3 or an MJCF file"):
+        Arm(path, ROBOT)
+    path.write_bytes(b"<mujoco>\xff</mujoco>")
+    with pytest.raises(InputError, match="is not text"):
+        Arm(path, ROBOT)
 
 
 def test_a_base_without_direction_is_refused():

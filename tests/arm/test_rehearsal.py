@@ -7,7 +7,7 @@ import pytest
 from replays import fixture_of
 
 from vfplan.arm.model import Arm
-from vfplan.arm.rehearsal import ArmHand, rehearse
+from vfplan.arm.rehearsal import rehearse
 from vfplan.errors import InputError
 from vfplan.replaying.link import approach_sessions
 from vfplan.session.session import Session
@@ -48,8 +48,7 @@ def without_friction(name="panda"):
 
 def test_hand_and_fixture_share_the_way_like_two_springs():
     """At rest k_h (goal - x) = K (proxy - x), so depth is k_h / (K + k_h) of the hand's."""
-    hand = ArmHand(stiffness=800.0)
-    found = rehearse(wall(), pressed(9e-3, seconds=3.0), without_friction(), hand=hand)
+    found = rehearse(wall(), pressed(9e-3, seconds=3.0), without_friction(), hand_stiffness=800.0)
     assert found.passed, found.metrics["reflexes"]
     m = found.metrics
     depth = found.ticks.penetration[-1]

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 import vfplan
 from vfplan.bundle.exporting import export
 from vfplan.bundle.importing import STL_FACET, drawn, import_cloud, read_mesh
-from vfplan.errors import InputError, SessionError, SettingError
+from vfplan.errors import InputError, SceneError, SessionError, SettingError
 from vfplan.fixture import RegistrationRecord
 from vfplan.session.read import read_session
 
@@ -227,6 +227,22 @@ def test_the_unit_and_frame_that_a_ply_names_are_obeyed(text, units, frame, want
             import_cloud(tmp_path / "a.ply", units=units, frame=frame)
     else:
         assert import_cloud(tmp_path / "a.ply", units=units, frame=frame).frame == wanted
+
+
+def test_another_unit_than_that_of_our_own_files_is_refused(tmp_path):
+    (tmp_path / "a.ply").write_bytes(ply())
+    export(import_cloud(tmp_path / "a.ply", units="m"), tmp_path / "a.stl")
+    with refuses(InputError, "units-differ") as caught:
+        import_cloud(tmp_path / "a.stl", units="cm")
+    assert "Give --units mm" in caught.value.message
+    assert np.ptp(import_cloud(tmp_path / "a.stl", units="mm").points, axis=0)[0] == 0.1
+    (tmp_path / "a.csv").write_text("x_px,y_px,z_px\n1,2,3\n")
+    with refuses(InputError, "units-differ") as caught:
+        import_cloud(tmp_path / "a.csv", units="mm")
+    assert "--units px" not in caught.value.message
+    with refuses(SceneError, "spacing-too-fine") as caught:
+        import_cloud(tmp_path / "a.ply", units="m", contact_radius=1e-5)
+    assert "0.333 m across" in caught.value.message
 
 
 def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):

@@ -8,7 +8,7 @@ from replays import fixture_of
 
 import vfplan
 from vfplan.bundle.write import write_fixture
-from vfplan.burr.command import burr, burr_figure
+from vfplan.burr import burr, burr_figure
 from vfplan.errors import SettingError
 
 K, R, B, BAND = 1000.0, 5e-3, 3e-3, 5e-5
@@ -28,20 +28,20 @@ def scene():
 def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
     fixture, session = scene()
     burred = burr(fixture, session, B)
-    found = burred.metrics["burr"]
+    found = burred.replayed.metrics["burr"]
     assert found["replayed_to_the_bit"]
     assert found["places_lowered"] > 100
     assert found["deepest_m"] > 0.5e-3
     assert found["force_step_of_bound"] <= 1 + 1e-9
-    assert burred.metrics["clearance_min_m"] >= -BAND
-    assert burred.metrics["inside_ticks"] == 0
+    assert burred.replayed.metrics["clearance_min_m"] >= -BAND
+    assert burred.replayed.metrics["inside_ticks"] == 0
     # What the hand never came near is as it was; what is left lies outside the ball's last places.
     flat = np.hypot(*burred.before[:, :2].T) > 12e-3
     assert np.array_equal(burred.before[flat], burred.after[flat])
     away = np.linalg.norm(burred.after - session.hip[-1], axis=1)
     assert away.min() > B - 2 * BAND - 1e-6
     # Beyond R - B there is no more to press against: the force stays near K (R - B).
-    assert burred.metrics["force_max_n"] < 1.6 * K * (R - B)
+    assert burred.replayed.metrics["force_max_n"] < 1.6 * K * (R - B)
     untouched = burr(fixture, vfplan.Session(session.time[:400], session.hip[:400]), B)
     assert untouched.events == []
 
@@ -57,9 +57,9 @@ def test_a_round_bone_is_burred_towards_its_middle():
     angle, away = np.pi * np.clip(t - 0.5, 0, 2.5) / 2.5, 25e-3 - 2e-3 * np.minimum(t / 0.5, 1)
     hip = away[:, None] * np.stack((np.sin(angle), 0 * t, np.cos(angle)), axis=1)
     burred = burr(fixture, vfplan.Session(t, hip), 0.8 * R)
-    assert burred.metrics["burr"]["deepest_m"] < 1.2e-3
-    assert burred.metrics["force_max_n"] < 2 * K * 0.2 * R
-    assert not [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
+    assert burred.replayed.metrics["burr"]["deepest_m"] < 1.2e-3
+    assert burred.replayed.metrics["force_max_n"] < 2 * K * 0.2 * R
+    assert not [f for f in burred.replayed.metrics["findings"] if f["code"] == "burr-held"]
 
 
 def test_a_line_pressed_through_is_told():
@@ -70,8 +70,8 @@ def test_a_line_pressed_through_is_told():
     t = 1e-3 * np.arange(1500)
     y = 8e-3 * np.cos(2 * np.pi * t / 1.5)
     burred = burr(fixture, vfplan.Session(t, np.stack((0 * t, y, 0 * t), axis=1)), 0.9 * R)
-    (held,) = [f for f in burred.metrics["findings"] if f["code"] == "burr-held"]
-    assert f"The force reached {burred.metrics['force_max_n']:.3g} N" in held["message"]
+    (held,) = [f for f in burred.replayed.metrics["findings"] if f["code"] == "burr-held"]
+    assert f"The force reached {burred.replayed.metrics['force_max_n']:.3g} N" in held["message"]
     assert len(burr_figure(burred).axes) == 3  # its points, their colours, and the force
 
 
@@ -96,6 +96,3 @@ def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
     assert vfplan_cli(*again, cwd=tmp_path).code == 0
     one, other = (vfplan.read_result(tmp_path / name) for name in ("r.h5", "again.h5"))
     assert np.array_equal(one[0].force, other[0].force)
-    bad = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "9", cwd=tmp_path)
-    assert bad.code == 2
-    assert "contact radius" in bad.error_line

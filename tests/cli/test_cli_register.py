@@ -67,6 +67,18 @@ def test_report_names_everything(vfplan_cli, curve, tmp_path):
     np.testing.assert_allclose(record.tre_rms_m, report["tre_rms_m"], rtol=0.02)
 
 
+@pytest.mark.parametrize(
+    ("spacing", "severity"), [((), "doubt"), (("--pixel-spacing", 0.5), "note")]
+)
+def test_a_concluded_unit_is_a_doubt_where_no_scale_checks_it(
+    vfplan_cli, tmp_path, spacing, severity
+):
+    named = write(tmp_path / "named.csv", "label,x,y,z", rows(ROBOT)[1])
+    words = ("plan", IMAGE, PIXELS, named, "-o", tmp_path / "f.h5", "--no-sheet", *spacing)
+    found = vfplan_cli(*words, "--json").sound.json["findings"]
+    assert {f["code"]: f["severity"] for f in found}["unit-concluded"] == severity
+
+
 def test_gate(vfplan_cli, curve, tmp_path):
     out, picture = tmp_path / "f.h5", tmp_path / "p.png"
     common = ("register", curve, PIXELS, ROBOT, "-o", out, "--picture-out", picture)
@@ -210,9 +222,10 @@ def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfpla
     moved = [[lines[0][0], float(lines[0][1]) + 40, lines[0][2]], *lines[1:]]
     for name, some, code in (
         ("too-few-markers", lines[:4], 3), ("homography-undetermined", on_line, 3),
-        ("residual-large", moved, 1), ("residual-large", lines[::-1], 1),
+        ("residual-large", moved, 1), ("labels-mistaken", lines[::-1], 1),
+        ("labels-mistaken", [lines[1], lines[0], *lines[2:]], 1),
     ):  # fmt: skip
-        if some[0] is lines[-1]:
+        if name == "labels-mistaken":
             some = [[row[0], *other[1:]] for row, other in zip(lines, some, strict=True)]
         table = write(tmp_path / "some.csv", head, some)
         words = ("rectify", photo, table, ROBOT, "--common", "-o", tmp_path / "no.png", "--json")

@@ -102,6 +102,12 @@ def test_a_bend_tighter_than_the_tube_is_refused_or_said():
     with pytest.warns(UserWarning, match="bends more tightly at arc 9"):
         guide = vfplan.Guide(corner, 2e-3, cut_bends=True)
     assert guide.tight_bend is not None
+    above = corner + np.array([0, 0, 0.12])
+    with pytest.raises(SettingError, match=r", 120\] mm"):
+        vfplan.Guide(above, 2e-3, ignore_axis="z")
+    with pytest.warns(UserWarning, match=r", 120\] mm"):
+        guide = vfplan.Guide(above, 2e-3, cut_bends=True, ignore_axis="z")
+    assert guide.at(0.0)[0] == pytest.approx(above[0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert vfplan.Guide(circle(0.02), 1e-3, closed=True).tight_bend is None

@@ -9,7 +9,7 @@ from slicer_files import mrk
 
 import vfplan
 from vfplan.errors import MarkerError
-from vfplan.markers.correspondences import read_markers
+from vfplan.markers.correspondences import read_markers, read_sides
 
 IMAGE = "label,u_px,v_px\nx1,10,20\nx2,30,25\nx3,12,60\n"
 ROBOT = "label,x_m,y_m,z_m\nx3,0.3,0,0\nx1,0.1,0,0.5\nx2,0.2,0,0\n"
@@ -46,8 +46,8 @@ def test_one_file_and_two_files_in_any_order_are_the_same(write):
         np.testing.assert_array_equal(found.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]])
 
 
-def test_bom_crlf_blank_lines_column_order_and_notes_do_not_matter(write):
-    text = "\ufeff v_px , note,label, u_px\r\n20,near,x1,10\r\n\r\n25,,x2,30\r\n60,far,x3,12\r\n"
+def test_column_order_and_notes_do_not_matter(write):
+    text = " v_px , note,label, u_px\n20,near,x1,10\n25,,x2,30\n60,far,x3,12\n"
     found = read_markers(write("i.csv", text), write("r.csv", ROBOT))
     np.testing.assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
 
@@ -122,17 +122,15 @@ def test_slicer_target_of_image_markers(write):
 
 
 def test_real_slicer_files(shared_data):
-    from vfplan.markers.correspondences import parse_fcsv, parse_mrk_json
-
     folder = shared_data / "markers_slicer"
-    l1 = parse_fcsv((folder / "L1.fcsv").read_bytes().decode(), "L1.fcsv")
+    (l1,) = read_sides(folder / "L1.fcsv")
     assert l1.labels == ("L1-P1", "L1-P2")
     np.testing.assert_allclose(l1.positions[1] * 1e3, [-49.8834, 4.33769, 0], rtol=1e-12)
-    afid = parse_fcsv((folder / "afid_sub-087.fcsv").read_text(), "afid")
+    (afid,) = read_sides(folder / "afid_sub-087.fcsv")
     assert len(afid.labels) == 32
     first = [1.7233007926589394, -29.939802490250948, -15.162710714603704]
     np.testing.assert_allclose(afid.positions[0] * 1e3, first)
-    f5 = parse_mrk_json((folder / "F_5.json").read_text(), "F_5.json")
+    (f5,) = read_sides(folder / "F_5.json")
     assert len(f5.labels) == 20  # F_5-16 was deleted in Slicer
     np.testing.assert_allclose(f5.positions[0, 0] * 1e3, -104.41897583007813)
 
@@ -204,11 +202,6 @@ def test_the_line_is_named(write, text, line):
 
 # The same three markers, as people's programs write them.
 FORMS = {
-    "semicolons": "label;x_m;y_m;z_m\nx1;0.1;0;0.5\nx2;0.2;0;0\nx3;0.3;0;0\n",
-    "semicolons and decimal commas": "label;x_m;y_m;z_m\nx1;0,1;0;0,5\nx2;0,2;0;0\nx3;0,3;0;0\n",
-    "tabs": "label\tx_m\ty_m\tz_m\nx1\t0.1\t0\t0.5\nx2\t0.2\t0\t0\nx3\t0.3\t0\t0\n",
-    "tabs and decimal commas": "label\tx_mm\ty_mm\tz_mm\nx1\t100,0\t0\t500\nx2\t200\t0\t0\n"
-    "x3\t300\t0\t0\n",
     "millimetres": "label,x_mm,y_mm,z_mm\nx1,100,0,500\nx2,200,0,0\nx3,300,0,0\n",
     "centimetres": "label,x_cm,y_cm,z_cm\nx1,10,0,50\nx2,20,0,0\nx3,30,0,0\n",
     "units in brackets": "Label,X [mm],Y [mm],Z [mm]\nx1,100,0,500\nx2,200,0,0\nx3,300,0,0\n",
@@ -217,10 +210,9 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("form", FORMS)
-def test_the_files_that_people_have_are_read(write, form, encoding):
-    pairs = read_markers(write("i.csv", IMAGE), write("r.csv", FORMS[form].encode(encoding)))
+def test_the_files_that_people_have_are_read(write, form):
+    pairs = read_markers(write("i.csv", IMAGE), write("r.csv", FORMS[form]))
     np.testing.assert_allclose(pairs.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]], rtol=1e-15)
     concluded = [finding.code for finding in pairs.findings]
     assert concluded == (["unit-concluded"] if "tracker" in form else [])
@@ -326,10 +318,8 @@ def test_a_table_may_end_its_lines_with_cr_alone(write):
 
 def test_unreadable_files(write, tmp_path):
     robot = write("r.csv", ROBOT)
-    write("a.csv", b"\xff\xfe\x00l\x00")
     write("a.xlsx", IMAGE)
-    said = {"none.csv": "cannot be read", ".": "cannot be read|suffix",
-            "a.csv": "not UTF-8 or UTF-16", "a.xlsx": "suffix '.xlsx'"}  # fmt: skip
+    said = {"none.csv": "cannot be read", "a.xlsx": "suffix '.xlsx'"}
     for name, message in said.items():
         with pytest.raises(MarkerError, match=message):
             read_markers(tmp_path / name, robot)

@@ -27,7 +27,7 @@ def compare(image, places, **settings):
 
 
 def codes(comparison):
-    return [finding.code for finding in comparison.findings]
+    return [finding.code for finding in comparison[1]]
 
 
 def texture(seed, contrast=18):
@@ -84,20 +84,20 @@ def test_a_misreading_is_refused(how, colour, shape):
 def test_a_small_shift_is_a_finding(shift):
     found = compare(drawn(3, "cyan", "cross"), PLACES + shift)
     assert codes(found) == ["markers-off-marks"]
-    np.testing.assert_allclose(found.shift_px, shift, atol=0.4)
+    np.testing.assert_allclose(found[0]["shift_px"], shift, atol=0.4)
 
 
 def test_one_wrong_position_is_named_with_its_place():
     offset = np.zeros_like(PLACES)
     offset[4] = [4, -3]
-    (finding,) = compare(drawn(4, "cyan", "cross"), PLACES + offset).findings
+    (finding,) = compare(drawn(4, "cyan", "cross"), PLACES + offset)[1]
     assert (finding.code, finding.place_px) == ("marker-off-mark", (334.0, 277.0))
     assert "x5" in finding.text
 
 
 def test_a_position_without_a_mark_is_named():
     places = np.vstack([PLACES, [480.0, 190.0]])
-    (finding,) = compare(drawn(4, "cyan", "dot"), places).findings
+    (finding,) = compare(drawn(4, "cyan", "dot"), places)[1]
     assert (finding.code, finding.place_px) == ("marker-not-drawn", (480.0, 190.0))
 
 
@@ -109,13 +109,13 @@ def test_marks_that_compression_blurs_are_marks(quality):
     image = cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1]
     marked = read_markers(SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv")
     found = compare_with_marks(image, marked.labels, marked.source)
-    assert (found.matched, codes(found)) == (9, [])
+    assert (found[0]["near"], codes(found)) == (9, [])
     if quality < 60:
         return  # Fewer than half of the marks are of one size, so a moved marker is not told.
     for k in range(9):
         places = marked.source.copy()
         places[k] += (6, -8)
-        [finding] = compare_with_marks(image, marked.labels, places).findings
+        [finding] = compare_with_marks(image, marked.labels, places)[1]
         assert (finding.code, finding.place_px) == ("marker-not-drawn", tuple(places[k]))
 
 
@@ -125,7 +125,7 @@ def test_what_a_hand_clicks_is_no_misreading(noise_px):
     for seed in range(4):
         image = drawn(seed, ("cyan", "green")[seed % 2], ("cross", "dot")[seed // 2])
         found = compare(image, PLACES + 0.25 + rng.normal(0, noise_px, PLACES.shape))
-        assert (found.matched, codes(found)) == (len(PLACES), [])
+        assert (found[0]["near"], codes(found)) == (len(PLACES), [])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -175,8 +175,8 @@ def test_planned_slices(shared_data, name):
                 compare(rgb, markers.source)
             continue
         found = compare(rgb, markers.source)
-        assert (found.matched, found.drawn, codes(found)) == (9, 9, [])
-        assert found.rms_px < 0.6
+        assert (found[0]["near"], found[0]["drawn"], codes(found)) == (9, 9, [])
+        assert found[0]["rms_px"] < 0.6
 
 
 def test_plan_compares_without_an_option(vfplan_cli, tmp_path):

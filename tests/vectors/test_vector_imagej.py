@@ -126,26 +126,6 @@ def test_damaged_selections_are_refused_and_take_no_memory(tmp_path):
             read_vector_curve(path)
 
 
-def test_a_selection_of_tens_of_thousands_of_points(tmp_path):
-    t = np.linspace(0, 2 * np.pi, 60000, endpoint=False)
-    ring = np.column_stack([200 + 100 * np.cos(t), 200 + 100 * np.sin(t)])
-    curve = read_vector_curve(selection(tmp_path, "FREEHAND", ring))
-    fine = curve.stroke(1.0).points + 0.5 - 200
-    assert len(fine) == 628
-    assert np.abs(np.hypot(*fine.T) - 100).max() < 1e-3
-
-
-def test_a_selection_beside_its_image_is_the_curve(tmp_path):
-    curve = selection(tmp_path, "POLYGON", SQUARE)
-    made = extract(capture(tmp_path), ExtractSettings(), curve=curve)
-    assert made.report["strokes"][0]["closed"]
-    assert made.report["strokes"][0]["length_px"] == pytest.approx(160)
-    assert made.fixture.points.min(0).tolist() == [9.5, 9.5, 0]
-    unsure = selection(tmp_path, "POLYLINE", LINE, version=228)
-    assert len(extract(capture(tmp_path), ExtractSettings(), curve=unsure).findings) == 1
-    assert len(extract(unsure, ExtractSettings()).findings) == 1
-
-
 def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):
     path = selection(tmp_path, "POLYLINE", LINE)
     monkeypatch.setitem(__import__("sys").modules, "roifile", None)

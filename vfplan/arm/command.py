@@ -48,7 +48,7 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
     the arm does not reach a place or would have stopped. The files are written all the same.
     """
     from vfplan.arm.model import Arm
-    from vfplan.arm.rehearsal import ArmHand, objections, rehearse
+    from vfplan.arm.rehearsal import objections, rehearse
     from vfplan.bundle.read import read_sealed
     from vfplan.robot import read_robot
 
@@ -62,7 +62,7 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
     with progress("rehearse", len(recorded.hip)) as done:
         rehearsal = rehearse(
             planned, recorded, arm, governed=not arguments["no_governor"],
-            hand=ArmHand(stiffness=arguments["hand_n_per_m"]), done=done,
+            hand_stiffness=arguments["hand_n_per_m"], done=done,
         )  # fmt: skip
 
     # The files.

@@ -74,15 +74,13 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
     force.legend(ncols=3)
 
     scale = robot.torque_limit_nm or np.ones(arm.joints)
-    for j in range(arm.joints):
-        torque.plot(time, np.abs(motion.torque[:, j]) / scale[j], lw=0.8, label=f"{j + 1}")
+    torque.plot(time, np.abs(motion.torque) / scale, lw=0.8, label=range(1, arm.joints + 1))
     torque.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
     torque.set_ylabel("torque\n/ limit")
     torque.legend(ncols=arm.joints, title="joint")
 
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
-    for j in range(arm.joints):
-        joint_range.plot(time, to_limit[:, j], lw=0.8)
+    joint_range.plot(time, to_limit, lw=0.8)
     joint_range.axhline(0.0, color=CONTACT, lw=1.0, ls="--")
     joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:

@@ -49,7 +49,7 @@ def mujoco() -> Any:
     return mujoco
 
 
-def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
+def compile_model(choice: str | Path) -> Any:
     """The `MjModel` of a shipped arm, or of an MJCF file.
 
     Raises InputError: a file that cannot be read, that names what is not allowed here, or that
@@ -57,13 +57,13 @@ def compile_model(choice: str | Path, shipped: tuple[str, ...]) -> Any:
     Raises MissingExtra: no MuJoCo
     """
     module = mujoco()
-    if str(choice) in shipped:
+    if str(choice) in ARMS:
         model = files("vfplan.arm") / "models" / f"{choice}.xml"
         return module.MjModel.from_xml_string(model.read_text("utf-8"))
     try:
         data = read_whole(Path(choice), MAX_SETTINGS_BYTES)
     except InputError as error:
-        advice = f"or give {', '.join(shipped)} or an MJCF file"
+        advice = f"or give {', '.join(ARMS)} or an MJCF file"
         raise InputError(f"{error.message}, {advice}", where=str(choice)) from None
     check(data, str(choice))
     try:
@@ -186,7 +186,7 @@ class Arm:
         self.name = str(choice)
         self.robot = robot = robot or read_robot(ARMS[self.name])
         self._mj = mujoco()
-        self.model = compile_model(choice, tuple(ARMS))
+        self.model = compile_model(choice)
         self.site = tip_site(self.model, robot, self.name)
         self.model.opt.timestep = 1 / robot.rate_hz
         # The arm compensates gravity by itself.

@@ -38,26 +38,10 @@ CHECK_TICKS = 256
 LOST_SPEED_RAD_S = 100.0
 
 
-@dataclass(frozen=True)
-class ArmHand:
-    """A hand that pulls the tip to the session's place, and the tool to how it was at the start.
-
-    Parameters
-    ----------
-    stiffness
-        Stiffness of the spring that pulls to the place [N/m].
-    damping
-        Damping against the tip's speed beside the place's [N·s/m].
-    turn_stiffness
-        Stiffness against turning the tool [N·m/rad].
-    turn_damping
-        Damping against turning the tool [N·m·s/rad].
-    """
-
-    stiffness: float = 600.0
-    damping: float = 25.0
-    turn_stiffness: float = 6.0
-    turn_damping: float = 0.4
+# The hand pulls the tip to the session's place, and the tool to how it was at the start. Its
+# damping against the tip's speed beside the place's [N·s/m], its stiffness against turning
+# [N·m/rad], and its damping against turning [N·m·s/rad].
+HAND_DAMPING, TURN_STIFFNESS, TURN_DAMPING = 25.0, 6.0, 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,14 +76,6 @@ class ArmMotion:
     state: NDArray[np.int8]
     governed: NDArray[np.uint8]
 
-    @classmethod
-    def empty(cls, ticks: int, joints: int) -> ArmMotion:
-        """Rows of zeros, to be filled."""
-        in_space = np.zeros((6, ticks, 3))
-        of_joints = np.zeros((3, ticks, joints))
-        state, governed = np.zeros(ticks, np.int8), np.zeros(ticks, np.uint8)
-        return cls(*in_space, *of_joints, state, governed)
-
 
 def run_loop(
     arm: Arm,
@@ -107,7 +83,7 @@ def run_loop(
     governor: Governor | None,
     places: Array,
     start: Array,
-    hand: ArmHand,
+    hand_stiffness: float,
     done: Callable[[int], None] | None = None,
 ) -> ArmMotion:
     """Run the loop over the places (T, 3) [m] that the hand wants, from posture `start` (n,) [rad].
@@ -119,7 +95,10 @@ def run_loop(
     mj = mujoco()
     model, data, site, joints = arm.model, arm.data, arm.site, arm.joints
     ticks = len(places)
-    rows = ArmMotion.empty(ticks, joints)
+    rows = ArmMotion(
+        *np.zeros((6, ticks, 3)), *np.zeros((3, ticks, joints)), np.zeros(ticks, np.int8),
+        np.zeros(ticks, np.uint8),
+    )  # fmt: skip
     torque_limit = np.asarray(arm.robot.torque_limit_nm or np.inf)
     place_speed = np.gradient(places, 1 / arm.robot.rate_hz, axis=0)
     arm.hold(start)
@@ -154,9 +133,9 @@ def run_loop(
         mj.mju_mat2Quat(quaternion, data.site_xmat[site])
         mj.mju_subQuat(twist, start_quaternion, quaternion)
         tip_speed = jacobian @ joint_speed
-        wrench[:3] = hand.stiffness * (places[k] - tip)
-        wrench[:3] -= hand.damping * (tip_speed[:3] - place_speed[k])
-        wrench[3:] = hand.turn_stiffness * (rotation @ twist) - hand.turn_damping * tip_speed[3:]
+        wrench[:3] = hand_stiffness * (places[k] - tip)
+        wrench[:3] -= HAND_DAMPING * (tip_speed[:3] - place_speed[k])
+        wrench[3:] = TURN_STIFFNESS * (rotation @ twist) - TURN_DAMPING * tip_speed[3:]
 
         rows.q[k] = data.qpos
         rows.speed[k] = joint_speed
@@ -189,42 +168,30 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
     - `lost`: the simulation left all bounds.
     """
     robot = arm.robot
-    stops: list[SafetyStop] = []
     torque_steps = np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
-    for kind, values, limits in (
-        ("controller_torque_discontinuity", torque_steps, robot.torque_step_limit_nm),
-        ("joint_torque", np.abs(motion.torque), robot.torque_limit_nm),
-        ("joint_velocity", np.abs(motion.speed), robot.joint_speed_limit_rad_s),
-    ):
-        for j, limit in enumerate(limits or ()):
-            over = values[:, j] > limit
-            note_first(stops, kind, over, values[:, j], limit, joint=j + 1)
-    for j in range(arm.joints):
-        angles = motion.q[:, j]
-        low, high = float(arm.low[j]), float(arm.high[j])
-        note_first(stops, "joint_position", angles > high, angles, high, joint=j + 1)
-        note_first(stops, "joint_position", angles < low, angles, low, joint=j + 1)
     tip_speed = row_norms(np.diff(motion.tip, axis=0, append=motion.tip[-1:])) * robot.rate_hz
-    for kind, values, limit in (
-        ("cartesian_reflex", row_norms(motion.pull), robot.force_limit_n),
-        ("cartesian_velocity", tip_speed, robot.speed_limit_m_s),
+    stops: list[SafetyStop] = []
+    for kind, sign, values, limits in (
+        ("controller_torque_discontinuity", 1, torque_steps, robot.torque_step_limit_nm),
+        ("joint_torque", 1, np.abs(motion.torque), robot.torque_limit_nm),
+        ("joint_velocity", 1, np.abs(motion.speed), robot.joint_speed_limit_rad_s),
+        ("joint_position", 1, motion.q, arm.high),
+        ("joint_position", -1, motion.q, arm.low),
+        ("cartesian_reflex", 1, row_norms(motion.pull), robot.force_limit_n),
+        ("cartesian_velocity", 1, tip_speed, robot.speed_limit_m_s),
     ):
-        if limit is not None:
-            note_first(stops, kind, values > limit, values, limit)
+        if limits is None:
+            continue
+        columns, bounds = values.reshape(len(values), -1), np.atleast_1d(limits)
+        is_over = sign * columns > sign * bounds
+        for j in np.flatnonzero(is_over.any(axis=0)).tolist():
+            ticks = np.flatnonzero(is_over[:, j]).tolist()
+            joint = {"joint": j + 1} if values.ndim == 2 else {}
+            found = {"value": float(columns[ticks[0], j]), "limit": float(bounds[j])}
+            stops.append({"tick": ticks[0], "kind": kind, **joint, **found, "ticks": len(ticks)})
     if not np.abs(motion.speed[-1]).max() < LOST_SPEED_RAD_S:
         stops.append({"tick": len(motion.q) - 1, "kind": "lost"})
     return sorted(stops, key=lambda stop: (stop["tick"], stop["kind"]))
-
-
-def note_first(
-    stops: list[SafetyStop], kind: str, is_over: NDArray[np.bool_], values: Array, limit: float,
-    **joint: int,
-) -> None:  # fmt: skip
-    """Append the first tick at which a limit is crossed, if there is one; `joint` if it has one."""
-    ticks = np.flatnonzero(is_over)
-    if len(ticks):
-        found = {"value": float(values[ticks[0]]), "limit": limit, "ticks": len(ticks)}
-        stops.append({"tick": int(ticks[0]), "kind": kind, **joint, **found})
 
 
 # Number of places along the session that the arm must reach, and whose postures are judged.
@@ -277,7 +244,7 @@ def rehearse(
     arm: Arm,
     *,
     governed: bool = True,
-    hand: ArmHand | None = None,
+    hand_stiffness: float = 600.0,
     done: Callable[[int], None] | None = None,
 ) -> Rehearsal:
     """Let the session's hand move a simulated arm that renders the fixture.
@@ -288,8 +255,8 @@ def rehearse(
         Where the hand wants the tip, in the fixture's frame and at the arm's rate.
     governed
         Whether a governor of the arm's limits stands between engine and torques.
-    hand
-        How stiffly it wants that.
+    hand_stiffness
+        How stiffly it wants that [N/m].
     done
         Called with the number of ticks just run.
 
@@ -313,7 +280,7 @@ def rehearse(
 
     # The run.
     loop_started = time.perf_counter()
-    motion = run_loop(arm, engine, governor, session.hip, start, hand or ArmHand(), done)
+    motion = run_loop(arm, engine, governor, session.hip, start, hand_stiffness, done)
     loop_s = time.perf_counter() - loop_started
     tick_count = len(motion.q)
     time_s = session.time[:tick_count]

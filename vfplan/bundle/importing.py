@@ -43,6 +43,7 @@ from vfplan.io.files import (
     naming_place,
     npy_header,
     open_number_table,
+    other_unit,
     read_bytes,
 )
 
@@ -52,7 +53,7 @@ SUFFIXES = (".ply", ".stl", ".obj", ".csv", ".npy")
 # How 3D Slicer writes the axes of the patient into the header of a mesh.
 SPACE = re.compile(rb"SPACE=([^\s\0;,]*)")
 # How a header names the unit and the frame of the numbers, as `vfplan export` does.
-WORDS = r"\b(?:units?[ :=]+|frame )(px|[cmu]?m|in|image|robot_base|patient_lps)"
+WORDS = r"\b(?:units?[ :=]+|frame |vfplan, )(px|[cmu]?m|in|image|robot_base|patient_lps)"
 SAID = re.compile(WORDS + r"\s*(?:[,;]|space=|$)", re.MULTILINE)
 # A name of such axes -> the sign of each against LPS.
 SIGNS_OF_SPACE = {"LPS": (1, 1, 1), "RAS": (-1, -1, 1)}
@@ -155,8 +156,8 @@ def import_cloud(
         for name in cloud.said:
             unit = "px" if name == "image" else name
             if unit not in (units, "robot_base", "patient_lps"):
-                do = "Register the curve first" if unit == "px" else f"Give --units {unit}"
-                text = f"The file says unit {unit}, and {units} was given as the unit. {do}."
+                text = f"The file says unit {unit}, and {units} was given as the unit. "
+                text += f"{other_unit(unit)}."
                 raise InputError(text, code="units-differ")
         frames = {f"frame {name}": name for name in cloud.said if name != units}
         frames |= {f"SPACE={cloud.space}": "patient_lps"} if cloud.space else {}
@@ -202,7 +203,7 @@ def import_cloud(
         try:
             samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
-            raise too_many_samples(spacing) from error
+            raise too_many_samples(points, spacing) from error
         band = sample_band(sample_radius, radius)
         widest, place = widest_opening(points, mesh, samples, radius - band)
         if widest:
@@ -394,7 +395,7 @@ def refined(
     try:
         return _core.refined(*drawn(points, triangles), spacing)
     except ValueError as error:
-        raise too_many_samples(spacing) from error
+        raise too_many_samples(points, spacing) from error
 
 
 def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
@@ -408,14 +409,16 @@ def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
     area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
     # No triangle without a longer side has more area than one with three sides of that length.
     if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
-        raise too_many_samples(spacing)
+        raise too_many_samples(corners.reshape(-1, 3), spacing)
 
 
-def too_many_samples(spacing: float) -> SceneError:
+def too_many_samples(points: Points, spacing: float) -> SceneError:
     """The error of a mesh that takes more samples than a bundle may hold."""
+    extent = np.ptp(points, axis=0).max()
     return SceneError(
-        f"A spacing of {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
-        "triangles. Give a larger --spacing.",
+        f"As read, the mesh is {extent:.3g} m across, and samples {1e3 * spacing:g} mm apart are "
+        f"more than {max_size('N')} points or {max_size('K')} triangles. Check --units, or give a "
+        "larger --spacing.",
         code="spacing-too-fine", numbers={"spacing_m": spacing},
     )  # fmt: skip
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.registration.models import homogeneous, make_problem
+from vfplan.registration.models import homogeneous, make_model, make_problem
 from vfplan.replaying.metrics import CONTACT_M, dots, flattened, row_norms
 from vfplan.session.session import Session
 
@@ -98,13 +98,11 @@ def fle_of(record: RegistrationRecord) -> float:
     SettingError
         Too few markers to estimate their error from.
     """
-    affine = 3 * (record.source.shape[1] + 1)
-    parameters = {"rigid": 6, "similarity": 7}.get(record.model, affine)
-    degrees_of_freedom = record.source.shape[0] * 3 - parameters
+    count, dimension = record.source.shape
+    degrees_of_freedom = 3 * count - make_model(record.model, dimension, 1.0).parameters
     if degrees_of_freedom < 1:
         raise SettingError(
-            f"{len(record.source)} markers leave nothing to estimate their error from. Give "
-            "--fle-robot MM",
+            f"{count} markers leave nothing to estimate their error from. Give --fle-robot MM",
             code="no-fle",
         )
     return float(np.sqrt(3 * (record.residuals_m**2).sum() / degrees_of_freedom))
@@ -164,11 +162,6 @@ class Trials:
         )
         self._along = homogeneous(self._markers.normaliser(curve))
         self._sigma = fixture.sigma
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Without the engines, which belong to one process."""
-        own = ("_true_engine", "_ahead")
-        return {name: value for name, value in vars(self).items() if name not in own}
 
     def run(self, trial: int) -> dict[str, Any]:
         """One trial as a row of the campaign's table.

@@ -55,6 +55,14 @@ def interpolated(wanted: NDArray, at: NDArray, places: NDArray) -> Array:
     return np.column_stack([np.interp(wanted, at, column) for column in places.T])
 
 
+def on_segments(places: Array, start: Array, end: Array) -> Array:
+    """(M, d) nearest place of each straight line from `start` to `end` (M, d) to its place."""
+    along = end - start
+    square = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((places - start) * along).sum(axis=1) / square, 0.0, 1.0)
+    return start + share[:, None] * along
+
+
 def evenly(points: NDArray, closed: bool) -> Array:
     """The line at equal steps of about one unit; its ends stay where they are."""
     ring = ring_of(points, closed)

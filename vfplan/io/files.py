@@ -613,11 +613,16 @@ def named_columns(table: NumberTable, units: str, known: Iterable[str] = METRES)
         chosen.append(column)
         if unit not in ("", units):
             raise table.kind(
-                f"The header names {column}, and {units} was given as the unit. Give --units "
-                f"{unit}, or name the column by its true unit.",
+                f"The header names {column}, and {units} was given as the unit. "
+                f"{other_unit(unit)}, or name the column by its true unit.",
                 where=table.where, code="units-differ",
             )  # fmt: skip
     return tuple(chosen)
+
+
+def other_unit(unit: str) -> str:
+    """What to do where a file has another unit than was said."""
+    return "Register the curve first" if unit == "px" else f"Give --units {unit}"
 
 
 def require_line(line: bytes, place: str, kind: type[InputError]) -> None:

@@ -79,32 +79,15 @@ def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], 
     return matched, marks_px[nearest[matched]]
 
 
-@dataclass(frozen=True, eq=False)
-class MarkComparison:
-    """How the given positions lie to the marks drawn."""
-
-    # How many positions have a mark near them.
-    matched: int
-    # How many marks of one kind are drawn; 0 where the slice shows none that are surely marks.
-    drawn: int
-    # RMS distance of the positions from their marks, and its mean (given minus drawn) [px].
-    rms_px: float | None
-    shift_px: tuple[float, float] | None
-    findings: tuple[Finding, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """As `register --json` reports it."""
-        report: dict[str, Any] = {"near": self.matched, "drawn": self.drawn}
-        if self.rms_px is not None:
-            report |= {"rms_px": self.rms_px, "shift_px": self.shift_px}
-        return report
-
-
 def compare_with_marks(
     rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike, *,
     markers_as_given: bool = False,
-) -> MarkComparison:  # fmt: skip
-    """Compare given marker positions with the marks that a slice shows.
+) -> tuple[dict[str, Any], tuple[Finding, ...]]:  # fmt: skip
+    """Compare given marker positions with the marks that a slice shows: a report, and findings.
+
+    The report has how many positions have a mark `near`, and how many marks of one kind are `drawn`
+    (0 where none are surely marks); where they have marks, also the RMS distance from these and its
+    mean, given minus drawn [px].
 
     Parameters
     ----------
@@ -156,7 +139,7 @@ def compare_with_marks(
         if drawn:
             text += ". Use this slice's own markers."
             finding = doubt("markers-meet-no-marks", "register", text)
-        return MarkComparison(len(matched), drawn, None, None, (finding,))
+        return {"near": len(matched), "drawn": drawn}, (finding,)
 
     # Compression blurs marks of one kind to several sizes. A spot of their colour is a mark too.
     unmatched = np.setdiff1d(np.arange(n), matched)
@@ -173,9 +156,11 @@ def compare_with_marks(
             offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
     rms_px = float(np.sqrt((offset**2).sum(axis=1).mean()))
-    findings = tuple(offset_findings(labels, places, matched, offset))
-    drawn = max(drawn, len(matched))
-    return MarkComparison(len(matched), drawn, rms_px, tuple(shift.tolist()), findings)
+    report = {
+        "near": len(matched), "drawn": max(drawn, len(matched)), "rms_px": rms_px,
+        "shift_px": tuple(shift.tolist()),
+    }  # fmt: skip
+    return report, tuple(offset_findings(labels, places, matched, offset))
 
 
 def offset_findings(

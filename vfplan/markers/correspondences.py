@@ -179,12 +179,12 @@ def read_sides(path: Path, spacing_mm: tuple[float, float] | None = None) -> lis
             where=where, code="suffix-unknown",
         )  # fmt: skip
     text, sha256 = read_text(path, MAX_BYTES, MarkerError)
-    if suffix == ".json":
-        sides = [parse_mrk_json(text, where)]
-    elif suffix == ".fcsv":
-        sides = [parse_fcsv(text, where)]
-    else:
-        sides = parse_marker_table(text, where, spacing_mm)
+    if suffix in (".json", ".fcsv"):
+        points = (fiducials if suffix == ".json" else fcsv_points)(text, where)
+        labels = [label_of(label, f"point {k}", where) for k, (label, _) in enumerate(points, 1)]
+        positions = np.array([place for _, place in points]).reshape(-1, 3)
+        return [MarkerPoints("patient_lps", tuple(labels), positions, None, where, sha256)]
+    sides = parse_marker_table(text, where, spacing_mm)
     return [replace(side, sha256=sha256) for side in sides]
 
 
@@ -434,8 +434,8 @@ def _numbers(table: Table, labels: list[str], columns: list[str]) -> NDArray[np.
     return np.array(numbers).reshape(-1, len(columns))
 
 
-def parse_mrk_json(text: str, where: str) -> MarkerPoints:
-    """The defined control points of every Fiducial markup in a Slicer `.mrk.json`.
+def fiducials(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:
+    """Label and (3,) position in LPS [m] of each defined point of a `.mrk.json`'s Fiducials.
 
     Positions in `coordinateSystem` (LPS unless stated) and `coordinateUnits` (mm unless stated);
     points whose `positionStatus` is not "defined" (undefined, preview, missing) are no markers.
@@ -444,17 +444,18 @@ def parse_mrk_json(text: str, where: str) -> MarkerPoints:
         that is not three finite numbers
     """
     markups = markups_of(text, where)
-    fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
-    if not fiducials:
+    of_fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
+    if not of_fiducials:
         types = ", ".join(repr(markup.get("type")) for markup in markups)
         raise MarkerError(
             f"holds {types or 'nothing'}. Give a markup of type Fiducial",
             where=where, code="no-fiducials",
         )  # fmt: skip
-    points = [point for markup in fiducials for point in defined_points(markup, where)]
-    labels = [label_of(point.get("label"), f"control point {point.get('id')!r}", where)
-              for point, _ in points]  # fmt: skip
-    return _in_patient(labels, [position for _, position in points], where)
+    return [
+        (point.get("label"), place)
+        for markup in of_fiducials
+        for point, place in defined_points(markup, where)
+    ]
 
 
 def markups_of(text: str, where: str) -> list[dict[str, Any]]:
@@ -529,19 +530,6 @@ def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any
             where=where, code="no-markups",
         )  # fmt: skip
     return entries
-
-
-def parse_fcsv(text: str, where: str) -> MarkerPoints:
-    """The points of a Slicer `.fcsv` as markers, each with its label; raises as `fcsv_points`."""
-    points = fcsv_points(text, where)
-    labels = [label_of(label, "it", f"{where}, point {number}")
-              for number, (label, _) in enumerate(points, start=1)]  # fmt: skip
-    return _in_patient(labels, [position for _, position in points], where)
-
-
-def _in_patient(labels: list[str], positions: list[NDArray], where: str) -> MarkerPoints:
-    array = np.array(positions).reshape(-1, 3)
-    return MarkerPoints("patient_lps", tuple(labels), array, where=where)
 
 
 def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:

@@ -159,17 +159,25 @@ def match(
 
     # What is not refused and a person should look at.
     record.inputs |= correspondences.inputs
-    record.findings += [*correspondences.findings, *registration_findings(registration)]
+    found = registration_findings(registration)
+    given = correspondences.findings
+    if "scale-unchecked" in {finding.code for finding in found}:
+        # Nothing says that the unit was concluded rightly.
+        given = [
+            replace(finding, severity="doubt") if finding.code == "unit-concluded" else finding
+            for finding in given
+        ]
+    record.findings += [*given, *found]
     target_frame = correspondences.target_frame
     side = side_finding(registration)
     if side is not None and settings.seen_from is None and target_frame == "robot_base":
         record.findings.append(side)
     if marks is not None:
-        record.report["marks_drawn"] = marks.as_dict()
+        record.report["marks_drawn"] = marks[0]
     if drawn_markers:
         record.report["markers_found"] = [asdict(marker) for marker in drawn_markers]
     elif marks is not None:
-        record.findings += marks.findings
+        record.findings += marks[1]
     if target_frame != "robot_base":
         record.doubt(
             "target-not-robot", "register",
@@ -182,8 +190,8 @@ def match(
             "The image given is not the file that the curve was drawn on (SHA-256 "
             "differs), so nothing was compared with it. Give that file.",
         )  # fmt: skip
-    found = replace(correspondences, source=source)
-    return MatchResult(curve, slice_axes, found, registration)
+    moved = replace(correspondences, source=source)
+    return MatchResult(curve, slice_axes, moved, registration)
 
 
 def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:

@@ -36,6 +36,7 @@ from vfplan.registration.models import (
     fit_similarity,
     homogeneous,
     marker_rows,
+    most_off,
     rms_length,
     studentised_f,
 )
@@ -198,7 +199,10 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
 
     mapped = mapped_by_homography(h, problem.s)
     dof = 3 * n - len(h)
-    squares = float((problem.weights * (problem.y - mapped) ** 2).sum())
+    errors = np.sqrt(problem.weights) * (problem.y - mapped)
+    rows = homography_rows(h, problem).reshape(n, 3, -1)
+    worst, _, square, probability = most_off(rows, errors, problem.rounding_floor_m**2)
+    squares = float((errors**2).sum())
     squares = max(squares, problem.rounding_floor_m**2)
     f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
     p_value = float(f_exceeds(2, dof, f))
@@ -211,27 +215,8 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
         fle_rms_m=float(np.sqrt(3 * squares / dof)),
         departure_m=float(np.linalg.norm(mapped - problem.x @ affine.m.T, axis=1).max()),
         is_significant=p_value < min(SURE_PERSPECTIVE, outlier_probability),
-        outlier=homography_outlier(h, problem),
+        outlier=(worst, float(np.sqrt(3 * square))) if probability <= SURE_PERSPECTIVE else None,
     )
-
-
-def homography_outlier(h: Array, problem: Problem) -> tuple[int, float] | None:
-    """The marker that a homography (11,) of the others misses beyond chance, and their error [m].
-
-    `None` where there is none. Six markers or more leave a residual to judge by.
-    """
-    n = len(problem.s)
-    others_dof = 3 * (n - 1) - len(h)
-    # As `studentised_f`, for the equations of the homography next to its solution.
-    left = np.linalg.svd(homography_rows(h, problem), full_matrices=False)[0].reshape(n, 3, -1)
-    errors = np.sqrt(problem.weights) * (problem.y - mapped_by_homography(h, problem.s))
-    kept = np.eye(3) - left @ left.transpose(0, 2, 1)
-    lost = (errors * (np.linalg.pinv(kept) @ errors[..., None])[..., 0]).sum(axis=1)
-    worst = int(lost.argmax())
-    others = max(float((errors**2).sum() - lost[worst]), problem.rounding_floor_m**2) / others_dof
-    if n * f_exceeds(3, others_dof, lost[worst] / 3 / others) > SURE_PERSPECTIVE:
-        return None
-    return worst, float(np.sqrt(3 * others))
 
 
 def fit_homography(problem: Problem, m: Array) -> Array:
@@ -302,13 +287,28 @@ class LabelMistake:
         names = ", ".join(moved if len(moved) <= 4 else [*moved[:4], "..."])
         return f"the labels {names} seem {fit}"
 
+    def refusal(self, registration: Registration, advice: str) -> CheckFailed:
+        """The error that refuses the labels as they are given."""
+        labels = registration.labels
+        return CheckFailed(
+            f"{self.sentence(labels)} (as given: {_mm(registration.fre_rms_m)}). {advice}",
+            code="labels-mistaken",
+            numbers={
+                "fre_rms_m": registration.fre_rms_m,
+                "fre_rms_m_corrected": self.fre_rms_m,
+                "p_value": self.p_value,
+                "action": self.action,
+                "labels": [labels[j] for j in self.order],
+            },
+        )
+
 
 @lru_cache(1)
-def label_mistakes(registration: Registration) -> list[LabelMistake]:
-    """The usual mistakes with labels that fit about as well as the given ones, or better.
+def label_mistake(registration: Registration) -> LabelMistake | None:
+    """The likeliest of the usual mistakes with labels; `None` where the given labels are right.
 
-    An order is one of them unless the given one fits better by an F that equally good orders reach
-    once in a hundred sets. The likeliest comes first.
+    That is where they fit better than every other order by an F that equally good orders reach once
+    in a hundred sets.
     """
     everyone = registration.problem
     judge = everyone
@@ -320,23 +320,21 @@ def label_mistakes(registration: Registration) -> list[LabelMistake]:
     dof = 3 * n - judge.model.parameters
 
     # Two markers may be exchanged if both are among those that fit worst.
-    fit = fit_model(judge)
-    squares = (judge.weights * fit.vectors**2).sum(axis=1)
+    squares = (judge.weights * fit_model(judge).vectors ** 2).sum(axis=1)
     suspects = np.sort(np.argsort(-squares, kind="stable")[:MAX_SUSPECTS])
     orders = usual_orders(n, suspects.tolist())
     if not orders:
-        return []
+        return None
 
-    as_given = _sums_of_squares(judge, [tuple(range(n))])[0]
-    others = _sums_of_squares(judge, list(orders))
-    fre = np.sqrt(_sums_of_squares(everyone, list(orders), weighted=False) / n)
-    named = list(orders.items())
-    mistakes = [
-        LabelMistake(*named[k], float(fre[k]), float(f_exceeds(dof, dof, as_given / others[k])))
-        # The given order does not fit clearly better than these ones.
-        for k in np.flatnonzero(f_exceeds(dof, dof, others / as_given) > GOOD_SET_PROBABILITY)
-    ]
-    return sorted(mistakes, key=lambda mistake: mistake.p_value)
+    as_given, *others = _sums_of_squares(judge, [tuple(range(n)), *orders])
+    best = int(np.argmin(others))
+    if f_exceeds(dof, dof, others[best] / as_given) <= GOOD_SET_PROBABILITY:
+        return None
+    order, action = list(orders.items())[best]
+    index = np.array(order)
+    corrected = replace(everyone, y=everyone.y[index], weights=everyone.weights[index])
+    p_value = float(f_exceeds(dof, dof, as_given / others[best]))
+    return LabelMistake(order, action, rms_length(fit_model(corrected).vectors), p_value)
 
 
 def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
@@ -371,17 +369,13 @@ def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
     return orders
 
 
-def _sums_of_squares(
-    problem: Problem, orders: Sequence[tuple[int, ...]], *, weighted: bool = True
-) -> Array:
-    """(P,) sum of squared residuals [m²] with the targets in each order."""
+def _sums_of_squares(problem: Problem, orders: Sequence[tuple[int, ...]]) -> Array:
+    """(P,) weighted sum of squared residuals [m²] with the targets in each order."""
     index = np.array(orders)
     y, weights = problem.y[index], problem.weights[index]
     s = np.broadcast_to(problem.s, (len(index), *problem.s.shape))
     m = problem.model.solve(s, y, weights)
-    squares = (y - homogeneous(problem.s) @ np.swapaxes(m, -1, -2)) ** 2
-    if weighted:
-        squares = squares * weights
+    squares = weights * (y - homogeneous(problem.s) @ np.swapaxes(m, -1, -2)) ** 2
     return np.maximum(squares.sum(axis=(1, 2)), problem.rounding_floor_m**2)
 
 
@@ -422,32 +416,21 @@ def refuse_wrong_markers(
 
     # Another order of the labels fits clearly better. A robust fit that has left the mistaken
     # markers out does not rest on them.
-    mistakes = label_mistakes(registration)
-    if mistakes and mistakes[0].p_value < SURE_MISTAKE and not markers_as_given:
-        mistake = mistakes[0]
-        if registration.used[mistake.moved].any():
-            advice = "Correct the labels"
-            # As they are given, the markers would only be refused for their residuals.
-            if max_residual_m is None or registration.fre_rms_m <= max_residual_m:
-                advice += ", or give --markers-as-given"
-            raise CheckFailed(
-                f"{mistake.sentence(labels)} (as given: {as_given}). {advice}",
-                code="labels-mistaken",
-                numbers={
-                    "fre_rms_m": registration.fre_rms_m,
-                    "fre_rms_m_corrected": mistake.fre_rms_m,
-                    "p_value": mistake.p_value,
-                    "action": mistake.action,
-                    "labels": [labels[j] for j in mistake.order],
-                },
-            )
+    mistake = label_mistake(registration)
+    is_sure = mistake is not None and mistake.p_value < SURE_MISTAKE
+    if is_sure and not markers_as_given and registration.used[mistake.moved].any():
+        advice = "Correct the labels"
+        # As they are given, the markers would only be refused for their residuals.
+        if max_residual_m is None or registration.fre_rms_m <= max_residual_m:
+            advice += ", or give --markers-as-given"
+        raise mistake.refusal(registration, advice)
 
     # Larger residuals than careful touching leaves. The likeliest cause says what to do.
     if max_residual_m is not None and not registration.fre_rms_m <= max_residual_m:
         perspective = perspective_test(registration)
         outlier = single_outlier(registration)
-        if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
-            advice = f"{mistakes[0].sentence(labels)}. Correct the labels"
+        if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
+            advice = f"{mistake.sentence(labels)}. Correct the labels"
         elif perspective is not None and perspective.is_significant:
             advice = "No homography fits them either. Look for mistaken labels or a bent sheet"
             if perspective.outlier or perspective.fle_rms_m <= max_residual_m:
@@ -506,15 +489,15 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     findings = []
 
     # Another order of the labels fits better than chance explains, or about as well.
-    mistakes = label_mistakes(registration)
-    if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
-        sentence = mistakes[0].sentence(registration.labels)
+    mistake = label_mistake(registration)
+    if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
+        sentence = mistake.sentence(registration.labels)
         text = (
             f"{sentence[0].upper()}{sentence[1:]} (as given: {_mm(registration.fre_rms_m)}). "
             "Check the labels."
         )
         findings.append(doubt("labels-doubtful", "register", text))
-    elif mistakes:
+    elif mistake is not None:
         text = (
             "The markers form a symmetric pattern: exchanged labels would go unnoticed. Add one "
             "off it."
@@ -538,27 +521,10 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
             )
             findings.append(note("perspective", "register", text))
 
-    findings += layout_findings(registration)
     findings += unchecked_findings(registration)
     findings += scale_findings(registration)
     findings += stretch_findings(registration)
     return tuple(findings)
-
-
-def layout_findings(registration: Registration) -> list[Finding]:
-    """Two markers at one place."""
-    findings = []
-    labels = registration.labels
-    s = registration.problem.s
-    for i, j in combinations(range(len(s)), 2):
-        if np.linalg.norm(s[i] - s[j]) < 1e-6:
-            text = (
-                f"Markers {labels[i]} and {labels[j]} stand at one place in the source. Correct "
-                "the file."
-            )
-            place = registration.place_px(i)
-            findings.append(doubt("markers-coincide", "register", text, place_px=place))
-    return findings
 
 
 def unchecked_findings(registration: Registration) -> list[Finding]:

@@ -24,7 +24,7 @@ from functools import cache
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry.lines import Array, Flags
@@ -250,8 +250,6 @@ class Problem:
     y: Array
     # (N, 3) relative weights; 1 where every marker is as good as the others.
     weights: Array
-    # Standard deviation that a weight of 1 stands for [m]; `None` where none was stated.
-    sigma_unit_m: float | None
     # Longest over shortest extent of the source; 1 is best.
     condition: float
     # Residuals below this are rounding and no error [m].
@@ -261,6 +259,15 @@ class Problem:
     def x(self) -> Array:
         """(N, k+1) [s, 1]."""
         return homogeneous(self.s)
+
+
+def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
+    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
+    s = problem.s[index]
+    centred = s - s.mean(axis=1, keepdims=True)
+    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
+    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
 def make_problem(
@@ -309,7 +316,6 @@ def make_problem(
     _condition(y, target_m, "target", rank)
 
     normaliser = Normaliser(spacing, centre, radius, target_centre)
-    weights, sigma_unit_m = _weights(sigma, names)
     # A residual is a difference of numbers as large as these [m].
     scale = np.linalg.norm(y) / np.linalg.norm(metric - centre)
     largest = float(np.abs(target_m).max() + np.abs(metric).max() * scale)
@@ -318,8 +324,7 @@ def make_problem(
         normaliser=normaliser,
         s=normaliser(raw),
         y=y,
-        weights=weights,
-        sigma_unit_m=sigma_unit_m,
+        weights=_weights(sigma, names),
         condition=condition,
         rounding_floor_m=64 * np.finfo(float).eps * largest,
     )
@@ -353,10 +358,6 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
             "many of each",
             code="markers-shape",
         )
-    for name in names:
-        if names.count(name) > 1:
-            text = f"label {name!r} occurs more than once. Give each marker a label of its own"
-            raise MarkerError(text, code="label-doubled", numbers={"label": name})
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
@@ -426,11 +427,11 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     return float(extent[0] / extent[rank - 1])
 
 
-def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array, float | None]:
-    """Relative weights (N, 3) with mean 1, and the standard deviation that a weight of 1 has."""
+def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> Array:
+    """Relative weights (N, 3) with mean 1."""
     n = len(names)
     if sigma is None:
-        return np.ones((n, 3)), None
+        return np.ones((n, 3))
     array = _numbers(sigma, "sigma is")
     if array.shape not in ((n,), (n, 3)):
         raise MarkerError(
@@ -441,8 +442,7 @@ def _weights(sigma: ArrayLike | None, names: Sequence[str | int]) -> tuple[Array
         if not (np.isfinite(row) & (row > 0)).all():
             text = f"sigma of marker {name!r} is {row.tolist()}. Give finite numbers above 0"
             raise MarkerError(text, code="sigma-range", numbers={"label": name})
-    unit = float(1 / np.sqrt((1 / table**2).mean()))
-    return (unit / table) ** 2, unit
+    return table**-2 / (table**-2).mean()
 
 
 # A set of good markers is suspected once in a hundred: of an outlier, of mistaken labels, or of
@@ -513,23 +513,15 @@ def fit_similarity(problem: Problem, used: Flags) -> Fit:
 def leave_one_out(fit: Fit) -> Array:
     """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined.
 
-    For the affine model it is (I - H_i)⁻¹ e_i, exact without another fit (R. D. Cook and
-    S. Weisberg, "Residuals and influence in regression", 1982, section 2.2). Every other model is
-    fitted again without each marker.
+    Every fit is made again without each marker.
     """
     problem, used = fit.problem, fit.used
-    if isinstance(problem.model, Affine):
-        self_share = fit.hat * used[:, None, None]
-        return np.linalg.norm(_solve_blocks(np.eye(3) - self_share, fit.vectors), axis=1)
     errors = np.linalg.norm(fit.vectors, axis=1)
     for i in np.flatnonzero(used):
-        others = used & (np.arange(len(used)) != i)
+        others = np.flatnonzero(used & (np.arange(len(used)) != i))
         errors[i] = np.nan
-        s = problem.s[others]
-        # How far the others spread beside the line that fits them best.
-        width = np.linalg.svd(s - s.mean(axis=0), compute_uv=False)[1]
-        if others.sum() >= problem.model.minimal and width > 1 / MAX_CONDITION:
-            m = problem.model.solve(s, problem.y[others], problem.weights[others])
+        if len(others) >= problem.model.minimal and is_spread_out(problem, others[None])[0]:
+            m = problem.model.solve(problem.s[others], problem.y[others], problem.weights[others])
             errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
     return errors
 
@@ -543,8 +535,10 @@ def studentised_f(fit: Fit) -> Array:
     left to judge by.
     """
     problem, used, vectors = fit.problem, fit.used, fit.vectors
-    sign = np.where(used, -1.0, 1.0)[:, None, None]
-    deleted = _solve_blocks(np.eye(3) + sign * fit.hat, vectors)
+    blocks = np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * fit.hat
+    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
+    deleted = np.full_like(vectors, np.nan)
+    deleted[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
     lost = (problem.weights * vectors * deleted).sum(axis=1)
     floor = problem.rounding_floor_m**2
     total = float((problem.weights * vectors**2)[used].sum())
@@ -565,12 +559,24 @@ def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> floa
     return float(f_quantile(3, dof, 1 - probability / n))
 
 
-def _solve_blocks(blocks: Array, vectors: Array) -> Array:
-    """(N, 3) solutions of N systems; NaN where the block is singular."""
-    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
-    solutions = np.full_like(vectors, np.nan)
-    solutions[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
-    return solutions
+def most_off(rows: Array, errors: Array, floor: float) -> tuple[int, Array, float, float]:
+    """The place that the others contradict most in a fit of n places, as `studentised_f` judges.
+
+    rows: (n, 3, p) how the places move with the parameters, times the roots of their weights
+    errors: (n, 3) what the fit leaves, likewise
+    floor: sums of squares below it are rounding
+
+    Returns its number, its error (3,) in a fit of the others, their mean square, and the
+    probability that one of n good places is as far off.
+    """
+    n, _, p = rows.shape
+    left = np.linalg.svd(rows.reshape(-1, p), full_matrices=False)[0].reshape(n, 3, p)
+    kept = np.eye(3) - left @ left.transpose(0, 2, 1)
+    apart = (np.linalg.pinv(kept) @ errors[..., None])[..., 0]
+    lost = (errors * apart).sum(axis=1)
+    worst, dof = int(lost.argmax()), 3 * (n - 1) - p
+    square = max(float((errors**2).sum() - lost[worst]), floor) / dof
+    return worst, apart[worst], square, n * float(f_exceeds(3, dof, lost[worst] / 3 / square))
 
 
 def f_exceeds(dof: ArrayLike, other_dof: ArrayLike, f: ArrayLike) -> Array:

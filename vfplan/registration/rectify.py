@@ -15,8 +15,14 @@ from vfplan.errors import CheckFailed, MarkerError
 from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences
-from vfplan.registration.checks import fit_homography, homography_rows, mapped_by_homography
-from vfplan.registration.models import fit_model, make_problem
+from vfplan.registration.checks import (
+    fit_homography,
+    homography_rows,
+    label_mistake,
+    mapped_by_homography,
+)
+from vfplan.registration.models import GOOD_SET_PROBABILITY
+from vfplan.registration.registration import fit_registration
 
 # Four markers determine a homography and leave no residual in the sheet.
 MIN_MARKERS = 5
@@ -81,8 +87,9 @@ class Flattening:
 
 def projected(homography: Array, places: Array) -> Array:
     """(N, 2) places (N, 2) mapped by a homography (3, 3)."""
-    mapped = np.column_stack([places, np.ones(len(places))]) @ homography.T
-    return mapped[:, :2] / mapped[:, 2:]
+    from cv2 import perspectiveTransform
+
+    return perspectiveTransform(places[None], homography)[0]
 
 
 def flattening(
@@ -113,18 +120,27 @@ def flattening(
         raise MarkerError(
             text, code="too-few-markers", numbers={"markers": n, "needed": MIN_MARKERS}
         )
-    problem = make_problem(pairs.source, pairs.target, "affine", None, pairs.sigma, pairs.labels)
-    h = fit_homography(problem, fit_model(problem).m)
+    registration = fit_registration(
+        pairs.source, pairs.target, labels=pairs.labels, sigma=pairs.sigma
+    )
+    problem = registration.problem
+    h = fit_homography(problem, registration.m)
     depths = 1 + problem.s @ h[9:]
     strengths = np.linalg.svd(homography_rows(h, problem), compute_uv=False)
-    if not strengths[-1] > DETERMINED * strengths[0]:
-        text = "the markers determine no homography: too many lie on one line. Add one off it"
-        raise MarkerError(text, code="homography-undetermined")
+    is_determined = strengths[-1] > DETERMINED * strengths[0]
     residuals = np.linalg.norm(problem.y - mapped_by_homography(h, problem.s), axis=1)
     squares = float((problem.weights.mean(axis=1) * residuals**2).sum())
     error_m = float(np.sqrt(3 * squares / (3 * n - len(h))))
     is_folded = not (depths > 0).all()
-    if is_folded or (max_error_m is not None and error_m > max_error_m):
+    is_off = is_folded or (max_error_m is not None and error_m > max_error_m)
+    if is_off or not is_determined:
+        mistake = label_mistake(registration)
+        if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
+            raise mistake.refusal(registration, "Correct the labels")
+    if not is_determined:
+        text = "the markers determine no homography: too many lie on one line. Add one off it"
+        raise MarkerError(text, code="homography-undetermined")
+    if is_off:
         worst = pairs.labels[int(residuals.argmax())]
         allowed = "any" if max_error_m is None else f"{1e3 * max_error_m:g} mm"
         raise CheckFailed(

@@ -39,6 +39,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
 from math import comb
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -50,7 +51,6 @@ from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
-    MAX_CONDITION,
     Fit,
     ModelName,
     Orthogonal,
@@ -60,10 +60,10 @@ from vfplan.registration.models import (
     f_quantile,
     fit_model,
     homogeneous,
+    is_spread_out,
     leave_one_out,
     make_problem,
     marker_rows,
-    rms_length,
     studentised_f,
 )
 
@@ -195,32 +195,8 @@ def _directions(p: int) -> Array:
     return np.ascontiguousarray(normal.T)
 
 
-# Numerator and denominator of the normal quantile over q, by 0.425² - q², and of that of a tail, by
-# the root of the logarithm of its probability less 1.6: M. J. Wichura's "Algorithm AS 241" (Appl.
-# Stat. 37, 1988).
-NORMAL_CENTRE = (
-    (2.50908092873012267e3, 3.34305755835881281e4, 6.72657709270087009e4, 4.59219539315498715e4,
-     1.37316937655094611e4, 1.97159095030655144e3, 1.33141667891784377e2, 3.38713287279636661e0),
-    (5.22649527885285456e3, 2.87290857357219427e4, 3.93078958000927106e4, 2.12137943015865959e4,
-     5.39419602142475111e3, 6.87187007492057908e2, 4.23133307016009113e1, 1.0),
-)  # fmt: skip
-NORMAL_TAIL = (
-    (7.74545014278341407e-4, 2.27238449892691846e-2, 2.41780725177450612e-1, 1.27045825245236838e0,
-     3.64784832476320461e0, 5.76949722146069141e0, 4.63033784615654530e0, 1.42343711074968358e0),
-    (1.05075007164441684e-9, 5.47593808499534495e-4, 1.51986665636164572e-2, 1.48103976427480075e-1,
-     6.89767334985100005e-1, 1.67638483018380385e0, 2.05319162663775882e0, 1.0),
-)  # fmt: skip
-
-
-def normal_quantile(share: ArrayLike) -> Array:
-    """What a standard normal variable stays below with a probability of 1e-11 to 1 - 1e-11."""
-    share = np.asarray(share, dtype=float)
-    q = share - 0.5
-    top, bottom = (np.polyval(row, 0.180625 - q * q) for row in NORMAL_CENTRE)
-    centre = top * q / bottom
-    x = np.sqrt(-np.log(np.minimum(share, 1 - share))) - 1.6
-    top, bottom = (np.polyval(row, x) for row in NORMAL_TAIL)
-    return np.where(np.abs(q) <= 0.425, centre, np.copysign(top / bottom, q))
+# What a standard normal variable stays below with a probability.
+normal_quantile = np.vectorize(NormalDist().inv_cdf, otypes=[float])
 
 
 # All minimal subsets are tried, and this many take some seconds.
@@ -231,16 +207,12 @@ MAX_SUBSETS = 500_000
 STOP_PROBABILITY = 0.05
 
 
-def outlier_limits(fit: Fit) -> Array:
-    """(N,) the F that one of the markers exceeds in one good set of a hundred, at each."""
-    count = int(fit.used.sum())
-    freedom = (fit.dof - 3 * fit.used).tolist()
-    return np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
-
-
 def is_outlier(fit: Fit) -> Flags:
     """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
-    return (np.nan_to_num(studentised_f(fit)) > outlier_limits(fit)) | ~fit.used
+    count = int(fit.used.sum())
+    freedom = (fit.dof - 3 * fit.used).tolist()
+    limits = np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
+    return (np.nan_to_num(studentised_f(fit)) > limits) | ~fit.used
 
 
 def single_outlier(registration: Registration) -> tuple[int, float] | None:
@@ -250,13 +222,12 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     """
     f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
     worst = int(f.argmax())
-    others = registration.used & (np.arange(len(f)) != worst)
-    problem = registration.problem
-    has_residual = 3 * others.sum() > problem.model.parameters
-    if not f[worst] > outlier_limits(registration)[worst] or not has_residual:
+    if not is_outlier(registration)[worst]:
         return None
-    without = fit_model(problem, others)
-    others_m = rms_length(without.vectors[others])
+    # Three times F is what the squares lose without the marker, over the mean square of the others.
+    dof = registration.dof
+    squares = registration.variance * dof / (1 + 3 * f[worst] / (dof - 3))
+    others_m = float(np.sqrt(squares / (registration.used.sum() - 1)))
     if others_m > registration.fre_rms_m / 2:
         return None
     return worst, others_m
@@ -308,12 +279,12 @@ def consistent_markers(problem: Problem) -> Flags:
         index = index[is_spread_out(problem, index)]
         if not len(index):
             continue
-        squares = _squares(problem, _through(problem, index))
+        squares = _squares(problem, index)
         sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
         candidate = int(sums.argmin())
         if sums[candidate] < smallest_sum:
             smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
-    squares = _squares(problem, _through(problem, np.array([best_subset])))[0]
+    squares = _squares(problem, np.array([best_subset]))[0]
     used = np.zeros(n, dtype=bool)
     used[best_subset] = True
     used[np.argsort(squares, kind="stable")[:half]] = True
@@ -329,23 +300,10 @@ def consistent_markers(problem: Problem) -> Flags:
     return used
 
 
-def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
-    """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
-    s = problem.s[index]
-    centred = s - s.mean(axis=1, keepdims=True)
-    squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = problem.model.dimension if problem.model.name == "affine" else 2
-    return squares[:, rank - 1] > 1 / MAX_CONDITION**2
-
-
-def _through(problem: Problem, index: NDArray[np.intp]) -> Array:
-    """(P, 3, k+1) the transforms of subsets (P, m) of the markers, all weights equal."""
+def _squares(problem: Problem, index: NDArray[np.intp]) -> Array:
+    """(P, N) weighted squared residual of each marker in unweighted fits of subsets (P, m)."""
     s, y = problem.s[index], problem.y[index]
-    return problem.model.solve(s, y, np.ones_like(y))
-
-
-def _squares(problem: Problem, m: Array) -> Array:
-    """(P, N) weighted squared residual of every marker under each M (P, 3, k+1)."""
+    m = problem.model.solve(s, y, np.ones_like(y))
     error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
     return (problem.weights * error**2).sum(axis=-1)
 
@@ -700,9 +658,6 @@ def registration_report(
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
-    if registration.problem.sigma_unit_m is not None:
-        unit_m = registration.problem.sigma_unit_m
-        report["residuals_over_stated_sigma"] = registration.sigma_m / unit_m
     rms_m = float(np.sqrt((error.rms_m**2).mean()))
     place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
     report["tre_rms_m"] = rms_m

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.io.files import MAX_SETTINGS_BYTES, read_text
-from vfplan.registration.models import f_exceeds
+from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
+from vfplan.registration.models import most_off
 from vfplan.registration.registration import pointwise_bound
 
 Array = NDArray[np.float64]
@@ -34,6 +34,9 @@ SURE_OUTLIER = 1e-5
 
 # Places that differ by less are equal: tables are rounded to micrometres [m].
 ROUNDING_M = 1e-6
+
+# Shortest and longest distance of a tool's tip from its flange [m]. Beyond them a unit is wrong.
+MIN_TIP_M, MAX_TIP_M = 0.003, 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,32 +92,37 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
     covariances = R @ (in_tool.T @ in_tool / (n - 2)) @ R.transpose(0, 2, 1)
     weights = inverse[:3].reshape(3, n, 3)
     covariance = np.einsum("inj,njk,lnk->il", weights, covariances, weights)
+    refuse_unit(solution[:3])
     error95_m = float(pointwise_bound(covariance[None], n - 2)[0])
-    # Without a pose its residual e grows to (I - H)⁻¹ e (R. D. Cook and S. Weisberg, "Residuals and
-    # influence in regression", 1982, section 2.2).
-    hats = np.einsum("nij,jnk->nik", rows, inverse.reshape(6, n, 3))
-    apart = np.linalg.solve(np.eye(3) - hats, residuals[..., None])[..., 0]
-    lost = (residuals * apart).sum(axis=1)
-    f = lost / 3 / (np.maximum((residuals**2).sum() - lost, n * ROUNDING_M**2) / (3 * n - 9))
-    worst = int(f.argmax())
-    if n * f_exceeds(3, 3 * n - 9, f[worst]) < SURE_OUTLIER:
-        apart_m = float(np.linalg.norm(apart[worst]))
+    worst, apart, _, probability = most_off(rows, residuals, n * ROUNDING_M**2)
+    if probability < SURE_OUTLIER:
+        apart_m = float(np.linalg.norm(apart))
         raise CheckFailed(
             f"pose {worst + 1} puts the tip {1e3 * apart_m:.3f} mm from where the others do. Leave "
             "it out, or record it again",
             code="tip-pose-off", numbers={"pose": worst + 1, "apart_m": apart_m},
         )  # fmt: skip
     if not error95_m <= max_error_m:
-        spread_m = float(np.ptp(p, axis=0).max())
         raise CheckFailed(
             f"the tip is known to {1e3 * error95_m:.3f} mm only, and --max-error allows "
-            f"{1e3 * max_error_m:g} mm. Check the unit (as read, places are {spread_m:.3g} m "
-            "apart; give --units mm for millimetres) and the order (w before x, y, z), look at "
-            f"pose {worst + 1}, or record more poses that tilt the tool more",
+            f"{1e3 * max_error_m:g} mm. Check the order (w before x, y, z), look at pose "
+            f"{worst + 1}, or record more poses that tilt the tool more",
             code="tip-error-large", numbers={"error95_m": error95_m},
         )  # fmt: skip
     lengths = np.linalg.norm(residuals, axis=1)
     return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+
+
+def refuse_unit(tip: Array) -> None:
+    """Refuse a tip (3,) [m] that lies where no tool has one: millimetres read as metres, or so."""
+    length_m = float(np.linalg.norm(tip))
+    if not MIN_TIP_M <= length_m <= MAX_TIP_M:
+        raise CheckFailed(
+            f"as read, the tip lies {1e3 * length_m:.3g} mm from the flange, and "
+            f"{1e3 * MIN_TIP_M:g} mm to {MAX_TIP_M:g} m are allowed. Give --units m or mm, as the "
+            "poses are",
+            code="tip-unit", numbers={"length_m": length_m},
+        )  # fmt: skip
 
 
 def read_tip(path: str | Path) -> tuple[str, Array, str]:
@@ -132,4 +140,6 @@ def read_tip(path: str | Path) -> tuple[str, Array, str]:
     if not is_told or tip.shape != (3,) or not np.isfinite(tip).all():
         message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
         raise MarkerError(message, where=str(path), code="tip-file")
+    with naming_place(path):
+        refuse_unit(tip)
     return tool, tip, sha256

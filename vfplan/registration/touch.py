@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M, ROWS_AT_ONCE
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, on_segments
 from vfplan.registration.models import (
     RARE_PROBABILITY,
     Orthogonal,
@@ -54,12 +54,10 @@ class NearestOnMesh:
 
     def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
-        nearest = np.empty_like(places)
-        rows = np.empty(len(places), dtype=np.intp)
-        for start in range(0, len(places), ROWS_AT_ONCE):
-            block = slice(start, start + ROWS_AT_ONCE)
-            nearest[block], rows[block] = self._nearest(places[block])
-        return nearest, rows
+        starts = range(0, max(len(places), 1), ROWS_AT_ONCE)
+        parts = [self._nearest(places[start : start + ROWS_AT_ONCE]) for start in starts]
+        nearest, rows = zip(*parts, strict=True)
+        return np.concatenate(nearest), np.concatenate(rows)
 
     def normals(self, rows: NDArray[np.intp]) -> Array:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
@@ -95,10 +93,8 @@ def on_triangles(places: Array, corners: Array) -> Array:
 
     # The nearest place of each edge.
     for k in range(3):
-        start, along = corners[:, k], corners[:, (k + 1) % 3] - corners[:, k]
-        length = np.maximum((along**2).sum(axis=1), np.finfo(float).tiny)
-        t = np.clip(((places - start) * along).sum(axis=1) / length, 0.0, 1.0)
-        take_nearer(start + t[:, None] * along, np.full(len(places), True))
+        foot = on_segments(places, corners[:, k], corners[:, (k + 1) % 3])
+        take_nearer(foot, np.full(len(places), True))
 
     # The foot on the triangle's plane, where it lies inside.
     a, b, c = np.moveaxis(corners, 1, 0)
@@ -281,14 +277,8 @@ class _Patch:
         def distances(step: Array) -> Array:
             return self.distances(model.moved(m, step))
 
-        def jacobian(step: Array) -> Array:
-            moved = model.moved(m, step)
-            _, normals, places = self.nearest(moved)
-            return _jacobian(normals, places - moved[:, 3])
-
-        result = least_squares(
-            distances, np.zeros(model.parameters), jacobian, loss=loss, f_scale=scale, x_scale="jac"
-        )
+        start = np.zeros(model.parameters)
+        result = least_squares(distances, start, loss=loss, f_scale=scale, x_scale="jac")
         return model.moved(m, result.x)
 
 

@@ -19,7 +19,7 @@ from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING
-from vfplan.geometry.lines import arc_lengths, interpolated, ring_of, step_lengths
+from vfplan.geometry.lines import arc_lengths, interpolated, on_segments, ring_of, step_lengths
 from vfplan.images.dataset import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -93,11 +93,8 @@ class VectorDrawing:
         """The largest distance of the spline from straight lines between its points; their unit."""
         ring = ring_of(self.points, self.closed)
         curve = self.at(self._parameters(PLACES_A_PIECE)).reshape(-1, ring.shape[1])[:-1]
-        start = np.repeat(ring[:-1], PLACES_A_PIECE, axis=0)
-        chord = np.repeat(np.diff(ring, axis=0), PLACES_A_PIECE, axis=0)
-        along = ((curve - start) * chord).sum(1) / np.maximum((chord**2).sum(1), 1e-300)
-        off = curve - start - np.clip(along, 0, 1)[:, None] * chord
-        return float(np.linalg.norm(off, axis=1).max())
+        ends = (np.repeat(side, PLACES_A_PIECE, axis=0) for side in (ring[:-1], ring[1:]))
+        return float(np.linalg.norm(curve - on_segments(curve, *ends), axis=1).max())
 
     def at(self, parameters: NDArray) -> NDArray[np.float64]:
         """(K, 2|3) points at float numbers of the curve's points."""

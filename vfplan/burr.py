@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.cli import options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
@@ -23,7 +22,7 @@ from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.replaying.findings import finding
-from vfplan.replaying.metrics import row_norms
+from vfplan.replaying.metrics import flattened, row_norms
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event, write_events
 from vfplan.session.session import BLOCK, Session
@@ -75,32 +74,32 @@ def vfplan_burr(
 
             save_png(burr_figure(burred), picture)
 
-    metrics = burred.metrics
+    metrics = burred.replayed.metrics
     warnings = options.not_compared_warnings(seal, arguments) + [
         finding["message"] for finding in metrics["findings"] if finding["code"] == "burr-held"
     ]
     written = [f"wrote {path}" for path in (output, events_out, picture_out) if path is not None]
     text = "\n".join([burr_text(metrics), *written])
     figures = metrics["burr"]
+    failed = ""
+    verdict = (
+        f"burred {figures['places_lowered']} places, up to {millimetres(figures['deepest_m'], 2)} "
+        "deep"
+    )
+    next_step = f"draw it, and keep the edits for vfplan replay: {command_line()} "
+    next_step += "--picture-out burr.png --events-out edits.csv"
     if not figures["replayed_to_the_bit"]:
-        return CommandResult(
-            metrics, text, warnings=warnings, failed="the replay of the edits gives other forces",
-            verdict="fail: the replay of the edits gives other forces",
-            next_step="report it with both files; edits must replay to the bit",
-        )  # fmt: skip
-    if not figures["burring_ticks"]:
-        return CommandResult(
-            metrics, text, warnings=warnings, verdict="not-tested: the ball removed nothing",
-            next_step="press deeper than the contact radius less the ball's, or take a larger "
-            "--radius",
-        )  # fmt: skip
+        failed = "the replay of the edits gives other forces"
+        verdict = f"fail: {failed}"
+        next_step = "report it with both files; edits must replay to the bit"
+    elif not figures["burring_ticks"]:
+        verdict = "not-tested: the ball removed nothing"
+        next_step = (
+            "press deeper than the contact radius less the ball's, or take a larger --radius"
+        )
     return CommandResult(
-        metrics, text, warnings=warnings,
-        verdict=f"burred {figures['places_lowered']} places, up to "
-        f"{millimetres(figures['deepest_m'], 2)} deep",
-        next_step=f"draw it, and keep the edits for vfplan replay: {command_line()} "
-        "--picture-out burr.png --events-out edits.csv",
-    )  # fmt: skip
+        metrics, text, warnings=warnings, failed=failed, verdict=verdict, next_step=next_step
+    )
 
 
 def burr_text(metrics: dict[str, Any]) -> str:
@@ -140,11 +139,6 @@ class Burred:
     before: Vector
     after: Vector
 
-    @property
-    def metrics(self) -> dict[str, Any]:
-        """The replay's report, with `burr`."""
-        return self.replayed.metrics
-
 
 class Burr:
     """The ball, and the points as it leaves them.
@@ -174,7 +168,7 @@ class Burr:
         self._radius = radius
         self._reach = radius - tolerance
         self._axis = axis
-        self._first_points = points if axis is None else points - np.outer(points @ axis, axis)
+        self._first_points = flattened(points, axis)
         self._tree = cKDTree(self._first_points)
         self._normals = np.zeros_like(points)
         # The engine's number of each point, and that of the next one
@@ -183,9 +177,7 @@ class Burr:
 
     def bite(self, tick: int, hip: Vector, proxy: Vector) -> Event | None:
         """The edit for the points that the ball reaches; at most 32, the closest first."""
-        offset = self.points - hip
-        if self._axis is not None:
-            offset -= np.outer(offset @ self._axis, self._axis)
+        offset = flattened(self.points - hip, self._axis)
         square = np.einsum("ij,ij->i", offset, offset)
         reached = np.flatnonzero(square < self._reach**2)
         if not len(reached):
@@ -274,7 +266,11 @@ def burr(
     # The session again with these edits, as a controller would have it.
     replayed = replay(fixture, session, rule="robust", events=events)
     depth = np.linalg.norm(ball.points - fixture.points, axis=1)
-    margin_force_n = float(np.max(fixture.stiffness)) * (contact_m - radius_m)
+    stiffness = float(np.max(fixture.stiffness))
+    margin_force_n = stiffness * (contact_m - radius_m)
+    # The step of the force under edits, as a part of K (R/256 + |step of the HIP|).
+    moved_m = row_norms(np.diff(session.hip, axis=0))
+    parts = row_norms(np.diff(forces, axis=0)) / (stiffness * (contact_m / 256 + moved_m))
     replayed.metrics["burr"] = {
         "radius_m": radius_m,
         "burring_ticks": len(events),
@@ -283,7 +279,7 @@ def burr(
         "deepest_m": float(depth.max()),
         "replayed_to_the_bit": bool(np.array_equal(replayed.trace.force, forces)),
         "margin_force_n": margin_force_n,
-        "force_step_of_bound": largest_step_of_bound(fixture, session, forces, changing),
+        "force_step_of_bound": float(parts[changing[1:-1] | changing[2:]].max(initial=0.0)),
     }
 
     # A tool that removes what it presses on feels no more than about K times the margin.
@@ -297,17 +293,6 @@ def burr(
         )
         replayed.metrics["findings"].append(finding("burr-held", "warning", text))
     return Burred(replayed, events, fixture.points, ball.points)
-
-
-def largest_step_of_bound(
-    fixture: Fixture, session: Session, forces: Vector, changing: NDArray[np.bool_]
-) -> float:
-    """The largest step of the force under edits, as a part of K (R/256 + |step of the HIP|)."""
-    steps = np.linalg.norm(np.diff(forces, axis=0), axis=1)
-    moved = np.linalg.norm(np.diff(session.hip, axis=0), axis=1)
-    radius = fixture.contact_radius + fixture.point_radius
-    parts = steps / (float(np.max(fixture.stiffness)) * (radius / 256 + moved))
-    return float(parts[(changing[1:-1] | changing[2:])].max(initial=0.0))
 
 
 def burr_figure(burred: Burred) -> Figure:
