@@ -16,9 +16,11 @@ from vfplan.cli import options
 from vfplan.cli.extract import drawing_refusal, pointing_to_page
 from vfplan.cli.next_commands import (
     accept_command,
+    file_beside,
     page_command,
     public_key_of,
     sign_command,
+    typed_options,
     verify_command,
 )
 from vfplan.cli.options import (
@@ -34,7 +36,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
-from vfplan.display import command_of
+from vfplan.display import command_of, quoted, wrote
 from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings
@@ -168,7 +170,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         keys = public_key_of(arguments["key"])
         next_step = verify_command(output, keys, case=arguments["case"])
     return CommandResult(
-        data, f"wrote {output}", findings=findings, verdict=f"approved by {approver}",
+        data, wrote(output), findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
 
@@ -250,18 +252,26 @@ def draw_sheet(
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, case=shown.fixture.case or "")
     elif shown.is_slice_missing:
-        words = ["review", source, "--slice", "IMAGE", "--sheet-out", sheet_out or "PNG"]
+        typed = [word for word in typed_options("review") if word != "--overwrite"]
+        words = ["review", *(file for file in files if file is not None), *typed]
+        words += ["--slice", "IMAGE", "--sheet-out", sheet_out or "PNG"]
         following = command_of(*words, "--overwrite")
-    elif shown.image is None:
+    elif shown.image is not None:
+        following = page_command(*files, output=approved, overwrites=False)
+    elif is_bundle and arguments["markers"] is None:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
-        following = page_command(*files, output=approved, overwrites=False)
+        # A curve without a slice becomes a fixture first.
+        name = "register" if is_bundle else "plan"
+        fixture = file_beside(approved.with_name(source.name), "fixture")
+        wanted = source, arguments["markers"] or "MARKERS", arguments["markers2"]
+        following = page_command(*wanted, output=fixture, overwrites=False, name=name)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
-        f"digest {shown.digest}\nwrote {', '.join(written)}", findings=shown.findings,
-        verdict=verdict_of(shown), next_step=f"look at {written[0]}, then {following}",
+        f"digest {shown.digest}\n{wrote(sheet_out, print_out)}", findings=shown.findings,
+        verdict=verdict_of(shown), next_step=f"look at {quoted(written[0])}, then {following}",
     )  # fmt: skip
 
 

@@ -384,12 +384,15 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
 
 
 def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tmp_path):
-    exchanged = tmp_path / "robot.csv"
-    table = MARKERS[1].read_text().replace("x1,", "y1,").replace("x2,", "x1,")
-    exchanged.write_text(table.replace("y1,", "x2,"))
-    refusal = Session.open(SLICE, MARKERS[0], exchanged).state()["refusal"]
+    files = []
+    for side, (first, second) in zip(MARKERS, ("ab", "ba"), strict=True):
+        files.append(tmp_path / side.name)
+        table = side.read_text()
+        files[-1].write_text(table.replace("x1,", f"{first},").replace("x2,", f"{second},"))
+    refusal = Session.open(SLICE, *files).state()["refusal"]
     assert refusal["code"] == "labels-mistaken"
     assert "--" not in refusal["text"]
+    assert refusal["text"].startswith("The labels a and b seem exchanged")
 
 
 def test_a_review_without_the_slice_asks_about_that(tmp_path):

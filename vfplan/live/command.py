@@ -21,7 +21,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import count
+from vfplan.display import command_of, count, quoted, wrote
 from vfplan.errors import OutputError
 from vfplan.io.writing import made_folder, move_into_place, not_written
 
@@ -126,7 +126,7 @@ def vfplan_live(
         f"{data['lost_datagrams']} datagrams lost"
     )
     if "mcap" in data:
-        text += f"\nwrote {mcap}"
+        text += f"\n{wrote(mcap)}"
     if receiver is not None:
         text += f"\n{len(receiver.poses)} poses from {poses_from}, axes {poses_axes}"
         warnings += pose_warnings(receiver)
@@ -135,7 +135,7 @@ def vfplan_live(
             # Without a tick the times count from the first pose.
             zero = feed.zero_s if data["ticks"] else receiver.poses[0][1]
             write_poses(poses_out, receiver, zero, overwrite=is_overwriting())
-            text += f"\nwrote {poses_out}"
+            text += f"\n{wrote(poses_out)}"
     if not data["ticks"] or (receiver is not None and not receiver.poses):
         missing = (
             f"no pose came from {poses_from}" if data["ticks"] else f"no tick came from {source}"
@@ -154,8 +154,10 @@ def vfplan_live(
     next_step = f"keep every tick of the next run: {command_line()} --mcap FILE.mcap"
     if writer is not None:
         verdict = f"shown and recorded {end}"
-        next_step = f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}"
-        next_step += f" --poses {poses_out}" if receiver is not None else ""
+        words = ["replay", fixture, mcap]
+        if receiver is not None:
+            words += ["--poses", poses_out]
+        next_step = f"open {quoted(mcap)} in Foxglove, or replay it: {command_of(*words)}"
     return CommandResult(data, text, 0, warnings, verdict=verdict, next_step=next_step)
 
 

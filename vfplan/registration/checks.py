@@ -298,9 +298,9 @@ class LabelMistake:
         moved = [str(labels[i]) for i in self.moved]
         fit = f"{self.action}, all markers fit to {1e3 * self.fre_rms_m:.2f} mm"
         if len(moved) == 2:
-            return f"{moved[0]} and {moved[1]} seem exchanged: {fit}"
+            return f"The labels {moved[0]} and {moved[1]} seem exchanged: {fit}"
         names = ", ".join(moved if len(moved) <= 4 else [*moved[:4], "..."])
-        return f"the labels {names} seem {fit}"
+        return f"The labels {names} seem {fit}"
 
 
 @lru_cache(1)
@@ -508,10 +508,9 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     # Another order of the labels fits better than chance explains, or about as well.
     mistakes = label_mistakes(registration)
     if mistakes and mistakes[0].p_value < GOOD_SET_PROBABILITY:
-        sentence = mistakes[0].sentence(registration.labels)
         text = (
-            f"{sentence[0].upper()}{sentence[1:]} (as given: {_mm(registration.fre_rms_m)}). "
-            "Check the labels."
+            f"{mistakes[0].sentence(registration.labels)} "
+            f"(as given: {_mm(registration.fre_rms_m)}). Check the labels."
         )
         findings.append(doubt("labels-doubtful", "register", text))
     elif mistakes:

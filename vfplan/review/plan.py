@@ -19,7 +19,7 @@ import numpy as np
 from vfplan.bundle import rendered_values
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, millimetres
+from vfplan.display import MM, command_of, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
@@ -755,8 +755,8 @@ def source_of_bundle(
         planning = planning_of(fixture, of_planning)
     if fixture.curve is None or fixture.mesh is not None:
         text = (
-            "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "
-            f"review {path} --sheet-out sheet.png"
+            "This bundle has no drawn curve that the page could show. Print its sheet: "
+            f"{command_of('review', path, '--sheet-out', 'sheet.png')}"
         )
         raise InputError(text, where=str(path), code="no-drawn-curve")
     slice_image = None
@@ -770,7 +770,7 @@ def source_of_bundle(
     if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
         text = (
             "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
-            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png"
+            f"--slice, or print its sheet: {command_of('review', path, '--sheet-out', 'sheet.png')}"
         )
         raise InputError(text, where=str(path), code="no-slice-registration")
     geometry = geometry_of_bundle(fixture, slice_image, extraction)

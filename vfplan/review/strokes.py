@@ -41,6 +41,47 @@ NEARBY_POINTS = 41
 # Length [px] of a place where other ink joins the line, over which the line can be carried.
 MAX_BRANCH_PX = 60
 
+# Length [px] from which ink counts as a line that may be the curve.
+MIN_LINE_PX = 20.0
+
+# Distance [px] from a drawn line within which its ink is looked for: a click misses by less.
+REACH_PX = 8.0
+
+# Distance [px] from the ink within which a path lies once it was moved there.
+CLOSE_PX = 3.0
+
+# Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
+HAND_SIGMA_PX = 1.0
+
+# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
+BORDER_POINTS = 3
+
+# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
+# no scatter along the line shows.
+INK_SIGMA_PX = 0.05
+
+# Deviation [px] of the line where other ink joins it and it is carried past.
+BRANCH_SIGMA_PX = 0.5
+
+# Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
+KNOTS = 30
+
+# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
+MIN_KNOT_SPACING_PX = 10.0
+
+# Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
+# belongs to the stretch that was mended.
+JOIN_PX = 12.0
+
+# Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
+ALONG_PX = 3 * JOIN_PX
+
+# A place on the page has four decimals. A knot that is moved by less stays where it is.
+SAME_PLACE_PX = 1e-4
+
+# The fields of a stroke that have a value a point.
+PER_POINT = ("points", "sigma", "bridged", "edited")
+
 
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
     """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
@@ -82,29 +123,6 @@ def past_branches(
             points[run] = CubicSpline(known, points[known])(run)
             passed[run] = True
     return passed
-
-
-# Length [px] from which ink counts as a line that may be the curve.
-MIN_LINE_PX = 20.0
-
-# Distance [px] from a drawn line within which its ink is looked for: a click misses by less.
-REACH_PX = 8.0
-
-# Distance [px] from the ink within which a path lies once it was moved there.
-CLOSE_PX = 3.0
-
-# Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
-HAND_SIGMA_PX = 1.0
-
-# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
-BORDER_POINTS = 3
-
-# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
-# no scatter along the line shows.
-INK_SIGMA_PX = 0.05
-
-# Deviation [px] of the line where other ink joins it and it is carried past.
-BRANCH_SIGMA_PX = 0.5
 
 
 class SliceInk:
@@ -321,26 +339,6 @@ def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
     distance = np.hypot(*(points - np.asarray(place, float)).T)
     nearest = int(distance.argmin())
     return nearest, float(distance[nearest])
-
-
-# Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
-KNOTS = 30
-
-# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
-MIN_KNOT_SPACING_PX = 10.0
-
-# Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
-# belongs to the stretch that was mended.
-JOIN_PX = 12.0
-
-# Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
-ALONG_PX = 3 * JOIN_PX
-
-# A place on the page has four decimals. A knot that is moved by less stays where it is.
-SAME_PLACE_PX = 1e-4
-
-# The fields of a stroke that have a value a point.
-PER_POINT = ("points", "sigma", "bridged", "edited")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
