@@ -25,6 +25,13 @@ LEFT_OUT = {"/provenance@created_utc", "/provenance@software", "/provenance/hist
 INVISIBLE = {*"\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0", *map(chr, range(0xFE00, 0xFE10))}
 INVISIBLE |= {*"\u180b\u180c\u180d\u180f", *map(chr, range(0xE0100, 0xE01F0))}
 
+SLICE_NOT_SHOWN = doubt(
+    "slice-not-shown",
+    "review",
+    "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
+    "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE.",
+)
+
 # Characters of a name at most, as a bundle holds them.
 MAX_NAME = 64
 
@@ -97,15 +104,9 @@ def accept(
             code="digest-other",
             numbers={"given": typed, "expected": with_slice},
         )
-    is_asked = any(finding.code == "slice-not-shown" for finding in fixture.findings)
+    is_asked = SLICE_NOT_SHOWN.code in [finding.code for finding in fixture.findings]
     if digest != with_slice and not is_asked:
-        text = (
-            "The sheet did not show the slice, so neither the line's ends nor other ink could be "
-            "seen. Look at a sheet with the slice: vfplan review FIXTURE.h5 --slice IMAGE "
-            "--sheet-out PNG."
-        )
-        asked = doubt("slice-not-shown", "review", text)
-        fixture = replace(fixture, findings=(*fixture.findings, asked))
+        fixture = replace(fixture, findings=(*fixture.findings, SLICE_NOT_SHOWN))
     open_codes = {finding.code for finding in fixture.open_findings}
     unknown = sorted(set(answers) - open_codes)
     if unknown:

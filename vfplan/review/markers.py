@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -214,9 +213,7 @@ class Fit:
         return rows
 
     def index(self, name: Any) -> int:
-        """A marker's place in the list by its label, or by its number from 0."""
-        if isinstance(name, int) and not isinstance(name, bool) and 0 <= name < len(self.markers):
-            return name
+        """A marker's place in the list by its label."""
         for number, marker in enumerate(self.markers):
             if marker.label == name:
                 return number
@@ -334,11 +331,3 @@ def unit_normal(axes: NDArray) -> NDArray[np.float64]:
     """The direction of length 1 across the first two columns of a plane."""
     normal = plane_normal(axes)
     return normal / np.linalg.norm(normal)
-
-
-def pairs_of_table(text: str) -> Correspondences:
-    """The markers of a pasted table; raises `MarkerError` as the reading of a file does."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "pasted.csv"
-        path.write_text(text, encoding="utf-8", errors="surrogatepass")
-        return read_markers(path)

@@ -197,20 +197,16 @@ class Paper:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
         from PIL import Image, ImageDraw
 
+        pages = []
         for canvas, texts in zip(self._pages, self._texts, strict=True):
+            page = Image.fromarray(canvas)
+            draw = ImageDraw.Draw(page)
             for x, y, words, style, colour in texts:
-                size = (int(style.width_of(words)) + 2, style.line_height + 4)
-                letters = Image.new("L", size)
+                place = round(x), round(y) + style.baseline
                 font = _font(style.points, style.bold)
-                ImageDraw.Draw(letters).text(
-                    (0, style.baseline), words, fill=255, font=font, anchor="ls"
-                )
-                column, row = round(x), round(y)
-                height, width = canvas.shape[:2]
-                cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
-                blend(canvas, cover, colour, column, row)
-            texts.clear()
-        return np.vstack(self._pages)
+                draw.text(place, words, fill=colour, font=font, anchor="ls")
+            pages.append(np.asarray(page))
+        return np.vstack(pages)
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
@@ -219,20 +215,15 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
         return [printable(words)]
     lines = [""]
     for word in printable(words).split():
-        longer = f"{lines[-1]} {word}".strip()
-        if style.width_of(longer) <= width:
-            lines[-1] = longer
+        if style.width_of(f"{lines[-1]} {word}".strip()) <= width:
+            lines[-1] = f"{lines[-1]} {word}".strip()
             continue
-        if lines[-1]:
-            lines.append("")
-        while style.width_of(word) > width:
-            fitting = len(word)
-            while fitting > 1 and style.width_of(word[:fitting]) > width:
-                fitting -= 1
-            lines[-1:] = [word[:fitting], ""]
-            word = word[fitting:]
-        lines[-1] = word
-    return lines
+        lines.append("")
+        for letter in word:
+            if lines[-1] and style.width_of(lines[-1] + letter) > width:
+                lines.append("")
+            lines[-1] += letter
+    return [line for line in lines if line]
 
 
 def shortened(words: str, width: float, style: Style) -> str:
@@ -324,13 +315,12 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
                 draw_line(canvas, dash.astype(float), BAND_COLOUR, 2)
 
 
-def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int = 0, y: int = 0) -> None:
-    """Lay a colour over part of a canvas as far as (H, W) `cover` says, 0 none to 255 wholly."""
+def blend(canvas: Pixels, cover: Pixels, colour: Colour) -> None:
+    """Lay a colour over a canvas as far as (H, W) `cover` says, from 0, none, to 255, wholly."""
     # Most covers are empty but for a small part.
-    rows, columns = np.nonzero(cover)
-    share = cover[rows, columns, None].astype(np.float32) / 255
-    under = canvas[y + rows, x + columns]
-    canvas[y + rows, x + columns] = np.rint(under + share * (np.array(colour) - under))
+    is_covered = cover > 0
+    share, under = cover[is_covered][:, None].astype(np.float32) / 255, canvas[is_covered]
+    canvas[is_covered] = np.rint(under + share * (np.array(colour) - under))
 
 
 # Distance [px of the page] from one try to the next: half a line of text.

@@ -52,7 +52,7 @@ from vfplan.planning.settings import (
     overridden,
 )
 from vfplan.registration.registration import Registration, describe_side
-from vfplan.review.acceptance import digest_of
+from vfplan.review.acceptance import SLICE_NOT_SHOWN, digest_of
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -63,7 +63,6 @@ from vfplan.review.rendered import (
     labels_left_out,
     onto_plane,
     outlines_of,
-    place_in_patient,
     registration_again,
     sigma_of,
     strokes_on_slice,
@@ -74,8 +73,6 @@ from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
-# How an HDF5 file begins.
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +91,6 @@ class Source:
         The settings in force.
     geometry, fit
         The curve and the markers before the first step.
-    exclude
-        Boxes that the settings exclude, (u, v, width, height) [px].
     inputs
         Role -> SHA-256 of the files that the curve comes from.
     sha256
@@ -123,7 +118,6 @@ class Source:
     planning: FixtureSettings = field(default_factory=FixtureSettings)
     geometry: Geometry = field(default_factory=Geometry)
     fit: Fit = field(default_factory=Fit)
-    exclude: tuple[Box, ...] = ()
     inputs: dict[str, str] = field(default_factory=dict)
     sha256: dict[str, str] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
@@ -182,14 +176,13 @@ class Source:
         """Whether it is a photograph that was made flat."""
         return MADE_FLAT_BY in self.recipe
 
-    def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
-        """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
-        settings = self.extraction_with(ink, exclude)
-        return geometry_of_slice(self.image, settings, ink.without(exclude))
+    def geometry_with(self, ink: SliceInk) -> Geometry:
+        """The slice extracted anew by the pen of this ink, without what that leaves out."""
+        return geometry_of_slice(self.image, self.extraction_with(ink), ink)
 
-    def extraction_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> ExtractSettings:
-        """The extraction's settings for the pen of this ink, with these boxes excluded."""
-        return replace(self.extraction, colour=ink.colour, exclude=exclude or None)
+    def extraction_with(self, ink: SliceInk) -> ExtractSettings:
+        """The extraction's settings for the pen and the boxes of this ink."""
+        return replace(self.extraction, colour=ink.colour, exclude=ink.exclude or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,8 +207,6 @@ class Plan:
         What the review begins with.
     geometry, fit
         The curve and the markers.
-    exclude
-        Boxes in which ink does not count, (u, v, width, height) [px].
     is_shaped
         Whether a hand has shaped the curve, so that extraction anew would undo that.
     answers
@@ -225,7 +216,6 @@ class Plan:
     source: Source
     geometry: Geometry
     fit: Fit
-    exclude: tuple[Box, ...] = ()
     is_shaped: bool = False
     answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
 
@@ -284,11 +274,7 @@ class Plan:
         # Whether this review shows the slice; an earlier one may have.
         findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
         if self.is_slice_missing:
-            text = (
-                "The slice is not shown, so neither the line's ends nor other ink can be seen. "
-                "Open the bundle with its slice: --slice IMAGE."
-            )
-            findings.append(doubt("slice-not-shown", "extract", text))
+            findings.append(SLICE_NOT_SHOWN)
         opened, fixture = self.source.bundle, outcome.fixture
         if fixture is not None and fixture is not opened:
             findings += self.source.notes
@@ -301,6 +287,12 @@ class Plan:
         """What would be written, with its findings and their answers; `None` if nothing would."""
         fixture = self.outcome.fixture
         return None if fixture is None else replace(fixture, findings=self.findings)
+
+    @property
+    def exclude(self) -> tuple[Box, ...]:
+        """Boxes in which ink does not count, (u, v, width, height) [px]."""
+        ink = self.geometry.ink
+        return () if ink is None else ink.exclude
 
     @property
     def name(self) -> str:
@@ -396,7 +388,7 @@ class Plan:
             return None
         place = None
         if self.registration.source.shape[1] == 3:
-            place = place_in_patient(self.image)
+            place = self.image.T_patient_image[:3]
         return bound95_m(self.registration, self.strokes, place)
 
     @cached_property
@@ -503,7 +495,7 @@ class Plan:
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
         settings = self.source.recipe | recorded(self.fit.settings)
         if ink is not None:
-            settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
+            settings = settings | recorded(self.source.extraction_with(ink))
         # The files of the bundle's markers are named as long as these are its markers.
         inputs = self.source.inputs
         if self.fit is not self.source.fit or self.source.pairs is not None:
@@ -677,7 +669,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
         notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
-    geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
+    geometry = source.geometry_with(ink)
     fit = of_files if plan.fit is plan.source.fit else moved(plan.fit)
     return replace(plan, source=source, geometry=geometry, fit=fit)
 
@@ -703,13 +695,9 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its name or its first bytes."""
-    if path.suffix.lower() in (".h5", ".hdf5"):
-        return True
-    try:
-        with path.open("rb") as file:
-            return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
-    except OSError:
-        return False
+    import h5py
+
+    return path.suffix.lower() in (".h5", ".hdf5") or h5py.is_hdf5(path)
 
 
 def source_of_slice(
@@ -717,10 +705,10 @@ def source_of_slice(
 ) -> Source:
     """What a review of a slice begins with."""
     image = read_slice(path, extraction)
-    exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
     recipe = recorded(extraction)
     if curve_path is None:
+        exclude = tuple(tuple(box) for box in extraction.exclude or ())
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
         geometry = geometry_of_slice(image, extraction, ink)
     else:
@@ -733,7 +721,7 @@ def source_of_slice(
         sha256["curve"] = inputs["curve"]
     return Source(
         path, path, image, extraction, planning, geometry,
-        Fit((), planning, image.pixel_spacing_mm), exclude, inputs, sha256,
+        Fit((), planning, image.pixel_spacing_mm), inputs, sha256,
         recipe | recorded(planning),
     )  # fmt: skip
 
@@ -764,16 +752,8 @@ def source_of_bundle(
         slice_path = slice_file(fixture, slice_path)
         slice_image = slice_of_bundle(fixture, slice_path, path, extraction)
         sha256["slice"] = slice_image.sha256
-    record = fixture.registration
-    is_planar = record is not None and record.source_frame == "image"
-    is_placed = slice_image is not None and slice_image.T_patient_image is not None
-    if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
-        text = (
-            "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
-            f"--slice, or print its sheet: {command_of('review', path, '--sheet-out', 'sheet.png')}"
-        )
-        raise InputError(text, where=str(path), code="no-slice-registration")
-    geometry = geometry_of_bundle(fixture, slice_image, extraction)
+    with naming_place(path):
+        geometry = geometry_of_bundle(fixture, slice_image, extraction)
     geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
     image = slice_image
     if image is None:
@@ -789,6 +769,7 @@ def source_of_bundle(
 
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
+    record = fixture.registration
     if record is not None:
         pairs = Correspondences(
             record.labels, record.source, record.source_frame, record.target, sigma_of(fixture)
@@ -800,7 +781,7 @@ def source_of_bundle(
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
-        path, slice_path, image, extraction, planning, geometry, fit, extraction.exclude or (),
+        path, slice_path, image, extraction, planning, geometry, fit,
         dict(fixture.provenance.inputs), sha256,
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,

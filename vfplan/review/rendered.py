@@ -84,48 +84,29 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
 
     The slice need not be given where the bundle itself says how its pixels lie.
     """
-    convert = to_pixels(fixture, image)
-    is_image = fixture.frame == "image"
-    units_per_px = 1.0 if is_image else size_of(plane_of_slice(fixture, image))
+    plane, units_per_px = plane_of_slice(fixture, image), 1.0
+    if fixture.frame != "image":
+        is_registered = fixture.registration is not None or fixture.frame == "patient_lps"
+        if plane is None or not is_registered:
+            text = (
+                "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
+                "DICOM slice with --slice, or print the sheet without a slice: vfplan review "
+                "FIXTURE.h5 --sheet-out sheet.png"
+            )
+            raise InputError(text, code="slice-unplaced")
+        onto, units_per_px = onto_plane(plane), size_of(plane)
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        sigma = None if stroke.sigma is None else stroke.sigma / units_per_px
-        strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
+        points, sigma = stroke.points[:, :2], stroke.sigma
+        if fixture.frame != "image":
+            points = onto(stroke.points)
+        if sigma is not None:
+            sigma = sigma / units_per_px
+        strokes.append(replace(stroke, points=points, sigma=sigma))
     return tuple(strokes)
-
-
-def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array], Array]:
-    """From the frame of the fixture back to the pixels of its slice."""
-    if fixture.frame == "image":
-        return lambda points: points[:, :2]
-    if fixture.frame == "patient_lps":
-        return onto_plane(place_in_patient(image))
-    record = fixture.registration
-    if record is None:
-        raise InputError(
-            "This bundle does not say how it was registered, so its curve cannot be drawn on the "
-            "slice. Leave --slice out.",
-            code="slice-unregistered",
-        )
-    if record.source_frame == "image":
-        return onto_plane(record.T_robot_image)
-    back = np.linalg.inv(record.T_robot_image)
-    onto = onto_plane(place_in_patient(image))
-    return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
-
-
-def place_in_patient(image: PlannedImage) -> Array:
-    """(3, 3) from (u, v, 1) of a DICOM slice to the patient's frame [m]."""
-    if image.T_patient_image is None:
-        raise InputError(
-            "The slice does not say where it lies in the patient, so the curve cannot be drawn on "
-            "it. Give the DICOM file, or leave --slice out.",
-            code="slice-unplaced",
-        )
-    return image.T_patient_image[:3]
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:

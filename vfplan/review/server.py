@@ -123,11 +123,9 @@ class Draft:
             raise InputError(message, where=where, code="draft-of-another-user")
         try:
             draft = json.loads(text)
-            steps, undone = draft["steps"], draft["undone"]
+            steps = draft["steps"]
             found = {"by": draft["by"], "utc": draft["utc"], "steps": len(steps)}
             header = {name: draft[name] for name in self._header}
-            if not isinstance(steps, list) or not isinstance(undone, list):
-                raise TypeError
         except (ValueError, KeyError, TypeError, RecursionError):
             message = f"This is no draft of a review. {advice}"
             raise InputError(message, where=where, code="no-draft") from None
@@ -140,19 +138,16 @@ class Draft:
         try:
             for step in steps:
                 session = session.apply(step)
-            after = session
-            for step in undone:
-                after = after.apply(step)
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None
         self.found = found
-        return replace(session, undone=tuple(undone), seen={})
+        return replace(session, seen={})
 
     def keep(self, session: Session, by: str = "") -> None:
         """Write the session's steps and who took the last; raises `OutputError` if that fails."""
-        steps = {"steps": list(session.steps), "undone": list(session.undone)}
-        text = json.dumps(self._header | {"by": by, "utc": now_utc()} | steps, indent=0)
+        known = {"by": by, "utc": now_utc(), "steps": session.steps}
+        text = json.dumps(self._header | known, indent=0)
         write_whole(self.path, [text.encode()], overwrite=True, mode=0o600)
 
     def discard(self) -> None:

@@ -83,7 +83,7 @@ class Session:
             An unknown setting, or one outside its range.
         """
         source = open_source(image, markers, markers2, slice, curve, settings)
-        return cls(source, _plans=(Plan(source, source.geometry, source.fit, source.exclude),))
+        return cls(source, _plans=(Plan(source, source.geometry, source.fit),))
 
     # Steps, and the way back.
 

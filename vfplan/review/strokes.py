@@ -125,6 +125,7 @@ def past_branches(
     return passed
 
 
+@dataclass(frozen=True, eq=False)
 class SliceInk:
     """The pen's ink on one slice.
 
@@ -140,25 +141,16 @@ class SliceInk:
         (u, v, width, height) [px]: only ink in it counts; `None` for the whole slice.
     """
 
-    def __init__(
-        self, rgb: NDArray, colour: str, exclude: tuple[Box, ...] = (), roi: Box | None = None
-    ) -> None:
-        self.rgb, self.colour, self.exclude, self.roi = rgb, colour, exclude, roi
-        self._region = Region.of(roi, exclude, rgb.shape)
-
-    def of_pen(self, colour: str) -> SliceInk:
-        """The ink of another pen; raises `SettingError` for no colour."""
-        Pen.of_colour(colour)
-        return SliceInk(self.rgb, colour, self.exclude, self.roi)
-
-    def without(self, exclude: tuple[Box, ...]) -> SliceInk:
-        """The same ink but for what lies in the boxes."""
-        return SliceInk(self.rgb, self.colour, exclude, self.roi)
+    rgb: NDArray
+    colour: str
+    exclude: tuple[Box, ...] = ()
+    roi: Box | None = None
 
     @cached_property
     def found(self) -> Ink:
         """The pen's coverage, as extraction has it."""
-        return find_ink(self.rgb, Pen.of_colour(self.colour), self._region)
+        region = Region.of(self.roi, self.exclude, self.rgb.shape)
+        return find_ink(self.rgb, Pen.of_colour(self.colour), region)
 
     @cached_property
     def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -410,12 +402,9 @@ class MendedStroke(Stroke):
             return self.part(0, int(self.knots[-2]) + 1)
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
-        wanted = (knot - 2, knot - 1, knot + 1, knot + 2)
-        if self.closed:
-            around = list(dict.fromkeys(k % count for k in wanted))
-        else:
-            around = [k for k in wanted if 0 <= k < count]
-        spline = path_through(self.knots_px[around], False)
+        around = knot + np.array([-2, -1, 1, 2])
+        around = around % count if self.closed else np.clip(around, 0, count - 1)
+        spline = path_through(self.knots_px[list(dict.fromkeys(around.tolist()))], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
         inner = spline[first + 1 : last]
@@ -527,19 +516,12 @@ class MendedStroke(Stroke):
         around = around[np.r_[True, np.hypot(*np.diff(around, axis=0).T) > 1e-6]]
         return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
 
-    def measured_in(self, box: tuple[int, int, int, int], ink: SliceInk) -> MendedStroke:
-        """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
+    def without_ink_in(self, box: Box) -> MendedStroke:
+        """The stroke as if a hand had drawn its part in a box, (u, v, width, height) [px]."""
         low = np.array(box[:2]) - 0.5
-        high = low + box[2:]
-        inside = ((self.points >= low) & (self.points <= high)).all(axis=1)
-        stroke = self
-        # From behind, so that the indices of the parts before stay right.
-        for run in reversed(list(runs(inside, False))):
-            first, last = max(run[0] - 1, 0), min(run[-1] + 1, len(self.points) - 1)
-            if last - first >= 2:
-                path = self.points[first : last + 1]
-                stroke = stroke._with_stretch(first, last, path, ink)
-        return stroke
+        inside = ((self.points >= low) & (self.points <= low + box[2:])).all(axis=1)
+        sigma = np.where(inside, np.maximum(self.sigma, HAND_SIGMA_PX), self.sigma)
+        return replace(self, sigma=sigma, edited=self.edited | inside)
 
     def part(self, start: int, stop: int) -> MendedStroke:
         """The open stroke from one point to before another, with a knot at either end."""
@@ -554,11 +536,9 @@ class MendedStroke(Stroke):
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
-        count = len(self.knots)
-        before, after = max(knot - 1, 0), min(knot + 1, count - 1)
-        if self.closed:
-            before, after = (knot - 1) % count, (knot + 1) % count
-        return int(self.knots[before]), int(self.knots[knot]), int(self.knots[after])
+        around, count = knot + np.array([-1, 0, 1]), len(self.knots)
+        around = around % count if self.closed else np.clip(around, 0, count - 1)
+        return tuple(self.knots[around].tolist())
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
         """Indices from one point to another, on a closed stroke through its seam if need be."""
