@@ -267,9 +267,8 @@ def drawn_in_red(path, *lines):
 
 
 def test_a_refused_dotted_line_is_marked_on_its_picture(tmp_path):
-    path = drawn_in_red(
-        tmp_path / "s.png", *(((u, 200), (u + 12, 200)) for u in range(40, 560, 24))
-    )
+    dashes = [((u, 200), (u + 12, 200)) for u in range(40, 560, 24)]
+    path = drawn_in_red(tmp_path / "s.png", *dashes)
     with refuses(CurveError, "line-dotted") as refused:
         vfplan.extract(path)
     [line] = refused.value.lines
@@ -286,7 +285,8 @@ def test_a_longer_gap_is_advised_where_it_joins_the_lines(end, joins, tmp_path):
     advised = re.search(r"--max-gap (\d+) joins", refused.value.message)
     assert (advised is not None) == joins
     if joins:
-        assert len(vfplan.extract(path, max_gap_px=float(advised[1])).extraction.strokes) == 1
+        longer = vfplan.ExtractSettings(max_gap_px=float(advised[1]))
+        assert len(vfplan.extract(path, longer).extraction.strokes) == 1
 
 
 def following(run):
