@@ -124,23 +124,20 @@ def approval_command(
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
-def page_command(
-    *files: Path | str | None, output: Path, overwrites: bool = True, name: str = "review"
-) -> str:
+def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> str:
     """The command that opens the review page of a slice and its markers, with the same options.
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
-    name: the command that takes the same files in the page's place
     """
-    words = [name, *(file for file in files if file is not None)]
-    words += [word for word in typed_options(name) if overwrites or word != "--overwrite"]
-    return command_of(*words, "-o", output)
+    words = ["review", *(file for file in files if file is not None)]
+    return command_of(*words, *typed_options("review", overwrites=overwrites), "-o", output)
 
 
-def typed_options(name: str) -> list[str]:
+def typed_options(name: str, *, overwrites: bool) -> list[str]:
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
+    overwrites: as `page_command` takes it
     """
     named = cli.get_command(click.Context(cli), name)
     takes_value = {
@@ -154,7 +151,7 @@ def typed_options(name: str) -> list[str]:
     typed = iter(sys.argv[2:])
     for word in typed:
         name, has_value, _ = word.partition("=")
-        if name in takes_value:
+        if name in takes_value and (overwrites or name != "--overwrite"):
             words.append(word)
             if takes_value[name] and not has_value:
                 words.append(next(typed, ""))

@@ -17,7 +17,6 @@ from vfplan.cli.extract import drawing_refusal, pointing_to_page
 from vfplan.cli.next_commands import (
     accept_command,
     file_beside,
-    page_command,
     public_key_of,
     sign_command,
     typed_options,
@@ -228,7 +227,7 @@ def draw_sheet(
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
-    files = (source, arguments["markers"], arguments["markers2"])
+    files = [source, *filter(None, (arguments["markers"], arguments["markers2"]))]
     written = [str(path) for path in (sheet_out, print_out) if path is not None]
     approved = Path(written[0]).with_name(f"{source.stem}-approved.h5")
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
@@ -251,22 +250,21 @@ def draw_sheet(
                     write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, case=shown.fixture.case or "")
-    elif shown.is_slice_missing:
-        typed = [word for word in typed_options("review") if word != "--overwrite"]
-        words = ["review", *(file for file in files if file is not None), *typed]
-        words += ["--slice", "IMAGE", "--sheet-out", sheet_out or "PNG"]
-        following = command_of(*words, "--overwrite")
-    elif shown.image is not None:
-        following = page_command(*files, output=approved, overwrites=False)
-    elif is_bundle and arguments["markers"] is None:
+    elif shown.image is None and not shown.is_slice_missing and is_bundle and len(files) == 1:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
-        # A curve without a slice becomes a fixture first.
-        name = "register" if is_bundle else "plan"
-        fixture = file_beside(approved.with_name(source.name), "fixture")
-        wanted = source, arguments["markers"] or "MARKERS", arguments["markers2"]
-        following = page_command(*wanted, output=fixture, overwrites=False, name=name)
+        name, ending = "review", ["-o", approved]
+        if shown.is_slice_missing:
+            ending = ["--slice", "IMAGE", "--sheet-out", sheet_out or "PNG", "--overwrite"]
+        elif shown.image is None:
+            # A curve without a slice becomes a fixture first.
+            name = "register" if is_bundle else "plan"
+            ending = ["-o", file_beside(approved.with_name(source.name), "fixture")]
+            if len(files) == 1:
+                files.append("MARKERS")
+        typed = typed_options(name, overwrites=False)
+        following = command_of(name, *files, *typed, *ending)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},

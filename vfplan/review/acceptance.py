@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from vfplan.bundle.content import digest_of_content, review_digest, to_content
 from vfplan.errors import CheckFailed, SettingError
-from vfplan.findings import doubt
+from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Review
 from vfplan.io.files import now_utc
 
@@ -25,15 +25,17 @@ LEFT_OUT = {"/provenance@created_utc", "/provenance@software", "/provenance/hist
 INVISIBLE = {*"\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0", *map(chr, range(0xFE00, 0xFE10))}
 INVISIBLE |= {*"\u180b\u180c\u180d\u180f", *map(chr, range(0xE0100, 0xE01F0))}
 
-SLICE_NOT_SHOWN = doubt(
-    "slice-not-shown",
-    "review",
-    "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
-    "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE.",
-)
-
 # Characters of a name at most, as a bundle holds them.
 MAX_NAME = 64
+
+
+def slice_not_shown() -> Finding:
+    """The doubt of who looked at a plan without its slice."""
+    text = (
+        "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
+        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE."
+    )
+    return doubt("slice-not-shown", "review", text)
 
 
 def visible_name(name: str) -> str:
@@ -104,9 +106,9 @@ def accept(
             code="digest-other",
             numbers={"given": typed, "expected": with_slice},
         )
-    is_asked = SLICE_NOT_SHOWN.code in [finding.code for finding in fixture.findings]
+    is_asked = any(finding.code == "slice-not-shown" for finding in fixture.findings)
     if digest != with_slice and not is_asked:
-        fixture = replace(fixture, findings=(*fixture.findings, SLICE_NOT_SHOWN))
+        fixture = replace(fixture, findings=(*fixture.findings, slice_not_shown()))
     open_codes = {finding.code for finding in fixture.open_findings}
     unknown = sorted(set(answers) - open_codes)
     if unknown:

@@ -19,7 +19,7 @@ from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import Outline, outlines_of
+from vfplan.review.rendered import Outline, onto_plane, outlines_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,30 +57,7 @@ VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
 MAX_DRAWN = 50_000
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A view of points in space, from one side.
-
-    The rows of `turn` are the directions to the right, downwards and to the viewer. `middle` is
-    the place (3,) [m] in its middle, and `scale` the pixels of the page a metre.
-    """
-
-    turn: paper.Array
-    middle: paper.Array
-    scale: float
-
-    def project(self, points: paper.Array) -> paper.Array:
-        """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
-        return (points - self.middle) @ self.turn[:2].T * self.scale + VIEW_PX / 2 - 0.5
-
-    @property
-    def plane(self) -> paper.Array:
-        """(3, 3) from (u, v, 1) of the view to the place [m] in the middle of what it shows."""
-        right, down = self.turn[:2] / self.scale
-        return np.column_stack([right, down, self.middle - (right + down) * (VIEW_PX / 2 - 0.5)])
-
-
-# The words of each view, which axes they are, and its directions.
+# The words of each view, which axes they are, and its directions: right, down, to the viewer.
 SIDES = (
     ("Seen from above (+z)", "x to the right, y upwards", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
     ("Seen from the side (-y)", "x to the right, z upwards", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
@@ -104,14 +81,16 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * (VIEW_PX + 60)
-        view = View(np.array(turn), middle, scale)
+        right, down, towards = np.array(turn)
+        corner = middle - (right + down) / scale * (VIEW_PX / 2 - 0.5)
+        plane = np.column_stack([right / scale, down / scale, corner])
         # A tube that is infinite along an axis has no outline where it is seen from the side.
-        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
+        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = draw_points(view, plan.fixture)
+        canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
-            for outline in outlines_of(plan.fixture, view.plane, (VIEW_PX, VIEW_PX)):
+            for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
@@ -141,17 +120,21 @@ def draw_scale_bar(
     sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
 
 
-def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
-    """The points, or the triangles, those in front over those behind."""
+def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
+    """The points, or the triangles, those in front over those behind.
+
+    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m], and `towards` is the
+    direction to the viewer.
+    """
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    flat, mesh = view.project(fixture.points), fixture.mesh
+    flat, mesh = onto_plane(plane)(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
         # Darker the more a triangle is turned away from the viewer.
-        corners = fixture.points[mesh] @ view.turn.T
+        corners = fixture.points[mesh]
         across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
-        facing = np.abs(across[:, 2:]) / np.maximum(np.linalg.norm(across, axis=1)[:, None], 1e-30)
-        colours = (0.35 + 0.6 * facing) * (255 + np.array(LINE_COLOUR)) / 2
-        for k in np.argsort(corners[..., 2].mean(axis=1)):
+        facing = np.abs(across @ towards) / np.maximum(np.linalg.norm(across, axis=1), 1e-30)
+        colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
+        for k in np.argsort(corners.mean(axis=1) @ towards):
             outline = paper.fixed_point(flat[mesh[k]])
             cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
         return canvas

@@ -52,7 +52,7 @@ from vfplan.planning.settings import (
     overridden,
 )
 from vfplan.registration.registration import Registration, describe_side
-from vfplan.review.acceptance import SLICE_NOT_SHOWN, digest_of
+from vfplan.review.acceptance import digest_of, slice_not_shown
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -274,7 +274,7 @@ class Plan:
         # Whether this review shows the slice; an earlier one may have.
         findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
         if self.is_slice_missing:
-            findings.append(SLICE_NOT_SHOWN)
+            findings.append(slice_not_shown())
         opened, fixture = self.source.bundle, outcome.fixture
         if fixture is not None and fixture is not opened:
             findings += self.source.notes

@@ -92,17 +92,7 @@ def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
 
 def place_of(plan: Plan, step: Step, name: str) -> np.ndarray:
     """A place on the slice; a hand may point half a pixel beyond its border."""
-    return checked_place(plan, np.array(numbers_of(step, name, 2)))
-
-
-def far_corner(plan: Plan) -> np.ndarray:
-    """The lower right corner of the slice, half a pixel beyond its last one."""
-    return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
-
-
-def checked_place(plan: Plan, place: np.ndarray) -> np.ndarray:
-    """The place, if it lies on the slice."""
-    image = plan.source.image
+    image, place = plan.source.image, np.array(numbers_of(step, name, 2))
     if (place < -0.5).any() or (place > far_corner(plan)).any():
         raise SettingError(
             f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
@@ -110,6 +100,11 @@ def checked_place(plan: Plan, place: np.ndarray) -> np.ndarray:
             code="outside-slice",
         )
     return place
+
+
+def far_corner(plan: Plan) -> np.ndarray:
+    """The lower right corner of the slice, half a pixel beyond its last one."""
+    return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
 
 
 def label_of(step: Step, name: str) -> str:
@@ -224,8 +219,7 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         raise malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
     clicks: list[np.ndarray] = []
     for point in points:
-        place = numbers_of({"do": "draw", "points": point}, "points", 2)
-        place = checked_place(plan, np.array(place))
+        place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
     needed = 3 if closed else 2

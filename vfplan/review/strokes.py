@@ -80,7 +80,7 @@ ALONG_PX = 3 * JOIN_PX
 SAME_PLACE_PX = 1e-4
 
 # The fields of a stroke that have a value a point.
-PER_POINT = ("points", "sigma", "bridged", "edited")
+PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
 
 
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
@@ -339,11 +339,11 @@ class MendedStroke(Stroke):
 
     Parameters
     ----------
-    knots
-        (K,) indices of the points that can be moved, rising.
+    is_knot
+        (M,) bool, the points that can be moved.
     """
 
-    knots: NDArray[np.int64]
+    is_knot: NDArray[np.bool_]
 
     @classmethod
     def of(cls, stroke: Stroke) -> MendedStroke:
@@ -352,8 +352,13 @@ class MendedStroke(Stroke):
         One that was drawn as vectors has a deviation of 0.
         """
         sigma = np.zeros(len(stroke.points)) if stroke.sigma is None else stroke.sigma
-        knots = spread_knots(stroke.points, stroke.closed)
-        return cls(**vars(stroke) | {"sigma": sigma, "known_length": None, "knots": knots})
+        is_knot = spread_knots(stroke.points, stroke.closed)
+        return cls(**vars(stroke) | {"sigma": sigma, "known_length": None, "is_knot": is_knot})
+
+    @property
+    def knots(self) -> NDArray[np.int64]:
+        """(K,) indices of the points that can be moved, rising."""
+        return np.flatnonzero(self.is_knot)
 
     @property
     def knots_px(self) -> NDArray[np.float64]:
@@ -382,13 +387,14 @@ class MendedStroke(Stroke):
     def insert_knot(self, at: NDArray) -> MendedStroke:
         """A further knot at the point nearest to a place."""
         nearest, _ = nearest_point(self.points, at)
-        if nearest in self.knots:
+        if self.is_knot[nearest]:
             text = (
                 f"There is a knot at ({at[0]:.1f}, {at[1]:.1f}) already. Choose a place between "
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")
-        return replace(self, knots=np.sort(np.append(self.knots, nearest)))
+        is_new = np.arange(len(self.points)) == nearest
+        return replace(self, is_knot=self.is_knot | is_new)
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
@@ -397,9 +403,9 @@ class MendedStroke(Stroke):
             text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
             raise SettingError(text, code="too-few-knots")
         if not self.closed and knot == 0:
-            return self.part(int(self.knots[1]), len(self.points))
+            return self.part(np.arange(self.knots[1], len(self.points)))
         if not self.closed and knot == count - 1:
-            return self.part(0, int(self.knots[-2]) + 1)
+            return self.part(np.arange(self.knots[-2] + 1))
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
         around = knot + np.array([-2, -1, 1, 2])
@@ -418,10 +424,7 @@ class MendedStroke(Stroke):
             # A ring is opened at the first cut, so that a single cut leaves all of it.
             first, _ = nearest_point(self.points, end if start is None else start)
             # The point of the seam becomes the first and the last.
-            order = np.r_[first : len(self.points), 0 : first + 1]
-            place = (self.knots - first) % len(self.points)
-            knots = np.r_[0, np.sort(place[place > 0]), len(order) - 1].astype(np.int64)
-            stroke = replace(self._selected(order, knots), closed=False)
+            stroke = self.part(np.r_[first : len(self.points), 0 : first + 1])
         first, last = 0, len(stroke.points) - 1
         if start is not None and not self.closed:
             first, _ = nearest_point(stroke.points, start)
@@ -433,12 +436,11 @@ class MendedStroke(Stroke):
                 "end.",
                 code="nothing-left",
             )
-        return stroke.part(first, last + 1)
+        return stroke.part(np.arange(first, last + 1))
 
     def reversed(self) -> MendedStroke:
         """The same line, drawn the other way round."""
-        last = len(self.points) - 1
-        return self._selected(np.arange(last, -1, -1), last - self.knots[::-1])
+        return self._selected(np.arange(len(self.points))[::-1])
 
     def meets(self, drawn: NDArray) -> bool:
         """Whether a drawn path begins or ends on the stroke, or runs along it."""
@@ -486,7 +488,7 @@ class MendedStroke(Stroke):
             )
         if not near[0] and not near[-1]:
             # It comes from elsewhere, runs along the stroke and goes on: it is the stroke now.
-            return self._with_stretch(0, count - 1, drawn, ink, free_start=True, free_end=True)
+            return self._with_stretch(0, count - 1, drawn, ink, free=(True, True))
         if not near[0]:
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
@@ -494,9 +496,9 @@ class MendedStroke(Stroke):
         goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
         if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
-            return self._with_stretch(first, count - 1, stretch, ink, free_end=True)
+            return self._with_stretch(first, count - 1, stretch, ink, free=(False, True))
         stretch = np.vstack([drawn[:0:-1], self.points[first]])
-        return self._with_stretch(0, first, stretch, ink, free_start=True)
+        return self._with_stretch(0, first, stretch, ink, free=(True, False))
 
     def join(self, other: MendedStroke, ink: SliceInk | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
@@ -510,7 +512,7 @@ class MendedStroke(Stroke):
         second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         last, count = len(first.points) - 1, len(first.points)
-        whole = concatenated([first, second], False, np.r_[first.knots, count + second.knots])
+        whole = concatenated([first, second], False)
         # A smooth stretch over the gap, from a little before it to a little behind it.
         around = whole.points[[last - reach, last, count, count + reach]]
         around = around[np.r_[True, np.hypot(*np.diff(around, axis=0).T) > 1e-6]]
@@ -523,16 +525,15 @@ class MendedStroke(Stroke):
         sigma = np.where(inside, np.maximum(self.sigma, HAND_SIGMA_PX), self.sigma)
         return replace(self, sigma=sigma, edited=self.edited | inside)
 
-    def part(self, start: int, stop: int) -> MendedStroke:
-        """The open stroke from one point to before another, with a knot at either end."""
-        inner = self.knots[(self.knots > start) & (self.knots < stop - 1)] - start
-        knots = np.r_[0, inner, stop - start - 1].astype(np.int64)
-        return replace(self._selected(np.arange(start, stop), knots), closed=False)
+    def part(self, order: NDArray[np.int64]) -> MendedStroke:
+        """The open stroke along these points, with a knot at either end."""
+        stroke = replace(self._selected(order), closed=False)
+        stroke.is_knot[[0, -1]] = True
+        return stroke
 
-    def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> MendedStroke:
+    def _selected(self, order: NDArray[np.int64]) -> MendedStroke:
         """The stroke with these of its points, in this order."""
-        values = {name: getattr(self, name)[order] for name in PER_POINT}
-        return replace(self, **values, knots=knots)
+        return replace(self, **{name: getattr(self, name)[order] for name in PER_POINT})
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
@@ -548,13 +549,13 @@ class MendedStroke(Stroke):
 
     def _with_stretch(
         self, first: int, last: int, drawn: NDArray, ink: SliceInk | None, *,
-        knot_at: NDArray | None = None, free_start: bool = False, free_end: bool = False,
+        knot_at: NDArray | None = None, free: tuple[bool, bool] = (False, False),
     ) -> MendedStroke:  # fmt: skip
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
         `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
-        as elsewhere. `free_start` and `free_end` say whether that end of the path may move to the
-        end of its ink.
+        as elsewhere. `free` says whether the first and the last end of the path may move to the end
+        of its ink.
         """
         if arc_lengths(drawn, False)[-1] < 1.0:
             raise SettingError(
@@ -562,7 +563,7 @@ class MendedStroke(Stroke):
                 code="stretch-too-short",
             )
         # Measured: moved onto the ink, and joined to the points on either side.
-        line = measured(drawn, False, ink, (free_start, free_end))
+        line = measured(drawn, False, ink, free)
         count = len(self.points)
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
@@ -573,61 +574,46 @@ class MendedStroke(Stroke):
             points += fade[:, None] * (drawn[0] - points[0])
         if keeps_end:
             points += fade[::-1, None] * (drawn[-1] - points[-1])
-        # Knots on the new stretch, but for its ends.
-        if knot_at is None:
-            spacing = self.length / max(len(self.knots), 1)
-            inner = spread_knots(points, False, spacing)[1:-1]
-        else:
-            inner = np.array([nearest_point(points, knot_at)[0]])
-            inner = inner[(inner > 0) & (inner < len(points) - 1)]
+        is_knot = spread_knots(points, False, self.length / max(len(self.knots), 1))
+        if knot_at is not None:
+            is_knot = np.arange(len(points)) == nearest_point(points, knot_at)[0]
+            is_knot[[0, -1]] = True
         stretch = MendedStroke(
             points=points, closed=False, sigma=line.sigma, edited=line.edited, width=self.width,
-            knots=inner,
+            is_knot=is_knot,
         )  # fmt: skip
         if not keeps_start and not keeps_end:
-            return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))
+            return stretch
+        stroke = self
         if self.closed and last <= first:
             # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
-            order = np.r_[last:count, 0:last]
-            turned = self._selected(order, np.sort((self.knots - last) % count))
-            return turned._spliced((first - last) % count, count, stretch)
-        return self._spliced(first, last, stretch)
-
-    def _spliced(self, first: int, last: int, stretch: MendedStroke) -> MendedStroke:
-        """The points before `first`, the stretch, the points behind `last`.
-
-        On a closed stroke `last` may be the number of points: the stretch ends at the first one.
-        """
-        count = len(self.points)
-        inner = stretch.knots
-        if last == count:
-            inner = inner[inner < len(stretch.points) - 1]
-            stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
-        border = [first, first + len(stretch.points) - 1] if last < count else [first]
-        shift = first + len(stretch.points) - (last + 1)
-        before = self.knots[self.knots < first]
-        behind = self.knots[self.knots > last] + shift
-        knots = np.unique(np.r_[before, border, first + inner, behind]).astype(np.int64)
-        head = self._selected(np.arange(first), before)
-        tail = self._selected(np.arange(last + 1, count), behind)
-        return concatenated([head, stretch, tail], self.closed, knots)
+            stroke = self._selected(np.r_[last:count, 0:last])
+            stretch = stretch._selected(np.arange(len(points) - 1))
+            first, last = (first - last) % count, count
+        head = stroke._selected(np.arange(first))
+        tail = stroke._selected(np.arange(last + 1, count))
+        return concatenated([head, stretch, tail], self.closed)
 
 
-def concatenated(parts: list[MendedStroke], closed: bool, knots: NDArray) -> MendedStroke:
-    """Strokes as one, one behind the other, with these knots."""
+def concatenated(parts: list[MendedStroke], closed: bool) -> MendedStroke:
+    """Strokes as one, one behind the other."""
     values = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_POINT}
-    return replace(parts[0], **values, closed=closed, knots=knots)
+    return replace(parts[0], **values, closed=closed)
 
 
-def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None) -> NDArray:
-    """(K,) indices of points at equal steps of arc; of an open stroke the first and the last."""
+def spread_knots(
+    points: NDArray, closed: bool, spacing_px: float | None = None
+) -> NDArray[np.bool_]:
+    """(M,) bool, points at equal steps of arc; of an open stroke the first and the last too."""
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
     steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     index = np.searchsorted(arc, (at[:-1] if closed else at) - 1e-9)
-    return np.unique(np.clip(index, 0, len(points) - 1)).astype(np.int64)
+    is_knot = np.zeros(len(points), bool)
+    is_knot[np.clip(index, 0, len(points) - 1)] = True
+    return is_knot
 
 
 def eased(share: NDArray) -> NDArray[np.float64]:
