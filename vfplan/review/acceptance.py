@@ -35,7 +35,7 @@ def slice_not_shown() -> Finding:
         "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
         "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE."
     )
-    return doubt("slice-not-shown", "review", text)
+    return doubt("slice-not-shown", "extract", text)
 
 
 def visible_name(name: str) -> str:
