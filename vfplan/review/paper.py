@@ -66,6 +66,7 @@ class Box:
 
     `kind` is "text", "picture" (a slice or a view) or "inset". For an inset `window` is
     (u, v, width, height) [px of the slice] and `zoom` the pixels of the page to one of the slice.
+    A text has a `style` and a `colour`.
     """
 
     page: int
@@ -77,6 +78,8 @@ class Box:
     words: str = ""
     window: tuple[int, int, int, int] | None = None
     zoom: int = 1
+    style: Style | None = None
+    colour: Colour = (0, 0, 0)
 
     @property
     def right(self) -> float:
@@ -132,13 +135,11 @@ class Paper:
     def __init__(self) -> None:
         self.boxes: list[Box] = []
         self._pages: list[Pixels] = []
-        self._texts: list[list[tuple[float, float, str, Style, Colour]]] = []
         self.add_page()
 
     def add_page(self) -> None:
         """Begin a new, white page; everything is drawn on the last one."""
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
-        self._texts.append([])
 
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
@@ -165,14 +166,12 @@ class Paper:
     def text(
         self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
         page: int | None = None,
-    ) -> Box:  # fmt: skip
+    ) -> None:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
         words = printable(words)
         page = self.page if page is None else page
-        self._texts[page].append((x, y, words, style, colour))
-        box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
-        self.boxes.append(box)
-        return box
+        size = style.width_of(words), style.line_height
+        self.boxes.append(Box(page, x, y, *size, "text", words, style=style, colour=colour))
 
     def paragraph(
         self, x: float, y: float, words: str, width: float, style: Style = BODY,
@@ -197,16 +196,14 @@ class Paper:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
         from PIL import Image, ImageDraw
 
-        pages = []
-        for canvas, texts in zip(self._pages, self._texts, strict=True):
-            page = Image.fromarray(canvas)
-            draw = ImageDraw.Draw(page)
-            for x, y, words, style, colour in texts:
-                place = round(x), round(y) + style.baseline
-                font = _font(style.points, style.bold)
-                draw.text(place, words, fill=colour, font=font, anchor="ls")
-            pages.append(np.asarray(page))
-        return np.vstack(pages)
+        pages = [Image.fromarray(canvas) for canvas in self._pages]
+        for box in self.boxes:
+            if box.style is not None:
+                place = round(box.x), round(box.y) + box.style.baseline
+                font = _font(box.style.points, box.style.bold)
+                draw = ImageDraw.Draw(pages[box.page])
+                draw.text(place, box.words, fill=box.colour, font=font, anchor="ls")
+        return np.vstack([np.asarray(page) for page in pages])
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:

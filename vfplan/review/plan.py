@@ -5,7 +5,6 @@ It begins with a slice, a curve bundle or a fixture bundle, and its markers.
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -210,14 +209,14 @@ class Plan:
     is_shaped
         Whether a hand has shaped the curve, so that extraction anew would undo that.
     answers
-        A finding's key -> who accepted it, and when.
+        Finding -> who accepted it, and when. One with other words or at another place is another.
     """
 
     source: Source
     geometry: Geometry
     fit: Fit
     is_shaped: bool = False
-    answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+    answers: dict[Finding, tuple[str | None, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fixture: Fixture, name: str, image: PlannedImage | None = None) -> Plan:
@@ -235,7 +234,7 @@ class Plan:
         plan.__dict__["outcome"] = Outcome(fixture, fixture.findings)
         return plan
 
-    def answered(self, answers: dict[str, tuple[str | None, str]]) -> Plan:
+    def answered(self, answers: dict[Finding, tuple[str | None, str]]) -> Plan:
         """The plan with other answers, by which its outcome stays what it is."""
         new = replace(self, answers=answers)
         new.__dict__["outcome"] = self.outcome
@@ -246,8 +245,8 @@ class Plan:
         """What a person should look at, with the answers that were given."""
         findings = []
         for finding in self.outcome.findings:
-            if key_of(finding) in self.answers:
-                by, at = self.answers[key_of(finding)]
+            if finding in self.answers:
+                by, at = self.answers[finding]
                 finding = replace(finding, answered_by=by or "", answered_utc=at)
             findings.append(finding)
         return tuple(findings)
@@ -287,6 +286,11 @@ class Plan:
         """What would be written, with its findings and their answers; `None` if nothing would."""
         fixture = self.outcome.fixture
         return None if fixture is None else replace(fixture, findings=self.findings)
+
+    @property
+    def has_other_markers(self) -> bool:
+        """Whether they are not those of the bundle that was opened."""
+        return self.fit is not self.source.fit or self.source.pairs is not None
 
     @property
     def exclude(self) -> tuple[Box, ...]:
@@ -459,14 +463,10 @@ class Plan:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, sentence(self.fit.why_not), "markers")
-        margin, opened = self.fit.settings.margin, source.bundle
-        is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
         # A margin from the bound is made anew; a number cannot be.
-        if (
-            is_other
-            and type(margin) is float
-            and margin == opened.provenance.settings.get("margin")
-        ):
+        margin, opened = self.fit.settings.margin, source.bundle
+        is_of_opened = opened is not None and margin == opened.provenance.settings.get("margin")
+        if is_of_opened and self.has_other_markers and type(margin) is float:
             text = (
                 f"The margin of {millimetres(margin)} was made for other markers. Run vfplan "
                 "campaign on a plan with these, and give its --margin and --campaign."
@@ -498,7 +498,7 @@ class Plan:
             settings = settings | recorded(self.source.extraction_with(ink))
         # The files of the bundle's markers are named as long as these are its markers.
         inputs = self.source.inputs
-        if self.fit is not self.source.fit or self.source.pairs is not None:
+        if self.has_other_markers:
             inputs = {role: inputs[role] for role in inputs if role in ("image", "curve")}
         return Fixture(
             frame="image",
@@ -509,12 +509,6 @@ class Plan:
             curve=Curve.of(strokes),
             image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
         )
-
-
-def key_of(finding: Finding) -> str:
-    """What an answer belongs to: a finding with other words or at another place is another one."""
-    place = finding.place_px or finding.place_m or ()
-    return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
 
 
 def sentence(text: str) -> str:

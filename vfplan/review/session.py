@@ -97,13 +97,12 @@ class Session:
         """
         if isinstance(step, dict) and step.get("do") == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
+        if isinstance(step, dict) and step.get("do") == "answer":
+            # The time belongs to the step, so that a draft gives the same answer again.
+            step = {"utc": now_utc(), **step}
         plan = steps_of_a_plan.apply(self.current, step)
-        kept = dict(step)
-        if kept["do"] == "answer":
-            # The time belongs to the step, so that a draft gives the same answer again. The newest
-            # answer is the last of the dictionary.
-            kept.setdefault("utc", next(reversed(plan.answers.values()))[1])
-        return replace(self, steps=(*self.steps, kept), undone=(), _plans=(*self._plans, plan))
+        steps = (*self.steps, dict(step))
+        return replace(self, steps=steps, undone=(), _plans=(*self._plans, plan))
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""

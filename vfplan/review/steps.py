@@ -15,14 +15,13 @@ import numpy as np
 from vfplan.bundle.content import max_number
 from vfplan.errors import SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
-from vfplan.io.files import now_utc
 from vfplan.markers.find_marks import MATCH_RADIUS_PX
 from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.registration.models import MODELS
 from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.markers import Marker, snapped
-from vfplan.review.plan import Plan, key_of, made_flat_plan
+from vfplan.review.plan import Plan, made_flat_plan
 from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
@@ -491,15 +490,10 @@ def answer(plan: Plan, step: Step) -> Plan:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
     by = None if step.get("by") is None else visible_name(label_of(step, "by"))
-    utc = step["utc"] if step.get("utc") is not None else now_utc()
+    utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
-    answers = dict(plan.answers)
-    for finding in accepted:
-        # The latest answer stands last.
-        answers.pop(key_of(finding), None)
-        answers[key_of(finding)] = (by, utc)
-    return plan.answered(answers)
+    return plan.answered(plan.answers | dict.fromkeys(accepted, (by, utc)))
 
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:
