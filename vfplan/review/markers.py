@@ -194,15 +194,15 @@ class Fit:
         loo_m = {}
         if registration is not None:
             onto_slice = np.linalg.pinv(steps)
-            loo_m = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
+            for label, left_out in zip(registration.labels, registration.loo_m, strict=True):
+                loo_m[label] = float(left_out) if np.isfinite(left_out) else None
         rows = []
         for marker in self.markers:
-            left_out = loo_m.get(marker.label, np.nan)
             row: dict[str, Any] = {
                 "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
                 "used": marker.is_used, "depth_m": marker.depth_m,
                 "residual_m": None, "residual_px": None,
-                "loo_m": left_out if marker.is_used and np.isfinite(left_out) else None,
+                "loo_m": loo_m.get(marker.label),
             }  # fmt: skip
             if registration is not None and marker.is_whole:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
@@ -214,12 +214,11 @@ class Fit:
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label."""
-        for number, marker in enumerate(self.markers):
-            if marker.label == name:
-                return number
-        labels = ", ".join(marker.label for marker in self.markers)
-        text = f"There is no marker {name!r}. The markers are: {labels or 'none'}."
-        raise SettingError(text, code="no-such-marker")
+        labels = [marker.label for marker in self.markers]
+        if name not in labels:
+            text = f"There is no marker {name!r}. The markers are: {', '.join(labels) or 'none'}."
+            raise SettingError(text, code="no-such-marker")
+        return labels.index(name)
 
     def with_marker(self, number: int, **changes: Any) -> Fit:
         """The fit with one marker changed."""
@@ -227,14 +226,11 @@ class Fit:
         markers[number] = replace(markers[number], **changes)
         return replace(self, markers=tuple(markers))
 
-    def refuse_label(self, label: str, besides: int | None = None) -> None:
+    def refuse_label(self, label: str, besides: str | None = None) -> None:
         """Raise `SettingError` for a label that another marker has."""
-        for number, marker in enumerate(self.markers):
-            if marker.label == label and number != besides:
-                raise SettingError(
-                    f"There is a marker {label!r} already. Give each its own label.",
-                    code="label-exists",
-                )
+        if label != besides and label in [marker.label for marker in self.markers]:
+            text = f"There is a marker {label!r} already. Give each its own label."
+            raise SettingError(text, code="label-exists")
 
 
 def size_of(plane: NDArray) -> float:

@@ -12,6 +12,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -332,8 +333,9 @@ LEADER_GAP = 0.4 * BODY.line_height
 # Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
 
-# Number of directions that are tried at each distance, the first to the upper right.
-DIRECTIONS = 16
+# The unit vectors of the directions that are tried at each distance, the first to the upper right.
+TURNS = np.arange(16) * np.pi / 8 - np.pi / 4
+DIRECTIONS = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
 
 
 class Labeller:
@@ -361,11 +363,9 @@ class Labeller:
         Returns its corner (x, y), and the leader (2, 2) from its point to its edge.
         """
         limit = np.array(self._taken.shape[::-1]) - (width, height)
-        for attempt in range(TRIES * DIRECTIONS):
-            angle = -np.pi / 4 + attempt % DIRECTIONS * 2 * np.pi / DIRECTIONS
-            direction = np.array([np.cos(angle), np.sin(angle)])
+        for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
             # The caption extends away from its point.
-            corner = point + direction * float((attempt // DIRECTIONS + 1) * STEP)
+            corner = point + direction * float(attempt * STEP)
             x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
             is_inside = 0 <= x <= limit[0] and 0 <= y <= limit[1]
             if not is_inside or self._taken[y : y + height, x : x + width].any():

@@ -303,12 +303,13 @@ def is_even_ahead(rgb: NDArray[np.uint8], stroke: Stroke, end: LineEnd) -> bool:
 def insets_of(plan: Plan) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets, rgb = [], as_uint8(plan.image.rgb)
-    is_single = len(plan.strokes) == 1
     width = f"{SHOWN_PX} px across"
     if plan.metres_per_px is not None:
         width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(plan.strokes, 1):
-        name = "the line" if is_single else f"line {number}"
+        name = f"line {number}"
+        if len(plan.strokes) == 1:
+            name = "the line"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
             note = width
@@ -320,8 +321,6 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
-    for number, stroke in enumerate(plan.strokes, 1):
-        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -329,7 +328,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
             for part in range(parts):
                 place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-                caption = f"Bridge {count}{of_line}, {along[-1]:.0f} px"
+                caption = f"Bridge {count} of {name}, {along[-1]:.0f} px"
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
                 insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
@@ -400,13 +399,9 @@ def draw_inset(
     pixels[is_outside] = 255
     if inset.is_raised:
         pixels = spread_greys(pixels)
-    enlarged, outside = (
-        picture.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
-        for picture in (pixels, is_outside)
-    )
     # What lies outside of the slice is striped, so that nobody takes it for black or white there.
-    stripes = np.add(*np.indices(outside.shape)) % 16 < 2
-    enlarged[outside & stripes] = GREY
+    pixels[is_outside & (np.add.outer(rows, columns) % 4 == 0)] = GREY
+    enlarged = pixels.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
     if inset.has_line:
         for stroke in plan.strokes:
             line = inset.within(stroke.points)

@@ -357,9 +357,14 @@ def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
     return tuple(place.tolist())
 
 
+def with_marker(plan: Plan, step: Step, **changes: Any) -> Plan:
+    """The plan with the step's marker changed."""
+    number = plan.fit.index(step.get("marker"))
+    return replace(plan, fit=plan.fit.with_marker(number, **changes))
+
+
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     changes: dict[str, Any] = {}
     if "to" in step:
         changes["place"] = mark_place(plan, step, "to")
@@ -367,7 +372,7 @@ def move_marker(plan: Plan, step: Step) -> Plan:
         changes["target_m"] = numbers_of(step, "target_m", 3)
     if not changes:
         raise malformed(step, "to", "a place, or target_m")
-    return replace(plan, fit=fit.with_marker(number, **changes))
+    return with_marker(plan, step, **changes)
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
@@ -390,10 +395,9 @@ def delete_marker(plan: Plan, step: Step) -> Plan:
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     label = label_of(step, "label")
-    fit.refuse_label(label, besides=number)
-    return replace(plan, fit=fit.with_marker(number, label=label))
+    plan.fit.refuse_label(label, besides=step.get("marker"))
+    return with_marker(plan, step, label=label)
 
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:
@@ -402,7 +406,7 @@ def leave_out_marker(plan: Plan, step: Step) -> Plan:
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
         raise malformed(step, "out", "true or false")
-    return replace(plan, fit=fit.with_marker(number, is_used=not out))
+    return with_marker(plan, step, is_used=not out)
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
