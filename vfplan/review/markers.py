@@ -88,12 +88,15 @@ class Fit:
         Of the slice (along u, along v); `None` if nobody knows.
     T_patient_image
         (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
+    given
+        The markers as they were read, while nobody has changed one; else `None`.
     """
 
     markers: tuple[Marker, ...] = ()
     settings: FixtureSettings = field(default_factory=FixtureSettings)
     pixel_spacing_mm: tuple[float, float] | None = None
     T_patient_image: NDArray[np.float64] | None = None
+    given: Correspondences | None = None
 
     @property
     def used(self) -> tuple[Marker, ...]:
@@ -112,6 +115,8 @@ class Fit:
 
     def pairs(self) -> Correspondences:
         """The markers in use, joined as those of a file are."""
+        if self.given is not None:
+            return self.given
         used = self.used
         places = np.array([marker.place for marker in used])
         source = self.to_source(places, np.array([marker.depth_m for marker in used]))
@@ -224,7 +229,11 @@ class Fit:
         """The fit with one marker changed."""
         markers = list(self.markers)
         markers[number] = replace(markers[number], **changes)
-        return replace(self, markers=tuple(markers))
+        return self.with_markers(tuple(markers))
+
+    def with_markers(self, markers: tuple[Marker, ...]) -> Fit:
+        """The fit of other markers."""
+        return replace(self, markers=markers, given=None)
 
     def refuse_label(self, label: str, besides: str | None = None) -> None:
         """Raise `SettingError` for a label that another marker has."""
@@ -285,16 +294,16 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
         sigma = () if pairs.sigma is None else tuple(np.atleast_1d(pairs.sigma[k]).tolist())
         at, target = tuple(places[k].tolist()), tuple(pairs.target[k].tolist())
         markers.append(Marker(str(label), at, target, sigma, depth_m=float(depths[k])))
-    return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
+    return Fit(tuple(markers), settings, image.pixel_spacing_mm, place, pairs)
 
 
 def fit_of_files(
     path: str | Path, path2: str | Path | None, image: PlannedImage, settings: FixtureSettings
-) -> tuple[Fit, Correspondences | None, dict[str, str]]:
-    """The markers of the files of a review, what they join to, and each file's SHA-256 by its role.
+) -> tuple[Fit, dict[str, str]]:
+    """The markers of the files of a review, and each file's SHA-256 by its role.
 
-    One file with one side is enough: the other side is then clicked or typed on the page. It joins
-    to `None`. Raises as `read_markers` and `fit_of` do.
+    One file with one side is enough: the other side is then clicked or typed on the page. Raises as
+    `read_markers` and `fit_of` do.
     """
     try:
         pairs = read_markers(path, path2, common=settings.common, spacing_mm=image.pixel_spacing_mm)
@@ -306,7 +315,7 @@ def fit_of_files(
         if name is None:
             raise
     else:
-        return fit_of(pairs, image, settings), pairs, pairs.inputs
+        return fit_of(pairs, image, settings), pairs.inputs
     spreads = [()] * len(side.labels) if side.sigma is None else np.atleast_2d(side.sigma.T).T
     markers = tuple(
         Marker(label, sigma_m=tuple(spread), **{name: tuple(position)})
@@ -314,7 +323,7 @@ def fit_of_files(
             side.labels, side.positions.tolist(), spreads, strict=True
         )
     )  # fmt: skip
-    return Fit(markers, settings, image.pixel_spacing_mm), None, {"markers": side.sha256}
+    return Fit(markers, settings, image.pixel_spacing_mm), {"markers": side.sha256}
 
 
 def snapped(image: PlannedImage, place: NDArray, reach_px: float) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ import numpy as np
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
-from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
@@ -99,14 +98,11 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     rows = rendered_legend(outlines)
     if rows:
-        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", middle, strict=True))
         heading = "In the middle of each view"
         free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
-        words = f"Cut at {place} mm."
-        if plan.kind == "guide":
+        if plan.kind == "guide" and axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
-            words = "" if axis is None else words
-        free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
+            free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
 
@@ -235,7 +231,11 @@ def draw_picture(
     region = draw_ink_outline(plan, panel, ends)
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends, is_cased=False)
-    has_bound = draw_bands(plan, panel)
+    for stroke, half_m in plan.bounds:
+        # The 95 % band where it reaches beyond the outline.
+        reach = half_m * panel.zoom / plan.metres_per_px
+        if reach.max() > panel.outline_distance(stroke) + 3:
+            paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
@@ -256,7 +256,7 @@ def draw_picture(
     if omitted:
         words = f"There was no place for {omitted} captions; the lists below name all."
         bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
-    return bottom, draw_legend(sheet, plan, enlargement, has_bound, y)
+    return bottom, draw_legend(sheet, plan, enlargement, y)
 
 
 def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
@@ -337,17 +337,6 @@ def draw_rendered(
         paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 
 
-def draw_bands(plan: Plan, panel: Panel) -> bool:
-    """Draw the 95 % band where it reaches beyond the outline; whether it does."""
-    is_drawn = False
-    for stroke, half_m in plan.bounds:
-        reach = half_m * panel.zoom / plan.metres_per_px
-        if reach.max() > panel.outline_distance(stroke) + 3:
-            paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
-            is_drawn = True
-    return is_drawn
-
-
 def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     """Draw each marker where it was given, and its residual as an arrow; `keep` gets both.
 
@@ -422,25 +411,16 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
     return labeller.omitted
 
 
-def draw_legend(
-    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_bound: bool, y: float
-) -> float:
+def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:
     """What the lines on the picture mean."""
-    made, line = plan.fixture.provenance, "the curve that was taken"
-    if "image" in made.inputs and "curve" not in made.inputs:
-        pen = made.settings.get("colour", ExtractSettings().colour)
-        line = f"the line of the pen ({pen}) that was taken"
-    if plan.strokes and all(stroke.edited.all() for stroke in plan.strokes):
-        line = "the line, which was drawn by hand"
-    rows: list[LegendRow] = [(f"Blue outline: beside {line}", LINE_COLOUR, False)]
+    rows: list[LegendRow] = [("Blue outline: beside the line that was taken", LINE_COLOUR, False)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
         rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, False))
     if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if plan.tre95_m is not None:
-        where = "true scale" if has_bound else "see the last enlargement"
-        words = f"Purple dashes: 95 % band of markers and drawing, {where}"
+        words = "Purple dashes: 95 % band of markers and drawing; see the last enlargement"
         rows.append((words, paper.BAND_COLOUR, True))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"

@@ -97,8 +97,6 @@ class Source:
         when the review was opened. No file is read again.
     recipe
         The settings in force and the robot, as a bundle records them.
-    pairs
-        The markers of the files that were given; `None` if the markers come from a bundle.
     bundle
         The content of the bundle, if one was given.
     as_opened
@@ -120,7 +118,6 @@ class Source:
     inputs: dict[str, str] = field(default_factory=dict)
     sha256: dict[str, str] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
-    pairs: Correspondences | None = None
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
     notes: tuple[Finding, ...] = ()
@@ -148,18 +145,18 @@ class Source:
             "in_words": self.recipe.get(SLICE_IN_WORDS, ""),
         }  # fmt: skip
 
-    def turned_to(self, position: int, pairs: Correspondences | None, fit: Fit) -> Source:
+    def turned_to(self, position: int, fit: Fit) -> Source:
         """The source on another slice of the stack, by its number from 0.
 
-        Its markers are the pairs that files give; without those, the markers of the fit.
+        Its markers are those that files give; without those, the markers of the fit.
         """
         chosen = self.stack[position]
         extraction = replace(self.extraction, frame=chosen.frame)
         source = source_of_slice(chosen.path, None, extraction, self.planning)
         on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
-        if pairs is not None:
-            on_slice = fit_of(pairs, source.image, self.planning)
-        return replace(source.in_stack(self.stack, position), pairs=pairs, fit=on_slice)
+        if fit.given is not None:
+            on_slice = fit_of(fit.given, source.image, self.planning)
+        return replace(source.in_stack(self.stack, position), fit=on_slice)
 
     def in_stack(self, stack: tuple[StackedSlice, ...], position: int) -> Source:
         """The source, with the stack of which it is one slice, and that said in its recipe."""
@@ -290,7 +287,7 @@ class Plan:
     @property
     def has_other_markers(self) -> bool:
         """Whether they are not those of the bundle that was opened."""
-        return self.fit is not self.source.fit or self.source.pairs is not None
+        return self.fit.given is None or len(self.fit.given.inputs) > 0
 
     @property
     def exclude(self) -> tuple[Box, ...]:
@@ -472,14 +469,9 @@ class Plan:
                 "campaign on a plan with these, and give its --margin and --campaign."
             )
             return Outcome(None, of_curve, text, "margin-of-other-markers")
-        # Markers that nobody changed are those that were read.
-        pairs = self.fit.pairs()
-        if self.fit is source.fit:
-            record = None if opened is None else opened.registration
-            touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
-            pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
+        pairs, settings = self.fit.pairs(), self.fit.settings
         try:
-            planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
+            planned = register(curve, pairs, None, settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
         except VfplanError as error:
             return Outcome(None, of_curve, sentence(error.message), error.code)
@@ -593,9 +585,8 @@ def open_source(
         if source.as_opened is not None:
             refuse_planning_of_planned(source.as_opened, of_planning)
         return source
-    fit, pairs, inputs = fit_of_files(markers, markers2, source.image, source.planning)
-    sha256 = source.sha256 | inputs
-    return replace(source, fit=fit, pairs=pairs, sha256=sha256, as_opened=None)
+    fit, inputs = fit_of_files(markers, markers2, source.image, source.planning)
+    return replace(source, fit=fit, sha256=source.sha256 | inputs, as_opened=None)
 
 
 def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
@@ -646,25 +637,22 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     flattened = flattening(plan.fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
     image = made_flat(source.image, flattened.numbers)
 
-    def moved(fit: Fit) -> Fit:
-        markers = [
-            marker if marker.place is None else
-            replace(marker, place=tuple(flattened.places(np.array([marker.place]))[0].tolist()))
-            for marker in fit.markers
-        ]  # fmt: skip
-        return replace(fit, markers=tuple(markers), pixel_spacing_mm=image.pixel_spacing_mm)
-
-    pairs, of_files = source.pairs, moved(source.fit)
-    if pairs is not None:
-        pairs = replace(pairs, source=flattened.places(pairs.source))
+    markers, given = list(plan.fit.markers), plan.fit.given
+    for number, marker in enumerate(markers):
+        if marker.place is not None:
+            place = flattened.places(np.array([marker.place]))[0]
+            markers[number] = replace(marker, place=tuple(place.tolist()))
+    if given is not None:
+        given = replace(given, source=flattened.places(given.source))
+    fit = replace(
+        plan.fit, markers=tuple(markers), given=given, pixel_spacing_mm=image.pixel_spacing_mm
+    )
     ink = SliceInk(image.rgb, ink.colour, (), None)
     source = replace(
-        source, image=image, fit=of_files, pairs=pairs,
-        notes=(*source.notes, *flat_findings(flattened.told)),
+        source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
     geometry = source.geometry_with(ink)
-    fit = of_files if plan.fit is plan.source.fit else moved(plan.fit)
     return replace(plan, source=source, geometry=geometry, fit=fit)
 
 
@@ -765,9 +753,12 @@ def source_of_bundle(
     fit = Fit((), planning, image.pixel_spacing_mm)
     record = fixture.registration
     if record is not None:
+        sigma = sigma_of(fixture)
         pairs = Correspondences(
-            record.labels, record.source, record.source_frame, record.target, sigma_of(fixture)
-        )
+            record.labels, record.source, record.source_frame, record.target,
+            None if sigma is None else np.array(sigma).squeeze(),
+            tool=record.tool, tip=record.tip,
+        )  # fmt: skip
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
     kept = (MADE_FLAT_BY, SLICE_IN_WORDS, SLICER_POINTS)

@@ -297,9 +297,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
         numbers = ", ".join(f"{number:.4f}" for number in axis)
-        name = axis_in_words(axis)
-        name = f"{name} " if name in "xyz" else ""
-        infinite = f"along {name}({numbers}), where it gives no force"
+        infinite = f"along ({numbers}), where it gives no force"
     rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
              ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration

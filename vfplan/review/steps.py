@@ -383,14 +383,14 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     place = None if step.get("at") is None else mark_place(plan, step, "at")
     target = None if step.get("target_m") is None else numbers_of(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
-    return replace(plan, fit=replace(fit, markers=markers))
+    return replace(plan, fit=fit.with_markers(markers))
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
     markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return replace(plan, fit=replace(fit, markers=markers))
+    return replace(plan, fit=fit.with_markers(markers))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
@@ -428,9 +428,8 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
     if plan.is_shaped or plan.exclude:
         text = "The curve belongs to this slice. Undo what was drawn before you choose another."
         raise SettingError(text, code="slice-drawn-on")
-    is_of_files = plan.fit is source.fit
     try:
-        chosen = source.turned_to(number, source.pairs if is_of_files else None, plan.fit)
+        chosen = source.turned_to(number, plan.fit)
     except VfplanError as error:
         raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
     return replace(plan, source=chosen, geometry=chosen.geometry, fit=chosen.fit)
