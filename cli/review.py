@@ -111,7 +111,7 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.bundle.seal import check_texts, read_private
-    from vfplan.review.acceptance import visible_name
+    from vfplan.review.rendered import visible_name
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
 

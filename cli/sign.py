@@ -168,7 +168,7 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
     """
     from vfplan.bundle.read import read_sealed
     from vfplan.bundle.write import write_fixture
-    from vfplan.review.acceptance import accept
+    from vfplan.review.rendered import accept
 
     if answers and answer_all:
         raise click.UsageError("--answer and --answer-all exclude each other. Give one")

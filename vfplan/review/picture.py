@@ -141,29 +141,6 @@ def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> p
     return canvas
 
 
-def draw_tag(
-    sheet: paper.Paper, box: paper.Box, labeller: paper.Labeller, point: paper.Array, words: str,
-    ground: paper.Colour = WHITE,
-) -> None:  # fmt: skip
-    """Write a caption in a small plate close to its point, if there is a place for one.
-
-    `ground` is the plate's colour. The letters are black on white, and white on any other.
-    """
-    words = paper.shortened(words, 220, STRONG)
-    width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-    place = labeller.place(point, width, height)
-    if place is None:
-        return
-    x, y, leader = place
-    part = sheet.part(box)
-    paper.draw_cased(part, leader, BLACK, 1)
-    plate = part[y : y + height, x : x + width]
-    plate[:] = BLACK
-    plate[2:-2, 2:-2] = ground
-    letters = BLACK if ground == WHITE else WHITE
-    sheet.text(box.x + x + 6, box.y + y + 1, words, STRONG, letters)
-
-
 # Width [px of the page] of the column of facts beside the slice, and where it begins.
 COLUMN_WIDTH = round(1.3 * INSET_PX)
 COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
@@ -391,7 +368,19 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
     """
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
-        draw_tag(sheet, panel.box, labeller, panel.place(place), words, ground)
+        """Write a caption in a small plate of a colour, if there is room close to its place."""
+        words = paper.shortened(words, 220, STRONG)
+        width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
+        found = labeller.place(panel.place(place), width, height)
+        if found is None:
+            return
+        x, y, leader = found
+        paper.draw_cased(panel.canvas, leader, BLACK, 1)
+        plate = panel.canvas[y : y + height, x : x + width]
+        plate[:] = BLACK
+        plate[2:-2, 2:-2] = ground
+        letters = BLACK if ground == WHITE else WHITE
+        sheet.text(panel.box.x + x + 6, panel.box.y + y + 1, words, STRONG, letters)
 
     for number, stroke in enumerate(plan.strokes, 1):
         is_single = len(plan.strokes) == 1

@@ -51,19 +51,20 @@ from vfplan.planning.settings import (
     overridden,
 )
 from vfplan.registration.registration import Registration, describe_side
-from vfplan.review.acceptance import digest_of, slice_not_shown
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
     Kind,
     Outline,
     check_slice,
+    digest_of,
     kind_of,
     labels_left_out,
     onto_plane,
     outlines_of,
     registration_again,
     sigma_of,
+    slice_not_shown,
     strokes_on_slice,
 )
 from vfplan.review.strokes import MendedStroke, SliceInk

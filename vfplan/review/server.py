@@ -37,7 +37,7 @@ from vfplan.io.files import MAX_TEXT_BYTES, flags, now_utc, opened_file, to_json
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import lock_file, not_written, remove_quietly, write_whole
 from vfplan.palette import palette_css
-from vfplan.review.acceptance import visible_name
+from vfplan.review.rendered import visible_name
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
 

@@ -25,10 +25,9 @@ from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
 from vfplan.review import steps as steps_of_a_plan
-from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
-from vfplan.review.rendered import described, rendered_in_json
+from vfplan.review.rendered import described, digest_of, rendered_in_json, visible_name
 
 # No places.
 NOTHING = np.zeros(0, complex)

@@ -18,10 +18,10 @@ from vfplan.geometry.lines import arc_lengths
 from vfplan.markers.find_marks import MATCH_RADIUS_PX
 from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.registration.models import MODELS
-from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
 from vfplan.review.markers import Marker, snapped
 from vfplan.review.plan import Plan, made_flat_plan
+from vfplan.review.rendered import visible_name
 from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
