@@ -531,9 +531,8 @@ def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
         )
         apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in ((now, was), (was, now)))
         texts.append(
-            f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off, is "
-            f"{millimetres(1e-5 * len(now))} long; in the opened bundle it is "
-            f"{millimetres(1e-5 * len(was))} long."
+            f"The line ({', '.join(of_line)}) lies up to {millimetres(apart_m)} off that of the "
+            "opened bundle."
         )
     return [doubt("differs-from-opened", "plan", text) for text in texts]
 

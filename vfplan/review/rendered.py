@@ -105,28 +105,25 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
 
     The slice need not be given where the bundle itself says how its pixels lie.
     """
-    plane, units_per_px = plane_of_slice(fixture, image), 1.0
+    # In the frame of the image the first two coordinates are pixels.
+    plane = np.eye(3)
     if fixture.frame != "image":
         is_registered = fixture.registration is not None or fixture.frame == "patient_lps"
-        if plane is None or not is_registered:
-            text = (
-                "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
-                "DICOM slice with --slice, or print the sheet without a slice: vfplan review "
-                "FIXTURE.h5 --sheet-out sheet.png"
-            )
-            raise InputError(text, code="slice-unplaced")
-        onto, units_per_px = onto_plane(plane), size_of(plane)
+        plane = plane_of_slice(fixture, image) if is_registered else None
+    if plane is None:
+        text = (
+            "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
+            "DICOM slice with --slice, or print the sheet without a slice: vfplan review "
+            "FIXTURE.h5 --sheet-out sheet.png"
+        )
+        raise InputError(text, code="slice-unplaced")
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        points, sigma = stroke.points[:, :2], stroke.sigma
-        if fixture.frame != "image":
-            points = onto(stroke.points)
-        if sigma is not None:
-            sigma = sigma / units_per_px
-        strokes.append(replace(stroke, points=points, sigma=sigma))
+        sigma = None if stroke.sigma is None else stroke.sigma / size_of(plane)
+        strokes.append(replace(stroke, points=onto_plane(plane)(stroke.points), sigma=sigma))
     return tuple(strokes)
 
 
