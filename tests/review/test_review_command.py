@@ -225,14 +225,12 @@ def test_a_plan_too_large_for_a_page_names_a_command_that_works(vfplan_cli, fixt
     assert (both.code, "-o opens the page" in both.error_line) == (2, True)
 
 
-@pytest.mark.parametrize("kind", [fork, two_candidates])
-def test_refusals_name_the_command_that_mends_them(kind, vfplan_cli, tmp_path):
-    path, _ = kind(tmp_path / "slice.png")
-    for words in (("extract", path), ("plan", path, *MARKERS)):
-        run = vfplan_cli(*words, "-o", tmp_path / "o.h5")
-        assert run.code == 3
-        files = " ".join(str(word) for word in words[1:])
-        assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
+def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
+    path, _ = two_candidates(tmp_path / "slice.png")
+    run = vfplan_cli("plan", path, *MARKERS, "-o", tmp_path / "o.h5")
+    assert run.code == 3
+    files = " ".join(map(str, (path, *MARKERS)))
+    assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
     assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
