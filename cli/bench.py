@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
@@ -17,6 +16,7 @@ from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, progress
 
+from vfplan.display import quoted, wrote
 from vfplan.errors import SettingError
 from vfplan.io.files import to_json_types
 from vfplan.io.writing import write_whole
@@ -70,8 +70,8 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     ]  # fmt: skip
     next_step = "docs/accuracy.md explains every stage; -o DIR draws error against time"
     if output is not None:
-        lines.append(f"wrote {output}/")
-        next_step = f"look at {output}/bench_{drawn[-1]}.png"
+        lines.append(wrote(f"{output}/"))
+        next_step = f"look at {quoted(output / f'bench_{drawn[-1]}.png')}"
     warnings = [peer["message"] for peer in document["peers"] if not peer["ran"]]
     return CommandResult(
         document, "\n".join(lines), warnings=warnings, verdict=sentences[last], next_step=next_step
@@ -133,8 +133,8 @@ def vfplan_conformance(folder) -> CommandResult:
     count = write_kit(folder)
     return CommandResult(
         {"folder": str(folder), "files": count},
-        f"wrote {count} files into {folder}",
+        f"wrote {count} files into {quoted(folder)}",
         verdict="the kit is complete",
         next_step="run your reader CMD on each file: python -m vfplan.conformance --kit "
-        f"{shlex.quote(str(folder))} CMD",
+        f"{quoted(folder)} CMD",
     )

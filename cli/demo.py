@@ -14,6 +14,7 @@ from vfplan.cli.register import registered_text
 from vfplan.cli.replay import replay_text
 from vfplan.cli.run import CommandResult, announce_if_slow, command, statistics
 
+from vfplan.display import quoted, wrote
 from vfplan.io.files import to_json_types
 from vfplan.io.writing import write_whole
 
@@ -64,13 +65,14 @@ def vfplan_demo(what, output, page) -> CommandResult:
     if what == "pipeline":
         steps = (extracted_text, "extract"), (registered_text, "register"), (replay_text, "replay")
         lines = [tell(report[step]) for tell, step in steps]
-    text = "\n".join([*lines, f"wrote into {output}: {', '.join(sample.FILES)}"])
+    text = "\n".join([*lines, f"wrote into {quoted(output)}: {', '.join(sample.FILES)}"])
     data["files"] = list(sample.FILES)
     return CommandResult(
         data,
         text,
         verdict=f"done: {len(sample.FILES)} files written",
-        next_step=f"look at the pictures in {output}; docs/tutorial.md tells the steps one by one",
+        next_step=f"look at the pictures in {quoted(output)}; docs/tutorial.md tells the steps one "
+        "by one",
     )
 
 
@@ -82,7 +84,7 @@ def write_page(page: Path) -> CommandResult:
         write_whole(place, [simulations_page().encode()], overwrite=True)
     return CommandResult(
         {"files": [page.name]},
-        f"wrote {page}: one file, which a browser opens without a network",
+        f"{wrote(page)}: one file, which a browser opens without a network",
         verdict="done: 1 file written",
-        next_step=f"open {page} in a browser and move the mouse over the picture",
+        next_step=f"open {quoted(page)} in a browser and move the mouse over the picture",
     )

@@ -20,7 +20,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, millimetres
+from vfplan.display import count, millimetres, quoted, wrote
 from vfplan.planning.settings import FixtureSettings
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
@@ -92,7 +92,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     )
     if rule is not None:
         text += f"; rule {rule}"
-    text += f"\nwrote {output}"
+    text += f"\n{wrote(output)}"
     next_step = review_command(output, None, has_page=False)
     if fixture.frame == "patient_lps":
         next_step = f"{register_command(output)} --model rigid"
@@ -156,7 +156,7 @@ def vfplan_export(fixture, output, study) -> CommandResult:
     what = count(len(exported.points), "point")
     if ending.endswith(".dxf"):
         what = f"{exported.pieces.count} lines and arcs"
-    text = f"wrote {what} of frame {frame} to {output}"
+    text = f"wrote {what} of frame {frame} to {quoted(output)}"
     verdict = f"exported {what}"
     missing = left_out(exported, output)
     if missing:

@@ -20,7 +20,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import count
+from vfplan.display import count, wrote
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
@@ -71,7 +71,7 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
         write_fixture(extracted.fixture, path)
         write_pictures(extracted, mask, overlay)
     return CommandResult(
-        extracted.report, f"{extracted_text(extracted.report)}\nwrote {output}",
+        extracted.report, f"{extracted_text(extracted.report)}\n{wrote(output)}",
         findings=extracted.findings, verdict=findings_verdict("extracted", extracted.fixture),
         next_step=register_command(output, image if extracted.image is not None else None),
     )  # fmt: skip

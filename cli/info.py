@@ -14,7 +14,7 @@ from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
-from vfplan.display import command_of, count, millimetres
+from vfplan.display import command_of, count, millimetres, quoted, wrote
 
 
 @command("info")
@@ -266,5 +266,5 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     with outputs(screenshot) as (picture,):
         view3d.draw_view(planned, picture, ticks=ticks, image=image)
     data["files"] = [str(screenshot)]
-    look = f"look at {screenshot}"
-    return CommandResult(data, f"wrote {screenshot}", verdict="drawn", next_step=look)
+    look = f"look at {quoted(screenshot)}"
+    return CommandResult(data, wrote(screenshot), verdict="drawn", next_step=look)

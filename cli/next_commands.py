@@ -15,6 +15,7 @@ from vfplan.cli.main import cli
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
+from vfplan.fixture import Fixture
 
 
 def file_beside(path: Path, ending: str, suffix: str = ".h5") -> Path:
@@ -36,6 +37,14 @@ def register_command(curve: Path, image: Path | None = None) -> str:
     if image is not None:
         words += ["--image", image]
     return command_of(*words, "-o", file_beside(curve, "fixture"))
+
+
+def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
+    """Whether the review page can show a fixture: a drawn curve that has its place on a slice."""
+    record = fixture.registration
+    is_placed = has_slice or fixture.frame == "image"
+    is_placed = is_placed or (record is not None and record.source_frame == "image")
+    return is_placed and fixture.curve is not None and fixture.mesh is None
 
 
 def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = True) -> str:
@@ -121,28 +130,28 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
     words = ["review", *(file for file in files if file is not None)]
-    words += [word for word in typed_review_options() if overwrites or word != "--overwrite"]
-    return command_of(*words, "-o", output)
+    return command_of(*words, *typed_options("review", overwrites=overwrites), "-o", output)
 
 
-def typed_review_options() -> list[str]:
-    """The options that were typed and that `vfplan review` has too, with their values.
+def typed_options(name: str, *, overwrites: bool) -> list[str]:
+    """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
+    overwrites: as `page_command` takes it
     """
-    review = cli.get_command(click.Context(cli), "review")
+    named = cli.get_command(click.Context(cli), name)
     takes_value = {
-        name: not (parameter.is_flag or parameter.count)
-        for parameter in review.params
+        opt: not (parameter.is_flag or parameter.count)
+        for parameter in named.params
         if isinstance(parameter, click.Option)
         and not parameter.name.endswith(("as_json", "_out", "output", "paper"))
-        for name in parameter.opts
+        for opt in parameter.opts
     }
     words = []
     typed = iter(sys.argv[2:])
     for word in typed:
         name, has_value, _ = word.partition("=")
-        if name in takes_value:
+        if name in takes_value and (overwrites or name != "--overwrite"):
             words.append(word)
             if takes_value[name] and not has_value:
                 words.append(next(typed, ""))

@@ -16,12 +16,13 @@ from vfplan.cli.extract import (
     pointing_to_page,
     write_pictures,
 )
-from vfplan.cli.next_commands import review_command
+from vfplan.cli.next_commands import accept_command, page_shows, review_command
 from vfplan.cli.options import FILE, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
+from vfplan.display import quoted, wrote
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
 
@@ -134,13 +135,17 @@ def vfplan_plan(
     data["output"] = str(output)
 
     # The last lines: how it ended, and what to do.
-    next_step = review_command(output, image)
-    wrote = f"wrote {output}"
+    slice_path = image if planned.extracted.image is not None else None
+    has_page = page_shows(fixture, has_slice=slice_path is not None)
+    next_step = review_command(output, slice_path, has_page=has_page)
+    if sheet_path is not None and not has_page:
+        next_step = accept_command(output, data["digest"])
+    wrote_line = wrote(output)
     if sheet_path is not None:
-        wrote += f" and {sheet_path}, its review sheet"
-        next_step = f"look at {sheet_path}, then {next_step}"
+        wrote_line += f" and {quoted(sheet_path)}, its review sheet"
+        next_step = f"look at {quoted(sheet_path)}, then {next_step}"
     return CommandResult(
-        data, "\n".join([*lines, wrote]), findings=fixture.findings,
+        data, "\n".join([*lines, wrote_line]), findings=fixture.findings,
         verdict=findings_verdict("planned", planned.fixture), next_step=next_step,
     )  # fmt: skip
 

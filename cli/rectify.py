@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import shlex
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from vfplan.cli.options import FILE, PNG, options_in_order, output_option, setti
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import millimetres
+from vfplan.display import command_of, millimetres, quoted, wrote
 from vfplan.findings import doubt
 from vfplan.io.writing import write_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
@@ -72,11 +71,11 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         {"label": label, "u_px": place[0], "v_px": place[1], "residual_m": residual}
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
-    files = [str(output), str(markers_path)]
+    files = [output, markers_path]
     if pairs.target_frame != "robot_base":
-        files.append(str(markers2))
+        files.append(markers2)
     spacing = f"{flat.pixel_spacing_mm:g}"
-    following = ["vfplan", "plan", *files, "--pixel-spacing", spacing]
+    following = command_of("plan", *files, "--pixel-spacing", spacing)
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
          "homography": flat.homography, "residual_rms_m": flat.residual_rms_m,
@@ -84,8 +83,8 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
          "width_px": flat.width_px, "height_px": flat.height_px, "markers": rows},
         f"{len(rows)} markers fit a homography to {millimetres(flat.residual_rms_m)} rms; a marker "
         f"is off by {millimetres(flat.error_m)}\n{flat.width_px} x {flat.height_px} px of "
-        f"{spacing} mm\nwrote {output} and {markers_path}",
-        findings=findings, verdict="made flat", next_step=shlex.join(following),
+        f"{spacing} mm\n{wrote(output)} and {quoted(markers_path)}",
+        findings=findings, verdict="made flat", next_step=following,
     )  # fmt: skip
 
 

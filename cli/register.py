@@ -9,12 +9,12 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.extract import findings_verdict
-from vfplan.cli.next_commands import register_command, review_command
+from vfplan.cli.next_commands import page_shows, register_command, review_command
 from vfplan.cli.options import FILE, MM_OR_ZERO, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, micrometres, millimetres
+from vfplan.display import count, micrometres, millimetres, wrote
 
 
 @command(
@@ -73,11 +73,12 @@ def vfplan_register(
         is_other = any(finding.code == "image-other" for finding in planned.findings)
         if is_other or (image is None and planned.fixture.image is not None):
             image = "IMAGE"
-        next_step = review_command(output, image, has_page=planned.fixture.curve is not None)
+        has_page = page_shows(fixture, has_slice=image is not None)
+        next_step = review_command(output, image, has_page=has_page)
     else:
         next_step = register_command(output)
     return CommandResult(
-        planned.report, f"{registered_text(planned.report)}\nwrote {output}",
+        planned.report, f"{registered_text(planned.report)}\n{wrote(output)}",
         findings=planned.findings, verdict=findings_verdict("registered", planned.fixture),
         next_step=next_step,
     )  # fmt: skip

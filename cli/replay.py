@@ -10,12 +10,17 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.next_commands import review_command
+from vfplan.cli.next_commands import page_shows, review_command
 from vfplan.cli.options import FILE, DecimalNumber, Number, WholeNumber, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import command_of, count, millimetres
+from vfplan.display import (
+    command_of,
+    count,
+    millimetres,
+    wrote,
+)
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
 from vfplan.replaying.findings import check_text, has_touched, untested_reason, verdict_sentence
@@ -160,12 +165,13 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             text = page(replayed, image=arguments["image"], command=command_line())
             write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
-    lines = [replay_text(metrics), *(f"wrote {path}" for path in written)]
+    lines = [replay_text(metrics), *map(wrote, written)]
     warnings = options.not_compared_warnings(metrics["fixture"], arguments)
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
         image = None if replayed.fixture.image is None else "IMAGE"
-        review = review_command(fixture, image, has_page=replayed.fixture.curve is not None)
+        has_page = page_shows(replayed.fixture, has_slice=image is not None)
+        review = review_command(fixture, image, has_page=has_page)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."
         warnings.append(f"{what} Answer first: {review}")
     return CommandResult(

@@ -16,9 +16,10 @@ from vfplan.cli import options
 from vfplan.cli.extract import drawing_refusal, pointing_to_page
 from vfplan.cli.next_commands import (
     accept_command,
-    page_command,
+    file_beside,
     public_key_of,
     sign_command,
+    typed_options,
     verify_command,
 )
 from vfplan.cli.options import (
@@ -34,7 +35,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
-from vfplan.display import command_of
+from vfplan.display import command_of, quoted, wrote
 from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings
@@ -110,7 +111,7 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
 def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.bundle.seal import check_texts, read_private
-    from vfplan.review.acceptance import visible_name
+    from vfplan.review.rendered import visible_name
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
 
@@ -168,7 +169,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         keys = public_key_of(arguments["key"])
         next_step = verify_command(output, keys, case=arguments["case"])
     return CommandResult(
-        data, f"wrote {output}", findings=findings, verdict=f"approved by {approver}",
+        data, wrote(output), findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
     )  # fmt: skip
 
@@ -226,7 +227,7 @@ def draw_sheet(
 
     source = arguments["source"]
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
-    files = (source, arguments["markers"], arguments["markers2"])
+    files = [source, *filter(None, (arguments["markers"], arguments["markers2"]))]
     written = [str(path) for path in (sheet_out, print_out) if path is not None]
     approved = Path(written[0]).with_name(f"{source.stem}-approved.h5")
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
@@ -249,19 +250,26 @@ def draw_sheet(
                     write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, case=shown.fixture.case or "")
-    elif shown.is_slice_missing:
-        words = ["review", source, "--slice", "IMAGE", "--sheet-out", sheet_out or "PNG"]
-        following = command_of(*words, "--overwrite")
-    elif shown.image is None:
+    elif shown.image is None and not shown.is_slice_missing and is_bundle and len(files) == 1:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
-        following = page_command(*files, output=approved, overwrites=False)
+        name, ending = "review", ["-o", approved]
+        if shown.is_slice_missing:
+            ending = ["--slice", "IMAGE", "--sheet-out", sheet_out or "PNG", "--overwrite"]
+        elif shown.image is None:
+            # A curve without a slice becomes a fixture first.
+            name = "register" if is_bundle else "plan"
+            ending = ["-o", file_beside(approved.with_name(source.name), "fixture")]
+            if len(files) == 1:
+                files.append("MARKERS")
+        typed = typed_options(name, overwrites=False)
+        following = command_of(name, *files, *typed, *ending)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
-        f"digest {shown.digest}\nwrote {', '.join(written)}", findings=shown.findings,
-        verdict=verdict_of(shown), next_step=f"look at {written[0]}, then {following}",
+        f"digest {shown.digest}\n{wrote(sheet_out, print_out)}", findings=shown.findings,
+        verdict=verdict_of(shown), next_step=f"look at {quoted(written[0])}, then {following}",
     )  # fmt: skip
 
 

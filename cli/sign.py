@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import asdict
 from typing import Any
 
@@ -23,6 +22,8 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting, outputs
 from vfplan.cli.run import CommandResult, command, command_line
+
+from vfplan.display import quoted, wrote
 
 
 @command("sign")
@@ -64,7 +65,7 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
     return CommandResult(
         {"output": str(output), **seal, "renders": renders},
-        f"wrote {output}\n  renders     {renders}",
+        f"{wrote(output)}\n  renders     {renders}",
         verdict=f"signed with key {seal['key_id']}",
         next_step=verify_command(output, public_key_of(key), **signed_for),
     )  # fmt: skip
@@ -143,9 +144,9 @@ def vfplan_keygen(output) -> CommandResult:
     public, key_id = keygen(output, overwrite=is_overwriting())
     return CommandResult(
         {"private_key": str(output), "public_key": str(public), "key_id": key_id},
-        f"wrote {output} and {public}", verdict=f"made key {key_id}",
-        next_step=f"keep {output} secret, give {public} to the robots, and sign: vfplan sign "
-        f"FIXTURE.h5 --key {shlex.quote(str(output))} -o SIGNED.h5",
+        f"{wrote(output)} and {quoted(public)}", verdict=f"made key {key_id}",
+        next_step=f"keep {quoted(output)} secret, give {quoted(public)} to the robots, and sign: "
+        f"vfplan sign FIXTURE.h5 --key {quoted(output)} -o SIGNED.h5",
     )  # fmt: skip
 
 
@@ -167,7 +168,7 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
     """
     from vfplan.bundle.read import read_sealed
     from vfplan.bundle.write import write_fixture
-    from vfplan.review.acceptance import accept
+    from vfplan.review.rendered import accept
 
     if answers and answer_all:
         raise click.UsageError("--answer and --answer-all exclude each other. Give one")
@@ -181,7 +182,7 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
         "review_digest": accepted.reviewed.digest,
     }  # fmt: skip
     return CommandResult(
-        data, f"wrote {output}", findings=accepted.findings,
+        data, wrote(output), findings=accepted.findings,
         verdict=f"accepted by {by}",
         next_step=sign_command(
             output, case=seal.get("case") or accepted.case or "",

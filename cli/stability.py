@@ -16,7 +16,7 @@ from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, progress
 
 from vfplan.bundle.content import max_number
-from vfplan.display import command_of, count
+from vfplan.display import command_of, count, wrote
 from vfplan.io.files import naming_place, to_json_types
 from vfplan.io.writing import write_whole
 
@@ -84,7 +84,7 @@ def vfplan_stability(
     lines = [studied.as_text()]
     if output is not None:
         write_study(output, studied)
-        lines.append(f"wrote {output}")
+        lines.append(wrote(output))
 
     # What did not hold, and what to do about it.
     judgement = studied.verdict

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from vfplan.cli.options import FILE, MM, OutputFile, option, options_in_order, o
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, millimetres
+from vfplan.display import count, millimetres, quoted, wrote
 from vfplan.errors import InputError
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import OpenedFile, open_number_table, to_json_types
@@ -68,8 +67,8 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
             write_whole(path, [json.dumps(to_json_types(data)).encode()], overwrite=False)
     recorded = ""
     if output is not None:
-        text += f"\nwrote {output}"
-        recorded = f" --tip {shlex.quote(str(output))}"
+        text += f"\n{wrote(output)}"
+        recorded = f" --tip {quoted(output)}"
     return CommandResult(
         data, text, verdict=f"the tip is known to {error_mm:.3f} mm",
         next_step="count this error too, where the tool touches the markers: "

@@ -201,8 +201,7 @@ CALLS = {
     "ink-no-line": lambda d: route_over(ink(np.ones((3, 3), bool))),
     "ink-forks": lambda d: route_over(ink(CROSS)),
     "no-drawn-curve": lambda d: Session.open(stored(d, SMALL)),
-    "slice-unregistered": lambda d: rendered.to_pixels(SMALL, None),
-    "slice-unplaced": lambda d: rendered.to_pixels(
+    "slice-unplaced": lambda d: rendered.strokes_on_slice(
         replace(SOLID, frame="patient_lps"), as_is(T_patient_image=None)),
     "markers-not-for-robot": lambda d: markers.fit_of(
         as_is(target_frame="patient_lps"), None, None),

@@ -16,7 +16,7 @@ from vfplan.cli import options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.display import MM, micrometres, millimetres
+from vfplan.display import MM, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
@@ -78,7 +78,7 @@ def vfplan_burr(
     warnings = options.not_compared_warnings(seal, arguments) + [
         finding["message"] for finding in metrics["findings"] if finding["code"] == "burr-held"
     ]
-    written = [f"wrote {path}" for path in (output, events_out, picture_out) if path is not None]
+    written = [wrote(path) for path in (output, events_out, picture_out) if path is not None]
     text = "\n".join([burr_text(metrics), *written])
     figures = metrics["burr"]
     failed = ""

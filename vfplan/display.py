@@ -89,6 +89,16 @@ def command_of(*words: str | Path) -> str:
     return shlex.join(["vfplan", *parts])
 
 
+def quoted(path: str | Path) -> str:
+    """A file's name as the shell takes it, for a line that a person copies from."""
+    return shlex.quote(str(path))
+
+
+def wrote(*paths: str | Path | None) -> str:
+    """The line that names the files which a command wrote."""
+    return "wrote " + ", ".join(quoted(path) for path in paths if path is not None)
+
+
 def count(number: int, noun: str) -> str:
     """A number of things, e.g. "1 point" or "3 points"."""
     if number == 1:

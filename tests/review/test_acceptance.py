@@ -13,7 +13,7 @@ from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
 from vfplan.errors import CheckFailed, SettingError
 from vfplan.findings import doubt, note
-from vfplan.review.acceptance import accept, digest_of
+from vfplan.review.rendered import accept, digest_of
 
 FINDINGS = (
     doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0)),

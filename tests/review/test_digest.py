@@ -13,7 +13,7 @@ from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
 from vfplan.findings import doubt
 from vfplan.fixture import Review
-from vfplan.review.acceptance import digest_of
+from vfplan.review.rendered import digest_of
 
 LEFT_OUT = {"created_utc", "software", "history", "reviewed"}
 

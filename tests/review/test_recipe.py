@@ -185,7 +185,7 @@ IN_TURN = [
 
 @pytest.mark.parametrize("kind", ["slice", "bundle", "fork"])
 def test_no_step_reads_a_file_again(planned, files, tmp_path, kind):
-    steps = [*IN_TURN, {"do": "set_markers", "table": files[1].read_text()}]
+    steps = IN_TURN
     _, session = planned()
     if kind == "fork":
         fork(files[0])

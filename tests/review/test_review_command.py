@@ -10,12 +10,18 @@ import signal
 import subprocess
 import sys
 
+import cv2
+import numpy as np
 import pytest
+from refusals import refuses
 from review_slices import MARKERS, SLICE, fork, two_candidates
+from slicer_files import mrk
 from tab import Tab
+from vector_files import RING_MM, slicer
 
 import vfplan
 from vfplan.bundle import review_digest
+from vfplan.errors import CurveError
 
 ADDRESS = re.compile(r"http://127\.0\.0\.1:(\d+)/#([\w-]{43})\n")
 
@@ -219,14 +225,12 @@ def test_a_plan_too_large_for_a_page_names_a_command_that_works(vfplan_cli, fixt
     assert (both.code, "-o opens the page" in both.error_line) == (2, True)
 
 
-@pytest.mark.parametrize("kind", [fork, two_candidates])
-def test_refusals_name_the_command_that_mends_them(kind, vfplan_cli, tmp_path):
-    path, _ = kind(tmp_path / "slice.png")
-    for words in (("extract", path), ("plan", path, *MARKERS)):
-        run = vfplan_cli(*words, "-o", tmp_path / "o.h5")
-        assert run.code == 3
-        files = " ".join(str(word) for word in words[1:])
-        assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
+def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
+    path, _ = two_candidates(tmp_path / "slice.png")
+    run = vfplan_cli("plan", path, *MARKERS, "-o", tmp_path / "o.h5")
+    assert run.code == 3
+    files = " ".join(map(str, (path, *MARKERS)))
+    assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
     assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
@@ -249,3 +253,78 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
     assert state["boxes"] == [[0, 0, 9, 9], [20, 0, 9, 9]]
     review.send(leave=True)
     assert review.end()[0] == 1
+
+
+def drawn_in_red(path, *lines):
+    """A slice with straight lines, each from (u, v) to (u, v)."""
+    picture = np.full((400, 600, 3), 90, np.uint8)
+    for start, end in lines:
+        cv2.line(picture, start, end, (0, 0, 255), 3, cv2.LINE_AA)
+    cv2.imwrite(str(path), picture)
+    return path
+
+
+def test_a_refused_dotted_line_is_marked_on_its_picture(tmp_path):
+    dashes = [((u, 200), (u + 12, 200)) for u in range(40, 560, 24)]
+    path = drawn_in_red(tmp_path / "s.png", *dashes)
+    with refuses(CurveError, "line-dotted") as refused:
+        vfplan.extract(path)
+    [line] = refused.value.lines
+    assert np.abs(line[:, 1] - 200).max() < 1
+    assert np.ptp(line[:, 0]) > 480
+    assert refused.value.numbers["v_px"] == pytest.approx(200, abs=1)
+
+
+@pytest.mark.parametrize(("end", "joins"), [((560, 240), True), ((338, 20), False)])
+def test_a_longer_gap_is_advised_where_it_joins_the_lines(end, joins, tmp_path):
+    path = drawn_in_red(tmp_path / "s.png", ((40, 200), (250, 200)), ((338, 200), end))
+    with refuses(CurveError, "several-candidates") as refused:
+        vfplan.extract(path)
+    advised = re.search(r"--max-gap (\d+) joins", refused.value.message)
+    assert (advised is not None) == joins
+    if joins:
+        longer = vfplan.ExtractSettings(max_gap_px=float(advised[1]))
+        assert len(vfplan.extract(path, longer).extraction.strokes) == 1
+
+
+def following(run):
+    """The words of the command that a run printed as its next step."""
+    assert run.code == 0, run.stderr
+    [written] = [line for line in run.stdout.splitlines() if line.startswith("wrote ")]
+    assert shlex.split(written)[1].rstrip(",").endswith((".h5", ".png"))
+    return shlex.split(run.stdout.splitlines()[-1].split("vfplan ")[-1])
+
+
+def test_next_steps_without_a_slice_take_the_same_files(vfplan_cli, tmp_path):
+    """Of a curve that was set in Slicer, in a folder whose name has a blank."""
+    folder = tmp_path / "case 1"
+    folder.mkdir()
+    curve = slicer(folder, RING_MM, "ClosedCurve")
+    places = RING_MM[::4] + np.random.default_rng(1).normal(0, 4, (6, 3))
+    points = [(f"M{k}", place, "defined") for k, place in enumerate(places.tolist())]
+    (folder / "patient.mrk.json").write_text(mrk(points, coordinateSystem="LPS"))
+    rows = [f"M{k},{x},{y},{z}" for k, (x, y, z) in enumerate(1e-3 * places + (0.4, 0.1, 0.2))]
+    (folder / "robot.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]))
+    markers = folder / "patient.mrk.json", folder / "robot.csv"
+    accept = following(
+        vfplan_cli("plan", curve, *markers, "--model", "rigid", "-o", folder / "p.h5")
+    )
+    assert accept[:2] == ["accept", str(folder / "p.h5")]
+    accept = ["A. Planner" if word == "NAME" else word for word in accept]
+    assert vfplan_cli(*accept, "--answer-all").code == 0
+    vfplan_cli("extract", curve, "-o", folder / "c.h5")
+    for source, command in ((curve, "plan"), (folder / "c.h5", "register")):
+        sheet = "--model", "rigid", "--sheet-out", folder / f"{command}.png"
+        words = following(vfplan_cli("review", source, *markers, *sheet))
+        assert words[:4] == [command, *map(str, (source, *markers))]
+        assert vfplan_cli(*words).code == 0
+
+
+def test_the_sheet_that_lacks_its_slice_is_drawn_again_with_its_markers(vfplan_cli, tmp_path):
+    vfplan_cli("extract", SLICE, "--pixel-spacing", 0.5, "-o", tmp_path / "c.h5")
+    sheet = "--sheet-out", tmp_path / "a sheet.png"
+    words = following(
+        vfplan_cli("review", tmp_path / "c.h5", *MARKERS, "--model", "affine", *sheet)
+    )
+    again = [str(SLICE) if word == "IMAGE" else word for word in words]
+    assert following(vfplan_cli(*again))[:4] == words[:4]

@@ -9,7 +9,7 @@ from vfplan.cli import options
 from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
-from vfplan.display import millimetres
+from vfplan.display import millimetres, wrote
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
     # What to do now.
     warnings += options.not_compared_warnings(seal, arguments)
     metrics = rehearsal.metrics
-    written = [f"wrote {path}" for path in (output, index_path) if path is not None]
+    written = [wrote(path) for path in (output, index_path) if path is not None]
     failed = ""
     if rehearsal.passed:
         next_step = "rehearse with --arm and --base as the robot really stands, then sign"

@@ -28,7 +28,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import command_of
+from vfplan.display import command_of, quoted, wrote
 
 if TYPE_CHECKING:
     from vfplan.camera.overlay import Overlay
@@ -122,9 +122,9 @@ def write_board(board_out: Path, paper: str) -> CommandResult:
     with outputs(board_out) as (path,):
         write_pdf(draw_board(paper), path)
     return CommandResult(
-        {"board": str(board_out)}, f"wrote {board_out}", verdict="drawn",
-        next_step=f"print {board_out} at 100 %, put it on a flat plate, take 15 pictures from "
-        "all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
+        {"board": str(board_out)}, wrote(board_out), verdict="drawn",
+        next_step=f"print {quoted(board_out)} at 100 %, put it on a flat plate, take 15 pictures "
+        "from all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
     )  # fmt: skip
 
 
@@ -148,7 +148,7 @@ def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
     following = command_of("ar", "FIXTURE.h5", "0", "--camera", output)
     return CommandResult(
         data | {"pictures": used, "output": str(output)},
-        f"{used} pictures fit to {rms_px:.3f} px\nwrote {output}", verdict="calibrated",
+        f"{used} pictures fit to {rms_px:.3f} px\n{wrote(output)}", verdict="calibrated",
         next_step=following,
     )  # fmt: skip
 
@@ -228,7 +228,7 @@ def shown_frames(
         )  # fmt: skip
     look = f"keep it: {command_line()} -o OUT.png"
     if written is not None:
-        text, look = f"{text}\nwrote {written}", f"look at {written}"
+        text, look = f"{text}\n{wrote(written)}", f"look at {quoted(written)}"
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
 
 

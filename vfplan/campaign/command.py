@@ -23,7 +23,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.display import MAX_LISTED
+from vfplan.display import MAX_LISTED, wrote
 from vfplan.errors import SettingError
 from vfplan.settings import settings_from_options
 
@@ -111,7 +111,7 @@ def vfplan_campaign(
     if picture_out is not None:
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
-        lines.append(f"wrote {picture_out}")
+        lines.append(wrote(picture_out))
 
     # A hand that never touches the fixture tests nothing.
     if not data["trials_in_contact"]:

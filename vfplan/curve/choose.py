@@ -129,24 +129,24 @@ def _several_error(
     numbers: dict[str, Any] = {"candidates": len(candidates)}
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
-        gap, longest, (u, v) = nearest
+        gap, pair, (u, v) = nearest
         message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f})"
-        if max_gap_px < gap <= longest:
-            message += f"; --max-gap {np.ceil(gap):.0f} joins them where their directions agree"
+        longer_px = float(np.ceil(gap))
+        if gap > max_gap_px and len(find_candidates(pair, longer_px)) == 1:
+            message += f"; --max-gap {longer_px:.0f} joins them"
         numbers |= {"gap_px": gap, "u_px": float(u), "v_px": float(v)}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)
     return error
 
 
-def _nearest_ends(lines: list[Candidate]) -> tuple[float, float, Array] | None:
-    """The shortest gap between ends of two lines, the longest that joins them, and the middle."""
+def _nearest_ends(lines: list[Candidate]) -> tuple[float, list[Candidate], Array] | None:
+    """The shortest gap between ends of two lines, the two lines, and its middle."""
     gaps = []
     for one, other in combinations([line for line in lines if line.may_go_on], 2):
-        longest = min(one.length, other.length)
         for end, other_end in product((0, -1), repeat=2):
             middle = (one.path[end] + other.path[other_end]) / 2
-            gaps.append((gap_px(one, end, other, other_end), longest, middle))
+            gaps.append((gap_px(one, end, other, other_end), [one, other], middle))
     return min(gaps, key=lambda gap: gap[0], default=None)
 
 
@@ -169,11 +169,14 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
     dotted = dotted_line(ink, find_groups(ink))
     if dotted is not None:
         u, v = dotted.points[len(dotted.points) // 2]
-        return CurveError(
+        error = CurveError(
             f"The line in {pen.name} is dotted, {dotted.length:.0f} px long through "
             f"({u:.0f}, {v:.0f}). Take it as one line: vfplan review IMAGE.",
             code="line-dotted",
+            numbers={"u_px": float(u), "v_px": float(v)},
         )
+        error.lines = (dotted.points,)
+        return error
     where, advice = "", ""
     if region != Region():
         where = " within what --roi and --exclude leave"
@@ -224,10 +227,10 @@ def with_other_pens(
     error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
 ) -> CurveError:
     """The refusal with all lines, which names much longer lines of other pens."""
-    numbered = in_number_order(lines, ink)
-    error.lines = tuple(line.path for line in numbered)
     if error.code == "line-dotted":
         return error
+    numbered = in_number_order(lines, ink)
+    error.lines = tuple(line.path for line in numbered)
     own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
     others = lines_of_other_pens(ink, pen, region, own_px / tuned.RIVAL_SHARE)
     if others:

@@ -122,7 +122,10 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     with drawing_on(image, path) as (axes, _):
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
-            axes.plot(*line.T, color=colour, lw=1.2, label=f"--stroke {number}")
+            words = f"--stroke {number}"
+            if error.code == "line-dotted":
+                words = "the dotted line"
+            axes.plot(*line.T, color=colour, lw=1.2, label=words)
             write_beside(axes, image, line[0], str(number), colour)
         if "u_px" in error.numbers:
             place = error.numbers["u_px"], error.numbers["v_px"]

@@ -22,7 +22,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import count
+from vfplan.display import command_of, count, quoted, wrote
 from vfplan.errors import OutputError
 from vfplan.io.writing import made_folder, move_into_place, not_written, write_whole
 
@@ -127,7 +127,7 @@ def vfplan_live(
     text = "{ticks} ticks, {dropped} dropped by the controller, {lost_datagrams} datagrams lost"
     text = text.format(**data)
     if "mcap" in data:
-        text += f"\nwrote {mcap}"
+        text += f"\n{wrote(mcap)}"
     if receiver is not None:
         text += f"\n{len(receiver.poses)} poses from {poses_from}, axes {poses_axes}"
         warnings += pose_warnings(receiver)
@@ -137,7 +137,7 @@ def vfplan_live(
             zero = feed.zero_s if data["ticks"] else receiver.poses[0][1]
             table = POSE_HEADER + pose_rows(receiver.poses, zero)
             write_whole(poses_out, [table.encode()], overwrite=is_overwriting())
-            text += f"\nwrote {poses_out}"
+            text += f"\n{wrote(poses_out)}"
         parts[poses_out].unlink()
     exit_code, failed, verdict = 0, "", f"shown {end}"
     next_step = f"keep every tick of the next run: {command_line()} --mcap FILE.mcap"
@@ -153,8 +153,10 @@ def vfplan_live(
         next_step = "free some space, and record again into another file"
     elif writer is not None:
         verdict = f"shown and recorded {end}"
-        next_step = f"open {mcap} in Foxglove, or replay it: vfplan replay {fixture} {mcap}"
-        next_step += f" --poses {poses_out}" if receiver is not None else ""
+        words = ["replay", fixture, mcap]
+        if receiver is not None:
+            words += ["--poses", poses_out]
+        next_step = f"open {quoted(mcap)} in Foxglove, or replay it: {command_of(*words)}"
     return CommandResult(
         data, text, exit_code, warnings, failed, verdict=verdict, next_step=next_step
     )

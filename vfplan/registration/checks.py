@@ -283,9 +283,9 @@ class LabelMistake:
         moved = [str(labels[i]) for i in self.moved]
         fit = f"{self.action}, all markers fit to {1e3 * self.fre_rms_m:.2f} mm"
         if len(moved) == 2:
-            return f"{moved[0]} and {moved[1]} seem exchanged: {fit}"
+            return f"The labels {moved[0]} and {moved[1]} seem exchanged: {fit}"
         names = ", ".join(moved if len(moved) <= 4 else [*moved[:4], "..."])
-        return f"the labels {names} seem {fit}"
+        return f"The labels {names} seem {fit}"
 
     def refusal(self, registration: Registration, advice: str) -> CheckFailed:
         """The error that refuses the labels as they are given."""
@@ -491,10 +491,9 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
     # Another order of the labels fits better than chance explains, or about as well.
     mistake = label_mistake(registration)
     if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
-        sentence = mistake.sentence(registration.labels)
         text = (
-            f"{sentence[0].upper()}{sentence[1:]} (as given: {_mm(registration.fre_rms_m)}). "
-            "Check the labels."
+            f"{mistake.sentence(registration.labels)} "
+            f"(as given: {_mm(registration.fre_rms_m)}). Check the labels."
         )
         findings.append(doubt("labels-doubtful", "register", text))
     elif mistake is not None:

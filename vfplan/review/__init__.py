@@ -7,11 +7,10 @@ geometry     the curve on its slice, or why there is none; the account and the r
 strokes      the pen's ink near a path, and a line that can be mended by its knots
 markers      the markers, and what the registration says of them
 server       the page's server and the draft; the page itself is in `page`
-rendered     what a review shows, and what the robot renders of it: by its engine and in words
+rendered     what the robot renders, by its engine and in words; its digest, and who accepts it
 sheet        the same as pages: facts, enlarged places, findings and other ink
 picture      the slice on the sheet, or a bundle without one from three sides
 paper        pages, letters, what stands where, and where captions go
-acceptance   answers, a name and the digest, stored in a bundle
 """
 
 from __future__ import annotations

@@ -287,26 +287,12 @@ class Geometry:
         text = f"There is no ink {number} in the account. It lists {len(self.account)} entries."
         raise SettingError(text, code="no-such-ink")
 
-    def with_excluded(self, place: tuple[float, float]) -> Geometry:
-        """The geometry with the ink at a place left out; its account stays what it is."""
-        new = replace(self, excluded_ink=self.excluded_ink | {place})
-        for name in ("lines", "leftover", "account"):
-            if name in self.__dict__:
-                new.__dict__[name] = self.__dict__[name]
-        return new
-
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
-        from scipy.spatial import cKDTree
-
         strokes = list(self.strokes)
         before, strokes[number] = strokes[number], stroke
-        # Points of either line that are not on the other.
-        changed = []
-        for one, other in ((before, stroke), (stroke, before)):
-            distance, _ = cKDTree(other.points).query(one.points)
-            changed.append(one.points[distance > MOVED_PX])
-        findings = unmended(self.findings, np.vstack(changed))
+        distance, _ = _core.nearest(before.points, stroke.points)
+        findings = unmended(self.findings, stroke.points[distance > MOVED_PX])
         return replace(self, strokes=tuple(strokes), findings=findings)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:

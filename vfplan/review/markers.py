@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -89,12 +88,15 @@ class Fit:
         Of the slice (along u, along v); `None` if nobody knows.
     T_patient_image
         (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
+    given
+        The markers as they were read, while nobody has changed one; else `None`.
     """
 
     markers: tuple[Marker, ...] = ()
     settings: FixtureSettings = field(default_factory=FixtureSettings)
     pixel_spacing_mm: tuple[float, float] | None = None
     T_patient_image: NDArray[np.float64] | None = None
+    given: Correspondences | None = None
 
     @property
     def used(self) -> tuple[Marker, ...]:
@@ -113,6 +115,8 @@ class Fit:
 
     def pairs(self) -> Correspondences:
         """The markers in use, joined as those of a file are."""
+        if self.given is not None:
+            return self.given
         used = self.used
         places = np.array([marker.place for marker in used])
         source = self.to_source(places, np.array([marker.depth_m for marker in used]))
@@ -195,15 +199,15 @@ class Fit:
         loo_m = {}
         if registration is not None:
             onto_slice = np.linalg.pinv(steps)
-            loo_m = dict(zip(registration.labels, registration.loo_m.tolist(), strict=True))
+            for label, left_out in zip(registration.labels, registration.loo_m, strict=True):
+                loo_m[label] = float(left_out) if np.isfinite(left_out) else None
         rows = []
         for marker in self.markers:
-            left_out = loo_m.get(marker.label, np.nan)
             row: dict[str, Any] = {
                 "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
                 "used": marker.is_used, "depth_m": marker.depth_m,
                 "residual_m": None, "residual_px": None,
-                "loo_m": left_out if marker.is_used and np.isfinite(left_out) else None,
+                "loo_m": loo_m.get(marker.label),
             }  # fmt: skip
             if registration is not None and marker.is_whole:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
@@ -214,30 +218,28 @@ class Fit:
         return rows
 
     def index(self, name: Any) -> int:
-        """A marker's place in the list by its label, or by its number from 0."""
-        if isinstance(name, int) and not isinstance(name, bool) and 0 <= name < len(self.markers):
-            return name
-        for number, marker in enumerate(self.markers):
-            if marker.label == name:
-                return number
-        labels = ", ".join(marker.label for marker in self.markers)
-        text = f"There is no marker {name!r}. The markers are: {labels or 'none'}."
-        raise SettingError(text, code="no-such-marker")
+        """A marker's place in the list by its label."""
+        labels = [marker.label for marker in self.markers]
+        if name not in labels:
+            text = f"There is no marker {name!r}. The markers are: {', '.join(labels) or 'none'}."
+            raise SettingError(text, code="no-such-marker")
+        return labels.index(name)
 
     def with_marker(self, number: int, **changes: Any) -> Fit:
         """The fit with one marker changed."""
         markers = list(self.markers)
         markers[number] = replace(markers[number], **changes)
-        return replace(self, markers=tuple(markers))
+        return self.with_markers(tuple(markers))
 
-    def refuse_label(self, label: str, besides: int | None = None) -> None:
+    def with_markers(self, markers: tuple[Marker, ...]) -> Fit:
+        """The fit of other markers."""
+        return replace(self, markers=markers, given=None)
+
+    def refuse_label(self, label: str, besides: str | None = None) -> None:
         """Raise `SettingError` for a label that another marker has."""
-        for number, marker in enumerate(self.markers):
-            if marker.label == label and number != besides:
-                raise SettingError(
-                    f"There is a marker {label!r} already. Give each its own label.",
-                    code="label-exists",
-                )
+        if label != besides and label in [marker.label for marker in self.markers]:
+            text = f"There is a marker {label!r} already. Give each its own label."
+            raise SettingError(text, code="label-exists")
 
 
 def size_of(plane: NDArray) -> float:
@@ -292,16 +294,16 @@ def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSetting
         sigma = () if pairs.sigma is None else tuple(np.atleast_1d(pairs.sigma[k]).tolist())
         at, target = tuple(places[k].tolist()), tuple(pairs.target[k].tolist())
         markers.append(Marker(str(label), at, target, sigma, depth_m=float(depths[k])))
-    return Fit(tuple(markers), settings, image.pixel_spacing_mm, place)
+    return Fit(tuple(markers), settings, image.pixel_spacing_mm, place, pairs)
 
 
 def fit_of_files(
     path: str | Path, path2: str | Path | None, image: PlannedImage, settings: FixtureSettings
-) -> tuple[Fit, Correspondences | None, dict[str, str]]:
-    """The markers of the files of a review, what they join to, and each file's SHA-256 by its role.
+) -> tuple[Fit, dict[str, str]]:
+    """The markers of the files of a review, and each file's SHA-256 by its role.
 
-    One file with one side is enough: the other side is then clicked or typed on the page. It joins
-    to `None`. Raises as `read_markers` and `fit_of` do.
+    One file with one side is enough: the other side is then clicked or typed on the page. Raises as
+    `read_markers` and `fit_of` do.
     """
     try:
         pairs = read_markers(path, path2, common=settings.common, spacing_mm=image.pixel_spacing_mm)
@@ -313,7 +315,7 @@ def fit_of_files(
         if name is None:
             raise
     else:
-        return fit_of(pairs, image, settings), pairs, pairs.inputs
+        return fit_of(pairs, image, settings), pairs.inputs
     spreads = [()] * len(side.labels) if side.sigma is None else np.atleast_2d(side.sigma.T).T
     markers = tuple(
         Marker(label, sigma_m=tuple(spread), **{name: tuple(position)})
@@ -321,7 +323,7 @@ def fit_of_files(
             side.labels, side.positions.tolist(), spreads, strict=True
         )
     )  # fmt: skip
-    return Fit(markers, settings, image.pixel_spacing_mm), None, {"markers": side.sha256}
+    return Fit(markers, settings, image.pixel_spacing_mm), {"markers": side.sha256}
 
 
 def snapped(image: PlannedImage, place: NDArray, reach_px: float) -> NDArray[np.float64]:
@@ -334,11 +336,3 @@ def unit_normal(axes: NDArray) -> NDArray[np.float64]:
     """The direction of length 1 across the first two columns of a plane."""
     normal = plane_normal(axes)
     return normal / np.linalg.norm(normal)
-
-
-def pairs_of_table(text: str) -> Correspondences:
-    """The markers of a pasted table; raises `MarkerError` as the reading of a file does."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "pasted.csv"
-        path.write_text(text, encoding="utf-8", errors="surrogatepass")
-        return read_markers(path)

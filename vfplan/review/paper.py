@@ -12,6 +12,7 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,7 @@ class Box:
 
     `kind` is "text", "picture" (a slice or a view) or "inset". For an inset `window` is
     (u, v, width, height) [px of the slice] and `zoom` the pixels of the page to one of the slice.
+    A text has a `style` and a `colour`.
     """
 
     page: int
@@ -77,6 +79,8 @@ class Box:
     words: str = ""
     window: tuple[int, int, int, int] | None = None
     zoom: int = 1
+    style: Style | None = None
+    colour: Colour = (0, 0, 0)
 
     @property
     def right(self) -> float:
@@ -132,13 +136,11 @@ class Paper:
     def __init__(self) -> None:
         self.boxes: list[Box] = []
         self._pages: list[Pixels] = []
-        self._texts: list[list[tuple[float, float, str, Style, Colour]]] = []
         self.add_page()
 
     def add_page(self) -> None:
         """Begin a new, white page; everything is drawn on the last one."""
         self._pages.append(np.full((PAGE_HEIGHT, PAGE_WIDTH, 3), 255, np.uint8))
-        self._texts.append([])
 
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
@@ -165,14 +167,12 @@ class Paper:
     def text(
         self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
         page: int | None = None,
-    ) -> Box:  # fmt: skip
+    ) -> None:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
         words = printable(words)
         page = self.page if page is None else page
-        self._texts[page].append((x, y, words, style, colour))
-        box = Box(page, x, y, style.width_of(words), style.line_height, "text", words)
-        self.boxes.append(box)
-        return box
+        size = style.width_of(words), style.line_height
+        self.boxes.append(Box(page, x, y, *size, "text", words, style=style, colour=colour))
 
     def paragraph(
         self, x: float, y: float, words: str, width: float, style: Style = BODY,
@@ -197,20 +197,14 @@ class Paper:
         """(pages * PAGE_HEIGHT, PAGE_WIDTH, 3) all pages, red first."""
         from PIL import Image, ImageDraw
 
-        for canvas, texts in zip(self._pages, self._texts, strict=True):
-            for x, y, words, style, colour in texts:
-                size = (int(style.width_of(words)) + 2, style.line_height + 4)
-                letters = Image.new("L", size)
-                font = _font(style.points, style.bold)
-                ImageDraw.Draw(letters).text(
-                    (0, style.baseline), words, fill=255, font=font, anchor="ls"
-                )
-                column, row = round(x), round(y)
-                height, width = canvas.shape[:2]
-                cover = np.asarray(letters)[: max(0, height - row), : max(0, width - column)]
-                blend(canvas, cover, colour, column, row)
-            texts.clear()
-        return np.vstack(self._pages)
+        pages = [Image.fromarray(canvas) for canvas in self._pages]
+        for box in self.boxes:
+            if box.style is not None:
+                place = round(box.x), round(box.y) + box.style.baseline
+                font = _font(box.style.points, box.style.bold)
+                draw = ImageDraw.Draw(pages[box.page])
+                draw.text(place, box.words, fill=box.colour, font=font, anchor="ls")
+        return np.vstack([np.asarray(page) for page in pages])
 
 
 def wrapped(words: str, width: float, style: Style) -> list[str]:
@@ -219,20 +213,15 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
         return [printable(words)]
     lines = [""]
     for word in printable(words).split():
-        longer = f"{lines[-1]} {word}".strip()
-        if style.width_of(longer) <= width:
-            lines[-1] = longer
+        if style.width_of(f"{lines[-1]} {word}".strip()) <= width:
+            lines[-1] = f"{lines[-1]} {word}".strip()
             continue
-        if lines[-1]:
-            lines.append("")
-        while style.width_of(word) > width:
-            fitting = len(word)
-            while fitting > 1 and style.width_of(word[:fitting]) > width:
-                fitting -= 1
-            lines[-1:] = [word[:fitting], ""]
-            word = word[fitting:]
-        lines[-1] = word
-    return lines
+        lines.append("")
+        for letter in word:
+            if lines[-1] and style.width_of(lines[-1] + letter) > width:
+                lines.append("")
+            lines[-1] += letter
+    return [line for line in lines if line]
 
 
 def shortened(words: str, width: float, style: Style) -> str:
@@ -324,13 +313,12 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
                 draw_line(canvas, dash.astype(float), BAND_COLOUR, 2)
 
 
-def blend(canvas: Pixels, cover: Pixels, colour: Colour, x: int = 0, y: int = 0) -> None:
-    """Lay a colour over part of a canvas as far as (H, W) `cover` says, 0 none to 255 wholly."""
+def blend(canvas: Pixels, cover: Pixels, colour: Colour) -> None:
+    """Lay a colour over a canvas as far as (H, W) `cover` says, from 0, none, to 255, wholly."""
     # Most covers are empty but for a small part.
-    rows, columns = np.nonzero(cover)
-    share = cover[rows, columns, None].astype(np.float32) / 255
-    under = canvas[y + rows, x + columns]
-    canvas[y + rows, x + columns] = np.rint(under + share * (np.array(colour) - under))
+    is_covered = cover > 0
+    share, under = cover[is_covered][:, None].astype(np.float32) / 255, canvas[is_covered]
+    canvas[is_covered] = np.rint(under + share * (np.array(colour) - under))
 
 
 # Distance [px of the page] from one try to the next: half a line of text.
@@ -345,8 +333,9 @@ LEADER_GAP = 0.4 * BODY.line_height
 # Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
 
-# Number of directions that are tried at each distance, the first to the upper right.
-DIRECTIONS = 16
+# The unit vectors of the directions that are tried at each distance, the first to the upper right.
+TURNS = np.arange(16) * np.pi / 8 - np.pi / 4
+DIRECTIONS = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
 
 
 class Labeller:
@@ -374,11 +363,9 @@ class Labeller:
         Returns its corner (x, y), and the leader (2, 2) from its point to its edge.
         """
         limit = np.array(self._taken.shape[::-1]) - (width, height)
-        for attempt in range(TRIES * DIRECTIONS):
-            angle = -np.pi / 4 + attempt % DIRECTIONS * 2 * np.pi / DIRECTIONS
-            direction = np.array([np.cos(angle), np.sin(angle)])
+        for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
             # The caption extends away from its point.
-            corner = point + direction * float((attempt // DIRECTIONS + 1) * STEP)
+            corner = point + direction * float(attempt * STEP)
             x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
             is_inside = 0 <= x <= limit[0] and 0 <= y <= limit[1]
             if not is_inside or self._taken[y : y + height, x : x + width].any():

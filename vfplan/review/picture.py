@@ -15,11 +15,10 @@ import numpy as np
 from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
-from vfplan.planning.settings import ExtractSettings
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import Outline, outlines_of
+from vfplan.review.rendered import Outline, onto_plane, outlines_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,30 +56,7 @@ VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
 MAX_DRAWN = 50_000
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A view of points in space, from one side.
-
-    The rows of `turn` are the directions to the right, downwards and to the viewer. `middle` is
-    the place (3,) [m] in its middle, and `scale` the pixels of the page a metre.
-    """
-
-    turn: paper.Array
-    middle: paper.Array
-    scale: float
-
-    def project(self, points: paper.Array) -> paper.Array:
-        """(M, 2) places in the view [px of the page] of points (M, 3) [m]."""
-        return (points - self.middle) @ self.turn[:2].T * self.scale + VIEW_PX / 2 - 0.5
-
-    @property
-    def plane(self) -> paper.Array:
-        """(3, 3) from (u, v, 1) of the view to the place [m] in the middle of what it shows."""
-        right, down = self.turn[:2] / self.scale
-        return np.column_stack([right, down, self.middle - (right + down) * (VIEW_PX / 2 - 0.5)])
-
-
-# The words of each view, which axes they are, and its directions.
+# The words of each view, which axes they are, and its directions: right, down, to the viewer.
 SIDES = (
     ("Seen from above (+z)", "x to the right, y upwards", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
     ("Seen from the side (-y)", "x to the right, z upwards", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
@@ -104,14 +80,16 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * (VIEW_PX + 60)
-        view = View(np.array(turn), middle, scale)
+        right, down, towards = np.array(turn)
+        corner = middle - (right + down) / scale * (VIEW_PX / 2 - 0.5)
+        plane = np.column_stack([right / scale, down / scale, corner])
         # A tube that is infinite along an axis has no outline where it is seen from the side.
-        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ turn[2]) < 0.5
+        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = draw_points(view, plan.fixture)
+        canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
-            for outline in outlines_of(plan.fixture, view.plane, (VIEW_PX, VIEW_PX)):
+            for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
@@ -120,14 +98,11 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     rows = rendered_legend(outlines)
     if rows:
-        place = ", ".join(f"{axis} = {MM * at:.1f}" for axis, at in zip("xyz", middle, strict=True))
         heading = "In the middle of each view"
         free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
-        words = f"Cut at {place} mm."
-        if plan.kind == "guide":
+        if plan.kind == "guide" and axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
-            words = "" if axis is None else words
-        free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
+            free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
     return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
 
 
@@ -141,17 +116,21 @@ def draw_scale_bar(
     sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
 
 
-def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
-    """The points, or the triangles, those in front over those behind."""
+def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
+    """The points, or the triangles, those in front over those behind.
+
+    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m], and `towards` is the
+    direction to the viewer.
+    """
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
-    flat, mesh = view.project(fixture.points), fixture.mesh
+    flat, mesh = onto_plane(plane)(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
         # Darker the more a triangle is turned away from the viewer.
-        corners = fixture.points[mesh] @ view.turn.T
+        corners = fixture.points[mesh]
         across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
-        facing = np.abs(across[:, 2:]) / np.maximum(np.linalg.norm(across, axis=1)[:, None], 1e-30)
-        colours = (0.35 + 0.6 * facing) * (255 + np.array(LINE_COLOUR)) / 2
-        for k in np.argsort(corners[..., 2].mean(axis=1)):
+        facing = np.abs(across @ towards) / np.maximum(np.linalg.norm(across, axis=1), 1e-30)
+        colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
+        for k in np.argsort(corners.mean(axis=1) @ towards):
             outline = paper.fixed_point(flat[mesh[k]])
             cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
         return canvas
@@ -160,29 +139,6 @@ def draw_points(view: View, fixture: Fixture) -> paper.Pixels:
     for place in drawn:
         paper.draw_disc(canvas, place, radius, LINE_COLOUR)
     return canvas
-
-
-def draw_tag(
-    sheet: paper.Paper, box: paper.Box, labeller: paper.Labeller, point: paper.Array, words: str,
-    ground: paper.Colour = WHITE,
-) -> None:  # fmt: skip
-    """Write a caption in a small plate close to its point, if there is a place for one.
-
-    `ground` is the plate's colour. The letters are black on white, and white on any other.
-    """
-    words = paper.shortened(words, 220, STRONG)
-    width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-    place = labeller.place(point, width, height)
-    if place is None:
-        return
-    x, y, leader = place
-    part = sheet.part(box)
-    paper.draw_cased(part, leader, BLACK, 1)
-    plate = part[y : y + height, x : x + width]
-    plate[:] = BLACK
-    plate[2:-2, 2:-2] = ground
-    letters = BLACK if ground == WHITE else WHITE
-    sheet.text(box.x + x + 6, box.y + y + 1, words, STRONG, letters)
 
 
 # Width [px of the page] of the column of facts beside the slice, and where it begins.
@@ -252,7 +208,11 @@ def draw_picture(
     region = draw_ink_outline(plan, panel, ends)
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends, is_cased=False)
-    has_bound = draw_bands(plan, panel)
+    for stroke, half_m in plan.bounds:
+        # The 95 % band where it reaches beyond the outline.
+        reach = half_m * panel.zoom / plan.metres_per_px
+        if reach.max() > panel.outline_distance(stroke) + 3:
+            paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
@@ -273,7 +233,7 @@ def draw_picture(
     if omitted:
         words = f"There was no place for {omitted} captions; the lists below name all."
         bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
-    return bottom, draw_legend(sheet, plan, enlargement, has_bound, y)
+    return bottom, draw_legend(sheet, plan, enlargement, y)
 
 
 def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
@@ -354,17 +314,6 @@ def draw_rendered(
         paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
 
 
-def draw_bands(plan: Plan, panel: Panel) -> bool:
-    """Draw the 95 % band where it reaches beyond the outline; whether it does."""
-    is_drawn = False
-    for stroke, half_m in plan.bounds:
-        reach = half_m * panel.zoom / plan.metres_per_px
-        if reach.max() > panel.outline_distance(stroke) + 3:
-            paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
-            is_drawn = True
-    return is_drawn
-
-
 def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     """Draw each marker where it was given, and its residual as an arrow; `keep` gets both.
 
@@ -419,7 +368,19 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
     """
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
-        draw_tag(sheet, panel.box, labeller, panel.place(place), words, ground)
+        """Write a caption in a small plate of a colour, if there is room close to its place."""
+        words = paper.shortened(words, 220, STRONG)
+        width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
+        found = labeller.place(panel.place(place), width, height)
+        if found is None:
+            return
+        x, y, leader = found
+        paper.draw_cased(panel.canvas, leader, BLACK, 1)
+        plate = panel.canvas[y : y + height, x : x + width]
+        plate[:] = BLACK
+        plate[2:-2, 2:-2] = ground
+        letters = BLACK if ground == WHITE else WHITE
+        sheet.text(panel.box.x + x + 6, panel.box.y + y + 1, words, STRONG, letters)
 
     for number, stroke in enumerate(plan.strokes, 1):
         is_single = len(plan.strokes) == 1
@@ -439,25 +400,16 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
     return labeller.omitted
 
 
-def draw_legend(
-    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_bound: bool, y: float
-) -> float:
+def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:
     """What the lines on the picture mean."""
-    made, line = plan.fixture.provenance, "the curve that was taken"
-    if "image" in made.inputs and "curve" not in made.inputs:
-        pen = made.settings.get("colour", ExtractSettings().colour)
-        line = f"the line of the pen ({pen}) that was taken"
-    if plan.strokes and all(stroke.edited.all() for stroke in plan.strokes):
-        line = "the line, which was drawn by hand"
-    rows: list[LegendRow] = [(f"Blue outline: beside {line}", LINE_COLOUR, False)]
+    rows: list[LegendRow] = [("Blue outline: beside the line that was taken", LINE_COLOUR, False)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
         rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, False))
     if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if plan.tre95_m is not None:
-        where = "true scale" if has_bound else "see the last enlargement"
-        words = f"Purple dashes: 95 % band of markers and drawing, {where}"
+        words = "Purple dashes: 95 % band of markers and drawing; see the last enlargement"
         rows.append((words, paper.BAND_COLOUR, True))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"

@@ -5,7 +5,6 @@ It begins with a slice, a curve bundle or a fixture bundle, and its markers.
 
 from __future__ import annotations
 
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ import numpy as np
 from vfplan.bundle import rendered_values
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, millimetres
+from vfplan.display import MM, command_of, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
@@ -52,20 +51,20 @@ from vfplan.planning.settings import (
     overridden,
 )
 from vfplan.registration.registration import Registration, describe_side
-from vfplan.review.acceptance import digest_of
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
     Kind,
     Outline,
     check_slice,
+    digest_of,
     kind_of,
     labels_left_out,
     onto_plane,
     outlines_of,
-    place_in_patient,
     registration_again,
     sigma_of,
+    slice_not_shown,
     strokes_on_slice,
 )
 from vfplan.review.strokes import MendedStroke, SliceInk
@@ -74,8 +73,6 @@ from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
-# How an HDF5 file begins.
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +91,6 @@ class Source:
         The settings in force.
     geometry, fit
         The curve and the markers before the first step.
-    exclude
-        Boxes that the settings exclude, (u, v, width, height) [px].
     inputs
         Role -> SHA-256 of the files that the curve comes from.
     sha256
@@ -103,8 +98,6 @@ class Source:
         when the review was opened. No file is read again.
     recipe
         The settings in force and the robot, as a bundle records them.
-    pairs
-        The markers of the files that were given; `None` if the markers come from a bundle.
     bundle
         The content of the bundle, if one was given.
     as_opened
@@ -123,11 +116,9 @@ class Source:
     planning: FixtureSettings = field(default_factory=FixtureSettings)
     geometry: Geometry = field(default_factory=Geometry)
     fit: Fit = field(default_factory=Fit)
-    exclude: tuple[Box, ...] = ()
     inputs: dict[str, str] = field(default_factory=dict)
     sha256: dict[str, str] = field(default_factory=dict)
     recipe: dict[str, Any] = field(default_factory=dict)
-    pairs: Correspondences | None = None
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
     notes: tuple[Finding, ...] = ()
@@ -155,18 +146,18 @@ class Source:
             "in_words": self.recipe.get(SLICE_IN_WORDS, ""),
         }  # fmt: skip
 
-    def turned_to(self, position: int, pairs: Correspondences | None, fit: Fit) -> Source:
+    def turned_to(self, position: int, fit: Fit) -> Source:
         """The source on another slice of the stack, by its number from 0.
 
-        Its markers are the pairs that files give; without those, the markers of the fit.
+        Its markers are those that files give; without those, the markers of the fit.
         """
         chosen = self.stack[position]
         extraction = replace(self.extraction, frame=chosen.frame)
         source = source_of_slice(chosen.path, None, extraction, self.planning)
         on_slice = replace(fit, pixel_spacing_mm=source.image.pixel_spacing_mm)
-        if pairs is not None:
-            on_slice = fit_of(pairs, source.image, self.planning)
-        return replace(source.in_stack(self.stack, position), pairs=pairs, fit=on_slice)
+        if fit.given is not None:
+            on_slice = fit_of(fit.given, source.image, self.planning)
+        return replace(source.in_stack(self.stack, position), fit=on_slice)
 
     def in_stack(self, stack: tuple[StackedSlice, ...], position: int) -> Source:
         """The source, with the stack of which it is one slice, and that said in its recipe."""
@@ -182,14 +173,13 @@ class Source:
         """Whether it is a photograph that was made flat."""
         return MADE_FLAT_BY in self.recipe
 
-    def geometry_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> Geometry:
-        """The slice extracted anew by the pen of this ink, with the ink in the boxes left out."""
-        settings = self.extraction_with(ink, exclude)
-        return geometry_of_slice(self.image, settings, ink.without(exclude))
+    def geometry_with(self, ink: SliceInk) -> Geometry:
+        """The slice extracted anew by the pen of this ink, without what that leaves out."""
+        return geometry_of_slice(self.image, self.extraction_with(ink), ink)
 
-    def extraction_with(self, ink: SliceInk, exclude: tuple[Box, ...]) -> ExtractSettings:
-        """The extraction's settings for the pen of this ink, with these boxes excluded."""
-        return replace(self.extraction, colour=ink.colour, exclude=exclude or None)
+    def extraction_with(self, ink: SliceInk) -> ExtractSettings:
+        """The extraction's settings for the pen and the boxes of this ink."""
+        return replace(self.extraction, colour=ink.colour, exclude=ink.exclude or None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,20 +204,17 @@ class Plan:
         What the review begins with.
     geometry, fit
         The curve and the markers.
-    exclude
-        Boxes in which ink does not count, (u, v, width, height) [px].
     is_shaped
         Whether a hand has shaped the curve, so that extraction anew would undo that.
     answers
-        A finding's key -> who accepted it, and when.
+        Finding -> who accepted it, and when. One with other words or at another place is another.
     """
 
     source: Source
     geometry: Geometry
     fit: Fit
-    exclude: tuple[Box, ...] = ()
     is_shaped: bool = False
-    answers: dict[str, tuple[str | None, str]] = field(default_factory=dict)
+    answers: dict[Finding, tuple[str | None, str]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fixture: Fixture, name: str, image: PlannedImage | None = None) -> Plan:
@@ -245,7 +232,7 @@ class Plan:
         plan.__dict__["outcome"] = Outcome(fixture, fixture.findings)
         return plan
 
-    def answered(self, answers: dict[str, tuple[str | None, str]]) -> Plan:
+    def answered(self, answers: dict[Finding, tuple[str | None, str]]) -> Plan:
         """The plan with other answers, by which its outcome stays what it is."""
         new = replace(self, answers=answers)
         new.__dict__["outcome"] = self.outcome
@@ -256,8 +243,8 @@ class Plan:
         """What a person should look at, with the answers that were given."""
         findings = []
         for finding in self.outcome.findings:
-            if key_of(finding) in self.answers:
-                by, at = self.answers[key_of(finding)]
+            if finding in self.answers:
+                by, at = self.answers[finding]
                 finding = replace(finding, answered_by=by or "", answered_utc=at)
             findings.append(finding)
         return tuple(findings)
@@ -284,11 +271,7 @@ class Plan:
         # Whether this review shows the slice; an earlier one may have.
         findings = [f for f in outcome.findings if f.code != "slice-not-shown"]
         if self.is_slice_missing:
-            text = (
-                "The slice is not shown, so neither the line's ends nor other ink can be seen. "
-                "Open the bundle with its slice: --slice IMAGE."
-            )
-            findings.append(doubt("slice-not-shown", "extract", text))
+            findings.append(slice_not_shown())
         opened, fixture = self.source.bundle, outcome.fixture
         if fixture is not None and fixture is not opened:
             findings += self.source.notes
@@ -301,6 +284,17 @@ class Plan:
         """What would be written, with its findings and their answers; `None` if nothing would."""
         fixture = self.outcome.fixture
         return None if fixture is None else replace(fixture, findings=self.findings)
+
+    @property
+    def has_other_markers(self) -> bool:
+        """Whether they are not those of the bundle that was opened."""
+        return self.fit.given is None or len(self.fit.given.inputs) > 0
+
+    @property
+    def exclude(self) -> tuple[Box, ...]:
+        """Boxes in which ink does not count, (u, v, width, height) [px]."""
+        ink = self.geometry.ink
+        return () if ink is None else ink.exclude
 
     @property
     def name(self) -> str:
@@ -396,7 +390,7 @@ class Plan:
             return None
         place = None
         if self.registration.source.shape[1] == 3:
-            place = place_in_patient(self.image)
+            place = self.image.T_patient_image[:3]
         return bound95_m(self.registration, self.strokes, place)
 
     @cached_property
@@ -467,27 +461,18 @@ class Plan:
             return Outcome(curve, of_curve)
         if self.fit.why_not:
             return Outcome(None, of_curve, sentence(self.fit.why_not), "markers")
-        margin, opened = self.fit.settings.margin, source.bundle
-        is_other = opened is not None and (self.fit is not source.fit or source.pairs is not None)
         # A margin from the bound is made anew; a number cannot be.
-        if (
-            is_other
-            and type(margin) is float
-            and margin == opened.provenance.settings.get("margin")
-        ):
+        margin, opened = self.fit.settings.margin, source.bundle
+        is_of_opened = opened is not None and margin == opened.provenance.settings.get("margin")
+        if is_of_opened and self.has_other_markers and type(margin) is float:
             text = (
                 f"The margin of {millimetres(margin)} was made for other markers. Run vfplan "
                 "campaign on a plan with these, and give its --margin and --campaign."
             )
             return Outcome(None, of_curve, text, "margin-of-other-markers")
-        # Markers that nobody changed are those that were read.
-        pairs = self.fit.pairs()
-        if self.fit is source.fit:
-            record = None if opened is None else opened.registration
-            touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
-            pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
+        pairs, settings = self.fit.pairs(), self.fit.settings
         try:
-            planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
+            planned = register(curve, pairs, None, settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
         except VfplanError as error:
             return Outcome(None, of_curve, sentence(error.message), error.code)
@@ -503,10 +488,10 @@ class Plan:
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
         settings = self.source.recipe | recorded(self.fit.settings)
         if ink is not None:
-            settings = settings | recorded(self.source.extraction_with(ink, self.exclude))
+            settings = settings | recorded(self.source.extraction_with(ink))
         # The files of the bundle's markers are named as long as these are its markers.
         inputs = self.source.inputs
-        if self.fit is not self.source.fit or self.source.pairs is not None:
+        if self.has_other_markers:
             inputs = {role: inputs[role] for role in inputs if role in ("image", "curve")}
         return Fixture(
             frame="image",
@@ -517,12 +502,6 @@ class Plan:
             curve=Curve.of(strokes),
             image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
         )
-
-
-def key_of(finding: Finding) -> str:
-    """What an answer belongs to: a finding with other words or at another place is another one."""
-    place = finding.place_px or finding.place_m or ()
-    return json.dumps([finding.code, finding.stage, finding.text, [round(x, 3) for x in place]])
 
 
 def sentence(text: str) -> str:
@@ -552,9 +531,8 @@ def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
         )
         apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in ((now, was), (was, now)))
         texts.append(
-            f"The line ({', '.join(of_line)}), which lies up to {millimetres(apart_m)} off, is "
-            f"{millimetres(1e-5 * len(now))} long; in the opened bundle it is "
-            f"{millimetres(1e-5 * len(was))} long."
+            f"The line ({', '.join(of_line)}) lies up to {millimetres(apart_m)} off that of the "
+            "opened bundle."
         )
     return [doubt("differs-from-opened", "plan", text) for text in texts]
 
@@ -607,9 +585,8 @@ def open_source(
         if source.as_opened is not None:
             refuse_planning_of_planned(source.as_opened, of_planning)
         return source
-    fit, pairs, inputs = fit_of_files(markers, markers2, source.image, source.planning)
-    sha256 = source.sha256 | inputs
-    return replace(source, fit=fit, pairs=pairs, sha256=sha256, as_opened=None)
+    fit, inputs = fit_of_files(markers, markers2, source.image, source.planning)
+    return replace(source, fit=fit, sha256=source.sha256 | inputs, as_opened=None)
 
 
 def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
@@ -660,25 +637,22 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     flattened = flattening(plan.fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
     image = made_flat(source.image, flattened.numbers)
 
-    def moved(fit: Fit) -> Fit:
-        markers = [
-            marker if marker.place is None else
-            replace(marker, place=tuple(flattened.places(np.array([marker.place]))[0].tolist()))
-            for marker in fit.markers
-        ]  # fmt: skip
-        return replace(fit, markers=tuple(markers), pixel_spacing_mm=image.pixel_spacing_mm)
-
-    pairs, of_files = source.pairs, moved(source.fit)
-    if pairs is not None:
-        pairs = replace(pairs, source=flattened.places(pairs.source))
+    markers, given = list(plan.fit.markers), plan.fit.given
+    for number, marker in enumerate(markers):
+        if marker.place is not None:
+            place = flattened.places(np.array([marker.place]))[0]
+            markers[number] = replace(marker, place=tuple(place.tolist()))
+    if given is not None:
+        given = replace(given, source=flattened.places(given.source))
+    fit = replace(
+        plan.fit, markers=tuple(markers), given=given, pixel_spacing_mm=image.pixel_spacing_mm
+    )
     ink = SliceInk(image.rgb, ink.colour, (), None)
     source = replace(
-        source, image=image, fit=of_files, pairs=pairs,
-        notes=(*source.notes, *flat_findings(flattened.told)),
+        source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
-    geometry = geometry_of_slice(image, source.extraction_with(ink, ()), ink)
-    fit = of_files if plan.fit is plan.source.fit else moved(plan.fit)
+    geometry = source.geometry_with(ink)
     return replace(plan, source=source, geometry=geometry, fit=fit)
 
 
@@ -703,13 +677,9 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its name or its first bytes."""
-    if path.suffix.lower() in (".h5", ".hdf5"):
-        return True
-    try:
-        with path.open("rb") as file:
-            return file.read(len(HDF5_SIGNATURE)) == HDF5_SIGNATURE
-    except OSError:
-        return False
+    import h5py
+
+    return path.suffix.lower() in (".h5", ".hdf5") or h5py.is_hdf5(path)
 
 
 def source_of_slice(
@@ -717,10 +687,10 @@ def source_of_slice(
 ) -> Source:
     """What a review of a slice begins with."""
     image = read_slice(path, extraction)
-    exclude = tuple(tuple(box) for box in extraction.exclude or ())
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
     recipe = recorded(extraction)
     if curve_path is None:
+        exclude = tuple(tuple(box) for box in extraction.exclude or ())
         ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
         geometry = geometry_of_slice(image, extraction, ink)
     else:
@@ -733,7 +703,7 @@ def source_of_slice(
         sha256["curve"] = inputs["curve"]
     return Source(
         path, path, image, extraction, planning, geometry,
-        Fit((), planning, image.pixel_spacing_mm), exclude, inputs, sha256,
+        Fit((), planning, image.pixel_spacing_mm), inputs, sha256,
         recipe | recorded(planning),
     )  # fmt: skip
 
@@ -755,8 +725,8 @@ def source_of_bundle(
         planning = planning_of(fixture, of_planning)
     if fixture.curve is None or fixture.mesh is not None:
         text = (
-            "This bundle has no drawn curve that the page could show. Print its sheet: vfplan "
-            f"review {path} --sheet-out sheet.png"
+            "This bundle has no drawn curve that the page could show. Print its sheet: "
+            f"{command_of('review', path, '--sheet-out', 'sheet.png')}"
         )
         raise InputError(text, where=str(path), code="no-drawn-curve")
     slice_image = None
@@ -764,16 +734,8 @@ def source_of_bundle(
         slice_path = slice_file(fixture, slice_path)
         slice_image = slice_of_bundle(fixture, slice_path, path, extraction)
         sha256["slice"] = slice_image.sha256
-    record = fixture.registration
-    is_planar = record is not None and record.source_frame == "image"
-    is_placed = slice_image is not None and slice_image.T_patient_image is not None
-    if fixture.frame != "image" and not is_planar and (record is None or not is_placed):
-        text = (
-            "This bundle does not say where its curve lies on a slice. Give the DICOM slice with "
-            f"--slice, or print its sheet: vfplan review {path} --sheet-out sheet.png"
-        )
-        raise InputError(text, where=str(path), code="no-slice-registration")
-    geometry = geometry_of_bundle(fixture, slice_image, extraction)
+    with naming_place(path):
+        geometry = geometry_of_bundle(fixture, slice_image, extraction)
     geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
     image = slice_image
     if image is None:
@@ -789,10 +751,14 @@ def source_of_bundle(
 
     # The markers of its registration lie where they were found.
     fit = Fit((), planning, image.pixel_spacing_mm)
+    record = fixture.registration
     if record is not None:
+        sigma = sigma_of(fixture)
         pairs = Correspondences(
-            record.labels, record.source, record.source_frame, record.target, sigma_of(fixture)
-        )
+            record.labels, record.source, record.source_frame, record.target,
+            None if sigma is None else np.array(sigma).squeeze(),
+            tool=record.tool, tip=record.tip,
+        )  # fmt: skip
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
     kept = (MADE_FLAT_BY, SLICE_IN_WORDS, SLICER_POINTS)
@@ -800,7 +766,7 @@ def source_of_bundle(
     if judge_of(robot) is None and fixture.stability is not None:
         raise incomplete_recipe("it does not say which robot the stiffness is stable with")
     return Source(
-        path, slice_path, image, extraction, planning, geometry, fit, extraction.exclude or (),
+        path, slice_path, image, extraction, planning, geometry, fit,
         dict(fixture.provenance.inputs), sha256,
         recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
         as_opened=fixture,

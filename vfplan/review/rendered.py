@@ -3,13 +3,20 @@
 A wall has the outline at which the tool's centre stops, and a guide that of the tube in which the
 tip is held. Nothing here computes them from the drawn line: the engine that the bundle makes is
 asked where it pushes.
+
+A person's word on that is stored in the bundle: answers to findings, a name, and the digest. The
+digest is 64 hexadecimal digits over what a review sheet shows: every value of the bundle, so the
+SHA-256 of the slice too, and the findings. It does not cover when and by which program the bundle
+was made, nor who answered a finding. So the same plan has the same digest tomorrow and after its
+acceptance, and no other plan has it. What the bundle holds of the review is another digest,
+`vfplan.bundle.review_digest`, which every reader computes again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -17,13 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
+from vfplan.bundle.content import digest_of_content, review_digest, to_content
 from vfplan.display import MM, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
-from vfplan.errors import InputError, VfplanError
-from vfplan.fixture import Fixture, Rendering, Stroke
+from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
+from vfplan.findings import Finding, doubt
+from vfplan.fixture import Fixture, Rendering, Review, Stroke
 from vfplan.geometry.lines import plane_normal, runs
 from vfplan.images.read import PlannedImage, plane_of_slice
+from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
 from vfplan.registration.registration import Registration, fit_registration
 from vfplan.review.markers import size_of
@@ -44,6 +54,17 @@ GUIDE_PLACES, END_DIRECTIONS = 240, 16
 
 # How far beyond the tube the guide is asked, as a share of its radius: it then pushes back.
 BEYOND_TUBE = 0.01
+
+
+# What changes although the plan does not.
+LEFT_OUT = {"/provenance@created_utc", "/provenance@software", "/provenance/history"}
+
+# Characters that Unicode counts as letters, marks or symbols and that show nothing.
+INVISIBLE = {*"\u034f\u115f\u1160\u17b4\u17b5\u2800\u3164\uffa0", *map(chr, range(0xFE00, 0xFE10))}
+INVISIBLE |= {*"\u180b\u180c\u180d\u180f", *map(chr, range(0xE0100, 0xE01F0))}
+
+# Characters of a name at most, as a bundle holds them.
+MAX_NAME = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,48 +105,26 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
 
     The slice need not be given where the bundle itself says how its pixels lie.
     """
-    convert = to_pixels(fixture, image)
-    is_image = fixture.frame == "image"
-    units_per_px = 1.0 if is_image else size_of(plane_of_slice(fixture, image))
+    # In the frame of the image the first two coordinates are pixels.
+    plane = np.eye(3)
+    if fixture.frame != "image":
+        is_registered = fixture.registration is not None or fixture.frame == "patient_lps"
+        plane = plane_of_slice(fixture, image) if is_registered else None
+    if plane is None:
+        text = (
+            "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
+            "DICOM slice with --slice, or print the sheet without a slice: vfplan review "
+            "FIXTURE.h5 --sheet-out sheet.png"
+        )
+        raise InputError(text, code="slice-unplaced")
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
     strokes = []
     for stroke in drawn:
-        sigma = None if stroke.sigma is None else stroke.sigma / units_per_px
-        strokes.append(replace(stroke, points=convert(stroke.points), sigma=sigma))
+        sigma = None if stroke.sigma is None else stroke.sigma / size_of(plane)
+        strokes.append(replace(stroke, points=onto_plane(plane)(stroke.points), sigma=sigma))
     return tuple(strokes)
-
-
-def to_pixels(fixture: Fixture, image: PlannedImage | None) -> Callable[[Array], Array]:
-    """From the frame of the fixture back to the pixels of its slice."""
-    if fixture.frame == "image":
-        return lambda points: points[:, :2]
-    if fixture.frame == "patient_lps":
-        return onto_plane(place_in_patient(image))
-    record = fixture.registration
-    if record is None:
-        raise InputError(
-            "This bundle does not say how it was registered, so its curve cannot be drawn on the "
-            "slice. Leave --slice out.",
-            code="slice-unregistered",
-        )
-    if record.source_frame == "image":
-        return onto_plane(record.T_robot_image)
-    back = np.linalg.inv(record.T_robot_image)
-    onto = onto_plane(place_in_patient(image))
-    return lambda points: onto(points @ back[:3, :3].T + back[:3, 3])
-
-
-def place_in_patient(image: PlannedImage) -> Array:
-    """(3, 3) from (u, v, 1) of a DICOM slice to the patient's frame [m]."""
-    if image.T_patient_image is None:
-        raise InputError(
-            "The slice does not say where it lies in the patient, so the curve cannot be drawn on "
-            "it. Give the DICOM file, or leave --slice out.",
-            code="slice-unplaced",
-        )
-    return image.T_patient_image[:3]
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:
@@ -316,9 +315,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
         numbers = ", ".join(f"{number:.4f}" for number in axis)
-        name = axis_in_words(axis)
-        name = f"{name} " if name in "xyz" else ""
-        infinite = f"along {name}({numbers}), where it gives no force"
+        infinite = f"along ({numbers}), where it gives no force"
     rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
              ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration
@@ -439,3 +436,110 @@ def in_one_line(fixture: Fixture) -> str:
     return f"{words}; " + (
         "approved by nobody" if reviewed is None else f"approved by {reviewed.by}"
     )
+
+
+def slice_not_shown() -> Finding:
+    """The doubt of who looked at a plan without its slice."""
+    text = (
+        "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
+        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE."
+    )
+    return doubt("slice-not-shown", "extract", text)
+
+
+def visible_name(name: str) -> str:
+    """A person's name without the blanks around it; refuses one that cannot be read as it is."""
+    name = name.strip()
+    is_visible = name.isprintable() and not INVISIBLE & set(name) and any(map(str.isalnum, name))
+    if not is_visible or len(name) > MAX_NAME:
+        raise SettingError(
+            f"The name {name[:MAX_NAME]!a} is empty, longer than {MAX_NAME} characters, or holds "
+            "signs that cannot be seen. Say who looks at the plan, in letters that show.",
+            code="name-missing",
+        )
+    return name
+
+
+def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
+    """The digest of a fixture with its findings.
+
+    Parameters
+    ----------
+    fixture
+        The bundle's content.
+    slice_shown
+        Whether the sheet shows the slice that the curve was drawn on. A sheet without it has
+        another digest: who saw that sheet has not seen the ends of the line.
+    """
+    unanswered = (replace(f, answered_by=None, answered_utc=None) for f in fixture.findings)
+    content = to_content(replace(fixture, reviewed=None, findings=tuple(unanswered)))
+    is_drawn = fixture.provenance.inputs.get("image") is not None
+    title = "vfplan review sheet 2" + (", slice not shown" if is_drawn and not slice_shown else "")
+    return digest_of_content(title, content, content.keys() - LEFT_OUT)
+
+
+def accept(
+    fixture: Fixture, digest: str, by: str, *, answers: Collection[str] = (),
+    answer_all: bool = False,
+) -> Fixture:  # fmt: skip
+    """The fixture with its findings answered and its review.
+
+    Parameters
+    ----------
+    fixture
+        What is accepted.
+    digest
+        The digest on the sheet that was looked at: 64 hexadecimal digits.
+    by
+        Who looked at it.
+    answers
+        Codes of the findings that are answered.
+    answer_all
+        Every finding is answered.
+
+    Raises
+    ------
+    CheckFailed
+        The digest is that of another plan, or a doubt stays without an answer. If the sheet did not
+        show the slice, the fixture gets the doubt "slice-not-shown", which wants an answer too.
+    SettingError
+        There is no name, or a code that no open finding has.
+    """
+    by = visible_name(by)
+    typed, digest, with_slice = digest, digest.lower(), digest_of(fixture)
+    if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
+        raise CheckFailed(
+            "This digest is not that of the bundle: the sheet that was looked at shows another "
+            "plan. Draw the sheet of this bundle and look at it: vfplan review FIXTURE.h5 --slice "
+            "IMAGE --sheet-out SHEET.png.",
+            code="digest-other",
+            numbers={"given": typed, "expected": with_slice},
+        )
+    is_asked = any(finding.code == "slice-not-shown" for finding in fixture.findings)
+    if digest != with_slice and not is_asked:
+        fixture = replace(fixture, findings=(*fixture.findings, slice_not_shown()))
+    open_codes = {finding.code for finding in fixture.open_findings}
+    unknown = sorted(set(answers) - open_codes)
+    if unknown:
+        raise SettingError(
+            f"No open finding has the code {unknown[0]!r}. Open are: "
+            f"{', '.join(sorted(open_codes)) or 'none'}.",
+            code="answer-unknown",
+            numbers={"unknown": unknown, "open": sorted(open_codes)},
+        )
+    now = now_utc()
+    findings = tuple(
+        replace(finding, answered_by=by, answered_utc=now)
+        if finding.is_open and (answer_all or finding.code in answers)
+        else finding
+        for finding in fixture.findings
+    )
+    left = sorted({finding.code for finding in findings if finding.is_open})
+    if left:
+        message = (
+            f"These findings have no answer: {', '.join(left)}. Answer each with --answer CODE, or "
+            "all with --answer-all."
+        )
+        raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
+    accepted = replace(fixture, findings=findings, reviewed=None)
+    return replace(accepted, reviewed=Review(by, now, review_digest(accepted)))

@@ -13,7 +13,6 @@ looked at is in no draft: it belongs to the name that stands on the page, and en
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import os
 import queue
@@ -38,7 +37,7 @@ from vfplan.io.files import MAX_TEXT_BYTES, flags, now_utc, opened_file, to_json
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import lock_file, not_written, remove_quietly, write_whole
 from vfplan.palette import palette_css
-from vfplan.review.acceptance import visible_name
+from vfplan.review.rendered import visible_name
 from vfplan.review.session import Session, marker_state
 from vfplan.review.steps import move_marker
 
@@ -123,11 +122,9 @@ class Draft:
             raise InputError(message, where=where, code="draft-of-another-user")
         try:
             draft = json.loads(text)
-            steps, undone = draft["steps"], draft["undone"]
+            steps = draft["steps"]
             found = {"by": draft["by"], "utc": draft["utc"], "steps": len(steps)}
             header = {name: draft[name] for name in self._header}
-            if not isinstance(steps, list) or not isinstance(undone, list):
-                raise TypeError
         except (ValueError, KeyError, TypeError, RecursionError):
             message = f"This is no draft of a review. {advice}"
             raise InputError(message, where=where, code="no-draft") from None
@@ -140,19 +137,16 @@ class Draft:
         try:
             for step in steps:
                 session = session.apply(step)
-            after = session
-            for step in undone:
-                after = after.apply(step)
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None
         self.found = found
-        return replace(session, undone=tuple(undone), seen={})
+        return replace(session, seen={})
 
     def keep(self, session: Session, by: str = "") -> None:
         """Write the session's steps and who took the last; raises `OutputError` if that fails."""
-        steps = {"steps": list(session.steps), "undone": list(session.undone)}
-        text = json.dumps(self._header | {"by": by, "utc": now_utc()} | steps, indent=0)
+        known = {"by": by, "utc": now_utc(), "steps": session.steps}
+        text = json.dumps(self._header | known, indent=0)
         write_whole(self.path, [text.encode()], overwrite=True, mode=0o600)
 
     def discard(self) -> None:
@@ -211,28 +205,19 @@ class ReviewServer:
         self._draft = draft
         self._about = {"by": by, "signs": signs, "draft": draft.found}
         self._version = 0
-        # Each tab -> the name that stands on it; a number until one does.
-        self._names: WeakKeyDictionary[Any, str | int] = WeakKeyDictionary()
-        self._numbers = itertools.count()
+        # Each tab on which a name stands -> the name. Until then the tab itself counts as a person.
+        self._names: WeakKeyDictionary[Any, str] = WeakKeyDictionary()
         self._lock = threading.RLock()
         self._wanted: queue.Queue = queue.Queue()
         self._stale = threading.Event()
         self._stale.set()
         self._closing = False
         self._server = Loopback(port, self._answer, self._talk, MAX_MESSAGE_BYTES)
-        self.token = self._server.token
+        self.token, self.port = self._server.token, self._server.port
+        # What to open in a browser; whoever knows it can review.
+        self.address = self._server.address
         self._planner = threading.Thread(target=self._plan, daemon=True)
         self._planner.start()
-
-    @property
-    def port(self) -> int:
-        """Where it listens on 127.0.0.1."""
-        return self._server.port
-
-    @property
-    def address(self) -> str:
-        """What to open in a browser; whoever knows it can review."""
-        return self._server.address
 
     def run(self, write: Callable[[Fixture], str], stopped: Callable[[], bool]) -> str | None:
         """Serve until the person approves or leaves, or `stopped` says so.
@@ -328,7 +313,6 @@ class ReviewServer:
     def _talk(self, connection: Any) -> None:
         from websockets.exceptions import ConnectionClosed
 
-        self._names[connection] = next(self._numbers)
         with suppress(ConnectionClosed):
             _send(connection, {"about": self._about})
             self._show([connection])
@@ -362,7 +346,7 @@ class ReviewServer:
             elif "leave" in message:
                 self._wanted.put((connection, None))
             else:
-                self._change(message, self._names[connection])
+                self._change(message, self._names.get(connection, connection))
         except VfplanError as error:
             if "preview" in message:
                 _send(connection, _described(error))
@@ -382,8 +366,8 @@ class ReviewServer:
         """Give a tab to a person, with what was looked at on it while it had no name."""
         name = visible_name(name if isinstance(name, str) else "")
         with self._lock:
-            places = self.session.seen.get(self._names[connection])
-            if isinstance(self._names[connection], int) and places is not None:
+            places = self.session.seen.get(connection)
+            if connection not in self._names and places is not None:
                 self.session = self.session.with_seen(name, places)
             self._names[connection] = name
         self._show([connection])
@@ -402,7 +386,7 @@ class ReviewServer:
         self._show(self._server.connections)
         self._stale.set()
 
-    def _change(self, message: dict[str, Any], who: str | int) -> None:
+    def _change(self, message: dict[str, Any], who: Any) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
         with self._lock:
             if self._closing:
@@ -445,7 +429,7 @@ class ReviewServer:
         kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
         texts: dict[Any, str] = {}
         for connection in connections:
-            who = self._names.get(connection)
+            who = self._names.get(connection, connection)
             if who not in texts:
                 shown = to_json_types(state_of(who))
                 texts[who] = json.dumps({kind: shown, "version": version})

@@ -25,10 +25,9 @@ from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
 from vfplan.review import steps as steps_of_a_plan
-from vfplan.review.acceptance import digest_of, visible_name
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
-from vfplan.review.rendered import described, rendered_in_json
+from vfplan.review.rendered import described, digest_of, rendered_in_json, visible_name
 
 # No places.
 NOTHING = np.zeros(0, complex)
@@ -83,7 +82,7 @@ class Session:
             An unknown setting, or one outside its range.
         """
         source = open_source(image, markers, markers2, slice, curve, settings)
-        return cls(source, _plans=(Plan(source, source.geometry, source.fit, source.exclude),))
+        return cls(source, _plans=(Plan(source, source.geometry, source.fit),))
 
     # Steps, and the way back.
 
@@ -97,13 +96,12 @@ class Session:
         """
         if isinstance(step, dict) and step.get("do") == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
+        if isinstance(step, dict) and step.get("do") == "answer":
+            # The time belongs to the step, so that a draft gives the same answer again.
+            step = {"utc": now_utc(), **step}
         plan = steps_of_a_plan.apply(self.current, step)
-        kept = dict(step)
-        if kept["do"] == "answer":
-            # The time belongs to the step, so that a draft gives the same answer again. The newest
-            # answer is the last of the dictionary.
-            kept.setdefault("utc", next(reversed(plan.answers.values()))[1])
-        return replace(self, steps=(*self.steps, kept), undone=(), _plans=(*self._plans, plan))
+        steps = (*self.steps, dict(step))
+        return replace(self, steps=steps, undone=(), _plans=(*self._plans, plan))
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""

@@ -170,8 +170,10 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
 
     Where there is room, a number stands beside its heading.
     """
-    of_ends = [] if plan.image is None else facts_of_ends(plan)
-    for heading, words in (*of_ends, *facts_of(plan)):
+    facts = facts_of(plan)
+    if plan.image is not None and any(len(stroke.end_points) for stroke in plan.strokes):
+        facts.insert(0, ("Look at each end", WHAT_TO_LOOK_FOR))
+    for heading, words in facts:
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
         heading_width = HEADING.width_of(f"{heading}  ")
@@ -181,25 +183,6 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
         else:
             y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
     return y
-
-
-def facts_of_ends(plan: Plan) -> list[tuple[str, str]]:
-    """What to look for at an end, and at which end a cover would not show."""
-    facts = []
-    for number, stroke in enumerate(plan.strokes, 1):
-        for end in ends_of(stroke):
-            if end.direction is not None and not facts:
-                facts.append(("Look at each end", WHAT_TO_LOOK_FOR))
-            grey = grey_ahead(plan, stroke, end)
-            if grey is not None:
-                of_line = "" if len(plan.strokes) == 1 else f" of line {number}"
-                words = (
-                    f"All pixels ahead of the {end.name}{of_line} have one grey, {grey} of 255. A "
-                    "cover of that grey has no border that could be seen. Compare with the slice "
-                    "before it was drawn on."
-                )
-                facts.append((f"One grey ahead of the {end.name}", words))
-    return facts
 
 
 # Lines that stand together: the words, the style and the indent [px of the page] of each.
@@ -300,49 +283,44 @@ class Inset:
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def grey_ahead(plan: Plan, stroke: Stroke, end: LineEnd) -> int | None:
-    """The one grey, 0 to 255, of all pixels ahead of an end; `None` if there are several.
+def is_even_ahead(rgb: NDArray[np.uint8], stroke: Stroke, end: LineEnd) -> bool:
+    """Whether all pixels ahead of an end have one grey.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
     even can compare the slice with the one that was not drawn on.
     """
     if end.direction is None or stroke.sigma is None:
-        return None
-    rgb = as_uint8(plan.image.rgb)
-    half_width = (stroke.width or 0.0) / 2
+        return False
     # The blur of the pen's own end reaches two pixels.
+    half_width = (stroke.width or 0.0) / 2
     centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
-    first_u, first_v = np.maximum(np.ceil(centre - AHEAD_PX).astype(int), 0)
-    last_u, last_v = np.minimum(np.floor(centre + AHEAD_PX).astype(int) + 1, rgb.shape[1::-1])
-    rows, columns = np.ogrid[first_v:last_v, first_u:last_u]
-    is_inside = np.hypot(columns - centre[0], rows - centre[1]) <= AHEAD_PX
-    colours = rgb[first_v:last_v, first_u:last_u][is_inside].astype(int)
-    if len(colours) == 0 or np.ptp(colours) > ONE_GREY:
-        return None
-    return int(np.median(colours))
+    disc = np.zeros(rgb.shape[:2], np.uint8)
+    paper.draw_disc(disc, centre, AHEAD_PX, 255)
+    greys = rgb[disc > 127].astype(int)
+    return len(greys) > 0 and np.ptp(greys) <= ONE_GREY
 
 
 def insets_of(plan: Plan) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
-    insets = []
-    is_single = len(plan.strokes) == 1
+    insets, rgb = [], as_uint8(plan.image.rgb)
     width = f"{SHOWN_PX} px across"
     if plan.metres_per_px is not None:
         width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(plan.strokes, 1):
-        name = "the line" if is_single else f"line {number}"
+        name = f"line {number}"
+        if len(plan.strokes) == 1:
+            name = "the line"
         for end in ends_of(stroke):
             caption = f"{end.name.capitalize()} of {name}"
-            is_even = grey_ahead(plan, stroke, end) is not None
-            note = "one grey ahead: look twice" if is_even else width
+            note = width
+            if is_even_ahead(rgb, stroke, end):
+                note = "one grey ahead: look twice"
             insets.append(Inset(caption, end.place, note))
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
             insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
-    for number, stroke in enumerate(plan.strokes, 1):
-        of_line = "" if is_single else f" of line {number}"
         # One inset a bridge, or several along a long one.
         for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -350,7 +328,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
             for part in range(parts):
                 place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-                caption = f"Bridge {count}{of_line}, {along[-1]:.0f} px"
+                caption = f"Bridge {count} of {name}, {along[-1]:.0f} px"
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
                 insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
@@ -421,13 +399,9 @@ def draw_inset(
     pixels[is_outside] = 255
     if inset.is_raised:
         pixels = spread_greys(pixels)
-    enlarged, outside = (
-        picture.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
-        for picture in (pixels, is_outside)
-    )
     # What lies outside of the slice is striped, so that nobody takes it for black or white there.
-    stripes = np.add(*np.indices(outside.shape)) % 16 < 2
-    enlarged[outside & stripes] = GREY
+    pixels[is_outside & (np.add.outer(rows, columns) % 4 == 0)] = GREY
+    enlarged = pixels.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
     if inset.has_line:
         for stroke in plan.strokes:
             line = inset.within(stroke.points)

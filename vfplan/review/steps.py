@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle.content import max_number
-from vfplan.errors import MarkerError, SettingError, VfplanError
+from vfplan.errors import SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
-from vfplan.io.files import now_utc
+from vfplan.markers.find_marks import MATCH_RADIUS_PX
 from vfplan.planning.extraction import MIN_SPACING_MM
-from vfplan.planning.match import Record, match
 from vfplan.registration.models import MODELS
-from vfplan.review.acceptance import visible_name
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
-from vfplan.review.markers import Marker, fit_of, pairs_of_table, snapped
-from vfplan.review.plan import Plan, key_of, made_flat_plan
+from vfplan.review.markers import Marker, snapped
+from vfplan.review.plan import Plan, made_flat_plan
+from vfplan.review.rendered import visible_name
 from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
@@ -92,17 +91,7 @@ def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
 
 def place_of(plan: Plan, step: Step, name: str) -> np.ndarray:
     """A place on the slice; a hand may point half a pixel beyond its border."""
-    return checked_place(plan, np.array(numbers_of(step, name, 2)))
-
-
-def far_corner(plan: Plan) -> np.ndarray:
-    """The lower right corner of the slice, half a pixel beyond its last one."""
-    return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
-
-
-def checked_place(plan: Plan, place: np.ndarray) -> np.ndarray:
-    """The place, if it lies on the slice."""
-    image = plan.source.image
+    image, place = plan.source.image, np.array(numbers_of(step, name, 2))
     if (place < -0.5).any() or (place > far_corner(plan)).any():
         raise SettingError(
             f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
@@ -110,6 +99,11 @@ def checked_place(plan: Plan, place: np.ndarray) -> np.ndarray:
             code="outside-slice",
         )
     return place
+
+
+def far_corner(plan: Plan) -> np.ndarray:
+    """The lower right corner of the slice, half a pixel beyond its last one."""
+    return np.array([plan.source.image.width_px, plan.source.image.height_px]) - 0.5
 
 
 def label_of(step: Step, name: str) -> str:
@@ -207,7 +201,7 @@ def draw(plan: Plan, step: Step) -> Plan:
     path = np.clip(path_through(np.array(clicks), closed), -0.5, far_corner(plan))
     number = None
     if geometry.strokes and not adds and not replaces:
-        number = stroke_met(geometry, step, path)
+        number = stroke_met(geometry, path)
         if not closed:
             stroke = geometry.strokes[number].redraw(path, geometry.ink)
             return with_stroke(plan, number, stroke)
@@ -224,8 +218,7 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         raise malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
     clicks: list[np.ndarray] = []
     for point in points:
-        place = numbers_of({"do": "draw", "points": point}, "points", 2)
-        place = checked_place(plan, np.array(place))
+        place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
     needed = 3 if closed else 2
@@ -239,12 +232,8 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     return clicks
 
 
-def stroke_met(geometry: Geometry, step: Step, path: np.ndarray) -> int:
+def stroke_met(geometry: Geometry, path: np.ndarray) -> int:
     """The stroke that a drawn line meets; raises `SettingError` where it meets none."""
-    if "stroke" in step:
-        number = whole_number(step, "stroke")
-        geometry.stroke(number)
-        return number
     for number, stroke in enumerate(geometry.strokes):
         if stroke.meets(path):
             return number
@@ -293,7 +282,7 @@ def reverse(plan: Plan, step: Step) -> Plan:
 
 def choose(plan: Plan, step: Step) -> Plan:
     """Take a candidate as the curve: by its number, or the longest `at` a place."""
-    settings = plan.source.extraction_with(required_ink(plan), plan.exclude)
+    settings = plan.source.extraction_with(required_ink(plan))
     if "at" in step:
         geometry, number = candidate_at(plan.geometry, place_of(plan, step, "at"))
     else:
@@ -304,15 +293,15 @@ def choose(plan: Plan, step: Step) -> Plan:
 
 def choose_pen(plan: Plan, step: Step) -> Plan:
     """Take another pen than the settings name; the slice is extracted anew."""
-    ink = required_ink(plan).of_pen(label_of(step, "colour"))
-    return replace(plan, geometry=plan.source.geometry_with(ink, plan.exclude))
+    ink = replace(required_ink(plan), colour=label_of(step, "colour"))
+    return replace(plan, geometry=plan.source.geometry_with(ink))
 
 
 def exclude(plan: Plan, step: Step) -> Plan:
     """Let ink in a box not count.
 
-    The slice is extracted anew. A curve that a hand has shaped stays, and only its part in the box
-    is measured again.
+    The slice is extracted anew. A curve that a hand has shaped stays, and counts as drawn by hand
+    in the box.
     """
     ink = required_ink(plan)
     # The whole pixels of the box that lie on the slice.
@@ -327,18 +316,15 @@ def exclude(plan: Plan, step: Step) -> Plan:
             "slice. Draw it over the slice."
         )
         raise SettingError(text, code="box-empty")
-    exclude = (*plan.exclude, (*low.tolist(), *size.tolist()))
-    geometry = plan.geometry
+    box = (*low.tolist(), *size.tolist())
+    ink, geometry = replace(ink, exclude=(*ink.exclude, box)), plan.geometry
     if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):
-        extracted = plan.source.geometry_with(ink, exclude)
+        extracted = plan.source.geometry_with(ink)
         # A line that was chosen among several stays, if extraction alone still finds no curve.
         if extracted.strokes or not geometry.strokes:
-            geometry = replace(extracted, excluded_ink=geometry.excluded_ink)
-            return replace(plan, geometry=geometry, exclude=exclude)
-    ink = ink.without(exclude)
-    strokes = tuple(stroke.measured_in(exclude[-1], ink) for stroke in geometry.strokes)
-    geometry = replace(geometry, strokes=strokes, ink=ink)
-    return replace(plan, geometry=geometry, exclude=exclude)
+            return replace(plan, geometry=replace(extracted, excluded_ink=geometry.excluded_ink))
+    strokes = tuple(stroke.without_ink_in(box) for stroke in geometry.strokes)
+    return replace(plan, geometry=replace(geometry, strokes=strokes, ink=ink))
 
 
 def take(plan: Plan, step: Step) -> Plan:
@@ -354,8 +340,9 @@ def take(plan: Plan, step: Step) -> Plan:
 
 def leave(plan: Plan, step: Step) -> Plan:
     """Leave ink of the account out of the curve; it is shown as settled."""
-    entry = plan.geometry.entry(whole_number(step, "ink"))
-    return replace(plan, geometry=plan.geometry.with_excluded(entry.middle))
+    geometry, number = plan.geometry, whole_number(step, "ink")
+    excluded = geometry.excluded_ink | {geometry.entry(number).middle}
+    return replace(plan, geometry=replace(geometry, excluded_ink=excluded))
 
 
 # The markers.
@@ -370,9 +357,14 @@ def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
     return tuple(place.tolist())
 
 
+def with_marker(plan: Plan, step: Step, **changes: Any) -> Plan:
+    """The plan with the step's marker changed."""
+    number = plan.fit.index(step.get("marker"))
+    return replace(plan, fit=plan.fit.with_marker(number, **changes))
+
+
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     changes: dict[str, Any] = {}
     if "to" in step:
         changes["place"] = mark_place(plan, step, "to")
@@ -380,7 +372,7 @@ def move_marker(plan: Plan, step: Step) -> Plan:
         changes["target_m"] = numbers_of(step, "target_m", 3)
     if not changes:
         raise malformed(step, "to", "a place, or target_m")
-    return replace(plan, fit=fit.with_marker(number, **changes))
+    return with_marker(plan, step, **changes)
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
@@ -391,22 +383,21 @@ def add_marker(plan: Plan, step: Step) -> Plan:
     place = None if step.get("at") is None else mark_place(plan, step, "at")
     target = None if step.get("target_m") is None else numbers_of(step, "target_m", 3)
     markers = (*fit.markers, Marker(label, place, target))
-    return replace(plan, fit=replace(fit, markers=markers))
+    return replace(plan, fit=fit.with_markers(markers))
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
     markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return replace(plan, fit=replace(fit, markers=markers))
+    return replace(plan, fit=fit.with_markers(markers))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
     label = label_of(step, "label")
-    fit.refuse_label(label, besides=number)
-    return replace(plan, fit=fit.with_marker(number, label=label))
+    plan.fit.refuse_label(label, besides=step.get("marker"))
+    return with_marker(plan, step, label=label)
 
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:
@@ -415,38 +406,16 @@ def leave_out_marker(plan: Plan, step: Step) -> Plan:
     out = step.get("out", fit.markers[number].is_used)
     if not isinstance(out, bool):
         raise malformed(step, "out", "true or false")
-    return replace(plan, fit=fit.with_marker(number, is_used=not out))
-
-
-def set_markers(plan: Plan, step: Step) -> Plan:
-    """Take a pasted table of markers, a CSV with both positions of each."""
-    table = step.get("table")
-    if not isinstance(table, str):
-        raise malformed(step, "table", "a table as text")
-    try:
-        pairs = pairs_of_table(table)
-    except MarkerError as error:
-        text = f"The table of markers cannot be read: {error.message}"
-        raise SettingError(text, code=error.code) from None
-    return replace(plan, fit=fit_of(pairs, plan.source.image, plan.fit.settings))
+    return with_marker(plan, step, is_used=not out)
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
-    fit = plan.fit
     require_slice(plan)
-    if not plan.geometry.strokes or fit.registration is None:
-        text = "There is no curve or no registration yet. Marks are looked for once there are both."
-        raise SettingError(text, code="no-registration")
-    settings = replace(fit.settings, find_markers=True)
-    try:
-        found = match(plan.curve(), fit.pairs(), None, settings, plan.source.image, Record())
-    except VfplanError as error:
-        text = f"The marks were not found: {error.message}"
-        raise SettingError(text, code=error.code) from None
-    labels = [marker.label for marker in fit.used]
-    for label, place in zip(labels, found.registration.source.tolist(), strict=True):
-        fit = fit.with_marker(fit.index(label), place=tuple(place))
+    fit = plan.fit
+    for marker in fit.used:
+        place = snapped(plan.source.image, np.array(marker.place), MATCH_RADIUS_PX)
+        fit = fit.with_marker(fit.index(marker.label), place=tuple(place.tolist()))
     return replace(plan, fit=fit)
 
 
@@ -459,9 +428,8 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
     if plan.is_shaped or plan.exclude:
         text = "The curve belongs to this slice. Undo what was drawn before you choose another."
         raise SettingError(text, code="slice-drawn-on")
-    is_of_files = plan.fit is source.fit
     try:
-        chosen = source.turned_to(number, source.pairs if is_of_files else None, plan.fit)
+        chosen = source.turned_to(number, plan.fit)
     except VfplanError as error:
         raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
     return replace(plan, source=chosen, geometry=chosen.geometry, fit=chosen.fit)
@@ -525,15 +493,10 @@ def answer(plan: Plan, step: Step) -> Plan:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
     by = None if step.get("by") is None else visible_name(label_of(step, "by"))
-    utc = step["utc"] if step.get("utc") is not None else now_utc()
+    utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
-    answers = dict(plan.answers)
-    for finding in accepted:
-        # The latest answer stands last.
-        answers.pop(key_of(finding), None)
-        answers[key_of(finding)] = (by, utc)
-    return plan.answered(answers)
+    return plan.answered(plan.answers | dict.fromkeys(accepted, (by, utc)))
 
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:
@@ -550,7 +513,7 @@ STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
         choose_pen, exclude, take, leave, move_marker, add_marker, delete_marker, rename_marker,
-        leave_out_marker, set_markers, find_markers, choose_slice, rectify, set_plan,
+        leave_out_marker, find_markers, choose_slice, rectify, set_plan,
         answer,
     )
 }  # fmt: skip

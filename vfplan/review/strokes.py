@@ -41,6 +41,47 @@ NEARBY_POINTS = 41
 # Length [px] of a place where other ink joins the line, over which the line can be carried.
 MAX_BRANCH_PX = 60
 
+# Length [px] from which ink counts as a line that may be the curve.
+MIN_LINE_PX = 20.0
+
+# Distance [px] from a drawn line within which its ink is looked for: a click misses by less.
+REACH_PX = 8.0
+
+# Distance [px] from the ink within which a path lies once it was moved there.
+CLOSE_PX = 3.0
+
+# Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
+HAND_SIGMA_PX = 1.0
+
+# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
+BORDER_POINTS = 3
+
+# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
+# no scatter along the line shows.
+INK_SIGMA_PX = 0.05
+
+# Deviation [px] of the line where other ink joins it and it is carried past.
+BRANCH_SIGMA_PX = 0.5
+
+# Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
+KNOTS = 30
+
+# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
+MIN_KNOT_SPACING_PX = 10.0
+
+# Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
+# belongs to the stretch that was mended.
+JOIN_PX = 12.0
+
+# Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
+ALONG_PX = 3 * JOIN_PX
+
+# A place on the page has four decimals. A knot that is moved by less stays where it is.
+SAME_PLACE_PX = 1e-4
+
+# The fields of a stroke that have a value a point.
+PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
+
 
 def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
     """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
@@ -84,29 +125,7 @@ def past_branches(
     return passed
 
 
-# Length [px] from which ink counts as a line that may be the curve.
-MIN_LINE_PX = 20.0
-
-# Distance [px] from a drawn line within which its ink is looked for: a click misses by less.
-REACH_PX = 8.0
-
-# Distance [px] from the ink within which a path lies once it was moved there.
-CLOSE_PX = 3.0
-
-# Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
-HAND_SIGMA_PX = 1.0
-
-# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
-BORDER_POINTS = 3
-
-# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
-# no scatter along the line shows.
-INK_SIGMA_PX = 0.05
-
-# Deviation [px] of the line where other ink joins it and it is carried past.
-BRANCH_SIGMA_PX = 0.5
-
-
+@dataclass(frozen=True, eq=False)
 class SliceInk:
     """The pen's ink on one slice.
 
@@ -122,25 +141,16 @@ class SliceInk:
         (u, v, width, height) [px]: only ink in it counts; `None` for the whole slice.
     """
 
-    def __init__(
-        self, rgb: NDArray, colour: str, exclude: tuple[Box, ...] = (), roi: Box | None = None
-    ) -> None:
-        self.rgb, self.colour, self.exclude, self.roi = rgb, colour, exclude, roi
-        self._region = Region.of(roi, exclude, rgb.shape)
-
-    def of_pen(self, colour: str) -> SliceInk:
-        """The ink of another pen; raises `SettingError` for no colour."""
-        Pen.of_colour(colour)
-        return SliceInk(self.rgb, colour, self.exclude, self.roi)
-
-    def without(self, exclude: tuple[Box, ...]) -> SliceInk:
-        """The same ink but for what lies in the boxes."""
-        return SliceInk(self.rgb, self.colour, exclude, self.roi)
+    rgb: NDArray
+    colour: str
+    exclude: tuple[Box, ...] = ()
+    roi: Box | None = None
 
     @cached_property
     def found(self) -> Ink:
         """The pen's coverage, as extraction has it."""
-        return find_ink(self.rgb, Pen.of_colour(self.colour), self._region)
+        region = Region.of(self.roi, self.exclude, self.rgb.shape)
+        return find_ink(self.rgb, Pen.of_colour(self.colour), region)
 
     @cached_property
     def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -323,37 +333,17 @@ def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
     return nearest, float(distance[nearest])
 
 
-# Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
-KNOTS = 30
-
-# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
-MIN_KNOT_SPACING_PX = 10.0
-
-# Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
-# belongs to the stretch that was mended.
-JOIN_PX = 12.0
-
-# Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
-ALONG_PX = 3 * JOIN_PX
-
-# A place on the page has four decimals. A knot that is moved by less stays where it is.
-SAME_PLACE_PX = 1e-4
-
-# The fields of a stroke that have a value a point.
-PER_POINT = ("points", "sigma", "bridged", "edited")
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MendedStroke(Stroke):
     """A stroke on the slice, with what a person needs to mend it.
 
     Parameters
     ----------
-    knots
-        (K,) indices of the points that can be moved, rising.
+    is_knot
+        (M,) bool, the points that can be moved.
     """
 
-    knots: NDArray[np.int64]
+    is_knot: NDArray[np.bool_]
 
     @classmethod
     def of(cls, stroke: Stroke) -> MendedStroke:
@@ -362,8 +352,13 @@ class MendedStroke(Stroke):
         One that was drawn as vectors has a deviation of 0.
         """
         sigma = np.zeros(len(stroke.points)) if stroke.sigma is None else stroke.sigma
-        knots = spread_knots(stroke.points, stroke.closed)
-        return cls(**vars(stroke) | {"sigma": sigma, "known_length": None, "knots": knots})
+        is_knot = spread_knots(stroke.points, stroke.closed)
+        return cls(**vars(stroke) | {"sigma": sigma, "known_length": None, "is_knot": is_knot})
+
+    @property
+    def knots(self) -> NDArray[np.int64]:
+        """(K,) indices of the points that can be moved, rising."""
+        return np.flatnonzero(self.is_knot)
 
     @property
     def knots_px(self) -> NDArray[np.float64]:
@@ -392,13 +387,14 @@ class MendedStroke(Stroke):
     def insert_knot(self, at: NDArray) -> MendedStroke:
         """A further knot at the point nearest to a place."""
         nearest, _ = nearest_point(self.points, at)
-        if nearest in self.knots:
+        if self.is_knot[nearest]:
             text = (
                 f"There is a knot at ({at[0]:.1f}, {at[1]:.1f}) already. Choose a place between "
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")
-        return replace(self, knots=np.sort(np.append(self.knots, nearest)))
+        is_new = np.arange(len(self.points)) == nearest
+        return replace(self, is_knot=self.is_knot | is_new)
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
@@ -407,17 +403,14 @@ class MendedStroke(Stroke):
             text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
             raise SettingError(text, code="too-few-knots")
         if not self.closed and knot == 0:
-            return self.part(int(self.knots[1]), len(self.points))
+            return self.part(np.arange(self.knots[1], len(self.points)))
         if not self.closed and knot == count - 1:
-            return self.part(0, int(self.knots[-2]) + 1)
+            return self.part(np.arange(self.knots[-2] + 1))
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
-        wanted = (knot - 2, knot - 1, knot + 1, knot + 2)
-        if self.closed:
-            around = list(dict.fromkeys(k % count for k in wanted))
-        else:
-            around = [k for k in wanted if 0 <= k < count]
-        spline = path_through(self.knots_px[around], False)
+        around = knot + np.array([-2, -1, 1, 2])
+        around = around % count if self.closed else np.clip(around, 0, count - 1)
+        spline = path_through(self.knots_px[list(dict.fromkeys(around.tolist()))], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
         inner = spline[first + 1 : last]
@@ -431,10 +424,7 @@ class MendedStroke(Stroke):
             # A ring is opened at the first cut, so that a single cut leaves all of it.
             first, _ = nearest_point(self.points, end if start is None else start)
             # The point of the seam becomes the first and the last.
-            order = np.r_[first : len(self.points), 0 : first + 1]
-            place = (self.knots - first) % len(self.points)
-            knots = np.r_[0, np.sort(place[place > 0]), len(order) - 1].astype(np.int64)
-            stroke = replace(self._selected(order, knots), closed=False)
+            stroke = self.part(np.r_[first : len(self.points), 0 : first + 1])
         first, last = 0, len(stroke.points) - 1
         if start is not None and not self.closed:
             first, _ = nearest_point(stroke.points, start)
@@ -446,12 +436,11 @@ class MendedStroke(Stroke):
                 "end.",
                 code="nothing-left",
             )
-        return stroke.part(first, last + 1)
+        return stroke.part(np.arange(first, last + 1))
 
     def reversed(self) -> MendedStroke:
         """The same line, drawn the other way round."""
-        last = len(self.points) - 1
-        return self._selected(np.arange(last, -1, -1), last - self.knots[::-1])
+        return self._selected(np.arange(len(self.points))[::-1])
 
     def meets(self, drawn: NDArray) -> bool:
         """Whether a drawn path begins or ends on the stroke, or runs along it."""
@@ -499,7 +488,7 @@ class MendedStroke(Stroke):
             )
         if not near[0] and not near[-1]:
             # It comes from elsewhere, runs along the stroke and goes on: it is the stroke now.
-            return self._with_stretch(0, count - 1, drawn, ink, free_start=True, free_end=True)
+            return self._with_stretch(0, count - 1, drawn, ink, free=(True, True))
         if not near[0]:
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
@@ -507,9 +496,9 @@ class MendedStroke(Stroke):
         goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
         if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
-            return self._with_stretch(first, count - 1, stretch, ink, free_end=True)
+            return self._with_stretch(first, count - 1, stretch, ink, free=(False, True))
         stretch = np.vstack([drawn[:0:-1], self.points[first]])
-        return self._with_stretch(0, first, stretch, ink, free_start=True)
+        return self._with_stretch(0, first, stretch, ink, free=(True, False))
 
     def join(self, other: MendedStroke, ink: SliceInk | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
@@ -523,44 +512,34 @@ class MendedStroke(Stroke):
         second = other.reversed() if other_end == -1 else other
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         last, count = len(first.points) - 1, len(first.points)
-        whole = concatenated([first, second], False, np.r_[first.knots, count + second.knots])
+        whole = concatenated([first, second], False)
         # A smooth stretch over the gap, from a little before it to a little behind it.
         around = whole.points[[last - reach, last, count, count + reach]]
         around = around[np.r_[True, np.hypot(*np.diff(around, axis=0).T) > 1e-6]]
         return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
 
-    def measured_in(self, box: tuple[int, int, int, int], ink: SliceInk) -> MendedStroke:
-        """The stroke with its parts in a box, (u, v, width, height) [px], measured again."""
+    def without_ink_in(self, box: Box) -> MendedStroke:
+        """The stroke as if a hand had drawn its part in a box, (u, v, width, height) [px]."""
         low = np.array(box[:2]) - 0.5
-        high = low + box[2:]
-        inside = ((self.points >= low) & (self.points <= high)).all(axis=1)
-        stroke = self
-        # From behind, so that the indices of the parts before stay right.
-        for run in reversed(list(runs(inside, False))):
-            first, last = max(run[0] - 1, 0), min(run[-1] + 1, len(self.points) - 1)
-            if last - first >= 2:
-                path = self.points[first : last + 1]
-                stroke = stroke._with_stretch(first, last, path, ink)
+        inside = ((self.points >= low) & (self.points <= low + box[2:])).all(axis=1)
+        sigma = np.where(inside, np.maximum(self.sigma, HAND_SIGMA_PX), self.sigma)
+        return replace(self, sigma=sigma, edited=self.edited | inside)
+
+    def part(self, order: NDArray[np.int64]) -> MendedStroke:
+        """The open stroke along these points, with a knot at either end."""
+        stroke = replace(self._selected(order), closed=False)
+        stroke.is_knot[[0, -1]] = True
         return stroke
 
-    def part(self, start: int, stop: int) -> MendedStroke:
-        """The open stroke from one point to before another, with a knot at either end."""
-        inner = self.knots[(self.knots > start) & (self.knots < stop - 1)] - start
-        knots = np.r_[0, inner, stop - start - 1].astype(np.int64)
-        return replace(self._selected(np.arange(start, stop), knots), closed=False)
-
-    def _selected(self, order: NDArray[np.int64], knots: NDArray[np.int64]) -> MendedStroke:
+    def _selected(self, order: NDArray[np.int64]) -> MendedStroke:
         """The stroke with these of its points, in this order."""
-        values = {name: getattr(self, name)[order] for name in PER_POINT}
-        return replace(self, **values, knots=knots)
+        return replace(self, **{name: getattr(self, name)[order] for name in PER_POINT})
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
-        count = len(self.knots)
-        before, after = max(knot - 1, 0), min(knot + 1, count - 1)
-        if self.closed:
-            before, after = (knot - 1) % count, (knot + 1) % count
-        return int(self.knots[before]), int(self.knots[knot]), int(self.knots[after])
+        around, count = knot + np.array([-1, 0, 1]), len(self.knots)
+        around = around % count if self.closed else np.clip(around, 0, count - 1)
+        return tuple(self.knots[around].tolist())
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
         """Indices from one point to another, on a closed stroke through its seam if need be."""
@@ -570,13 +549,13 @@ class MendedStroke(Stroke):
 
     def _with_stretch(
         self, first: int, last: int, drawn: NDArray, ink: SliceInk | None, *,
-        knot_at: NDArray | None = None, free_start: bool = False, free_end: bool = False,
+        knot_at: NDArray | None = None, free: tuple[bool, bool] = (False, False),
     ) -> MendedStroke:  # fmt: skip
         """The stroke with a drawn path, moved onto its ink, between two of its points.
 
         `knot_at` is where a knot shall lie on the new stretch; without it knots lie as far apart
-        as elsewhere. `free_start` and `free_end` say whether that end of the path may move to the
-        end of its ink.
+        as elsewhere. `free` says whether the first and the last end of the path may move to the end
+        of its ink.
         """
         if arc_lengths(drawn, False)[-1] < 1.0:
             raise SettingError(
@@ -584,7 +563,7 @@ class MendedStroke(Stroke):
                 code="stretch-too-short",
             )
         # Measured: moved onto the ink, and joined to the points on either side.
-        line = measured(drawn, False, ink, (free_start, free_end))
+        line = measured(drawn, False, ink, free)
         count = len(self.points)
         keeps_start = self.closed or first > 0
         keeps_end = self.closed or last < count - 1
@@ -595,61 +574,46 @@ class MendedStroke(Stroke):
             points += fade[:, None] * (drawn[0] - points[0])
         if keeps_end:
             points += fade[::-1, None] * (drawn[-1] - points[-1])
-        # Knots on the new stretch, but for its ends.
-        if knot_at is None:
-            spacing = self.length / max(len(self.knots), 1)
-            inner = spread_knots(points, False, spacing)[1:-1]
-        else:
-            inner = np.array([nearest_point(points, knot_at)[0]])
-            inner = inner[(inner > 0) & (inner < len(points) - 1)]
+        is_knot = spread_knots(points, False, self.length / max(len(self.knots), 1))
+        if knot_at is not None:
+            is_knot = np.arange(len(points)) == nearest_point(points, knot_at)[0]
+            is_knot[[0, -1]] = True
         stretch = MendedStroke(
             points=points, closed=False, sigma=line.sigma, edited=line.edited, width=self.width,
-            knots=inner,
+            is_knot=is_knot,
         )  # fmt: skip
         if not keeps_start and not keeps_end:
-            return replace(stretch, knots=np.unique(np.r_[0, inner, len(points) - 1]))
+            return stretch
+        stroke = self
         if self.closed and last <= first:
             # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
-            order = np.r_[last:count, 0:last]
-            turned = self._selected(order, np.sort((self.knots - last) % count))
-            return turned._spliced((first - last) % count, count, stretch)
-        return self._spliced(first, last, stretch)
-
-    def _spliced(self, first: int, last: int, stretch: MendedStroke) -> MendedStroke:
-        """The points before `first`, the stretch, the points behind `last`.
-
-        On a closed stroke `last` may be the number of points: the stretch ends at the first one.
-        """
-        count = len(self.points)
-        inner = stretch.knots
-        if last == count:
-            inner = inner[inner < len(stretch.points) - 1]
-            stretch = stretch._selected(np.arange(len(stretch.points) - 1), inner)
-        border = [first, first + len(stretch.points) - 1] if last < count else [first]
-        shift = first + len(stretch.points) - (last + 1)
-        before = self.knots[self.knots < first]
-        behind = self.knots[self.knots > last] + shift
-        knots = np.unique(np.r_[before, border, first + inner, behind]).astype(np.int64)
-        head = self._selected(np.arange(first), before)
-        tail = self._selected(np.arange(last + 1, count), behind)
-        return concatenated([head, stretch, tail], self.closed, knots)
+            stroke = self._selected(np.r_[last:count, 0:last])
+            stretch = stretch._selected(np.arange(len(points) - 1))
+            first, last = (first - last) % count, count
+        head = stroke._selected(np.arange(first))
+        tail = stroke._selected(np.arange(last + 1, count))
+        return concatenated([head, stretch, tail], self.closed)
 
 
-def concatenated(parts: list[MendedStroke], closed: bool, knots: NDArray) -> MendedStroke:
-    """Strokes as one, one behind the other, with these knots."""
+def concatenated(parts: list[MendedStroke], closed: bool) -> MendedStroke:
+    """Strokes as one, one behind the other."""
     values = {name: np.concatenate([getattr(part, name) for part in parts]) for name in PER_POINT}
-    return replace(parts[0], **values, closed=closed, knots=knots)
+    return replace(parts[0], **values, closed=closed)
 
 
-def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None) -> NDArray:
-    """(K,) indices of points at equal steps of arc; of an open stroke the first and the last."""
+def spread_knots(
+    points: NDArray, closed: bool, spacing_px: float | None = None
+) -> NDArray[np.bool_]:
+    """(M,) bool, points at equal steps of arc; of an open stroke the first and the last too."""
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
     steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     index = np.searchsorted(arc, (at[:-1] if closed else at) - 1e-9)
-    return np.unique(np.clip(index, 0, len(points) - 1)).astype(np.int64)
+    is_knot = np.zeros(len(points), bool)
+    is_knot[np.clip(index, 0, len(points) - 1)] = True
+    return is_knot
 
 
 def eased(share: NDArray) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
+from vfplan.display import wrote
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
@@ -62,7 +63,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     edges = result.report["open_edges"]
     verdict = f"meshed, with {edges} open edges" if edges else "meshed, closed"
     return CommandResult(
-        result.report, f"{surface_text(result.report)}\nwrote {output}",
+        result.report, f"{surface_text(result.report)}\n{wrote(output)}",
         findings=result.findings, verdict=verdict,
         next_step=f"{register_command(output)} --model rigid",
     )  # fmt: skip

@@ -24,13 +24,6 @@ export class Markers {
     this.fields();
     byId("find-marks").addEventListener("click", () => app.step({ do: "find_markers" }));
     byId("make-flat").addEventListener("click", () => app.makeFlat());
-    byId("paste-open").addEventListener("click", () => {
-      byId("paste").hidden = !byId("paste").hidden;
-      if (!byId("paste").hidden) byId("paste-text").focus();
-    });
-    byId("paste-take").addEventListener("click", () => {
-      app.step({ do: "set_markers", table: byId("paste-text").value });
-    });
   }
 
   // The fields of the plan: each is a step once it is left.
