@@ -11,7 +11,6 @@ from vfplan.cli.extract import extracted_text
 from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.register import registered_text
-from vfplan.cli.replay import replay_text
 from vfplan.cli.run import CommandResult, announce_if_slow, command, statistics
 
 from vfplan.io.files import to_json_types
@@ -62,6 +61,8 @@ def vfplan_demo(what, output, page) -> CommandResult:
     data = {KEYS[what]: report} if what in KEYS else dict(report)
     lines = statistics(to_json_types(data))
     if what == "pipeline":
+        from vfplan.cli.replay import replay_text
+
         steps = (extracted_text, "extract"), (registered_text, "register"), (replay_text, "replay")
         lines = [tell(report[step]) for tell, step in steps]
     text = "\n".join([*lines, f"wrote into {output}: {', '.join(sample.FILES)}"])

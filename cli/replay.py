@@ -18,12 +18,7 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 from vfplan.display import command_of, count, length, micrometres, millijoules, millimetres
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
-from vfplan.replaying.findings import has_touched, untested_reason
-from vfplan.replaying.metrics import NUMBERS, episode_count, unit_of
-from vfplan.report.tables import bound_text, verdict_sentence
 from vfplan.settings import settings_from_options
-
-FORMS = {number.key: number for number in NUMBERS}
 
 # Scenes a second in the file for viewers.
 VIEWER_RATE_HZ = 100.0
@@ -140,6 +135,8 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     or if there are limits and the tool never touched the fixture. The files are written all the
     same.
     """
+    from vfplan.report.tables import verdict_sentence
+
     report_folder = arguments["report"]
     index_path = None
     if report_folder is not None:
@@ -289,12 +286,17 @@ def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
 
 def written(report: dict[str, Any], key: str) -> str:
     """A number of the report with its unit, e.g. "0.248 mm"."""
-    form = FORMS[key]
+    from vfplan.replaying.metrics import NUMBERS
+
+    form = next(number for number in NUMBERS if number.key == key)
     return f"{form.text(report[key])} {form.unit}".rstrip()
 
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
+    from vfplan.replaying.findings import untested_reason
+    from vfplan.replaying.metrics import episode_count
+
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     untested = untested_reason(report)
     lines = [f"NOT TESTED: {untested}"] if untested else []
@@ -387,6 +389,8 @@ def link_line(link: dict[str, Any]) -> str:
 
 def failed_line(report: dict[str, Any]) -> str:
     """Why the exit code is 1; empty where it is 0."""
+    from vfplan.replaying.findings import untested_reason
+
     checks = report.get("checks", [])
     broken = [check_text(check) for check in checks if not check["pass"]]
     if broken:
@@ -405,6 +409,8 @@ def next_step(
     index_page: the page of the report, if one was made
     wrote_files: whether the same command finds its own files when it is given again
     """
+    from vfplan.replaying.findings import has_touched
+
     again = command_line()
     if wrote_files and "--overwrite" not in again:
         again += " --overwrite"
@@ -422,6 +428,9 @@ def next_step(
 
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
+    from vfplan.replaying.metrics import unit_of
+    from vfplan.report.tables import bound_text
+
     name = check["name"]
     unit = "" if name.endswith(("_ticks", "_tick")) else f" {unit_of(name)}".rstrip()
     return f"{name} is {check['value']:.6g}{unit}, {bound_text(check)} is allowed"

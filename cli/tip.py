@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 from vfplan.cli.options import FILE, MM, OutputFile, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
@@ -18,8 +17,9 @@ from vfplan.errors import InputError
 from vfplan.geometry import UNIT_ROUNDED
 from vfplan.io.files import OpenedFile, open_number_table, to_json_types
 from vfplan.io.writing import write_whole
-from vfplan.session.events import POSE_COLUMNS
-from vfplan.session.session import unit_factor
+
+if TYPE_CHECKING:
+    import numpy as np
 
 
 @command("tip")
@@ -82,7 +82,11 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
 
     Raises InputError: other columns, or a row that is no pose
     """
+    import numpy as np
+
     from vfplan.engine.moving import matrices
+    from vfplan.session.events import POSE_COLUMNS
+    from vfplan.session.session import unit_factor
 
     table = open_number_table(OpenedFile(path).view, str(path), InputError, header_optional=True)
     columns = named = POSE_COLUMNS[1:]

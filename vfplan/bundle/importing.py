@@ -31,7 +31,8 @@ from vfplan.bundle.leak import (
     turned_facets,
     widest_opening,
 )
-from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
+from vfplan.engine import PAPER_BAND
+from vfplan.engine.parameters import check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering

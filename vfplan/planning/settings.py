@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
-from vfplan.bundle.content import max_number
-from vfplan.engine.parameters import PAPER_BAND
+from vfplan.engine import PAPER_BAND
 from vfplan.errors import SettingError
 from vfplan.findings import Finding, note
 from vfplan.io.files import parse_decimal
-from vfplan.settings import check_ranges, is_length, setting
+from vfplan.settings import is_length, scale_of, setting
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
 MIN_ARCS_M = 1e-7
@@ -242,23 +241,23 @@ class FixtureSettings:
     arcs_m: float | None = setting(
         None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
         "[default: 0.001, if it can be reached]", form="MM|none",
-        unit="mm", least=MIN_ARCS_M, most=max_number("/pieces@error_m"),
+        unit="mm", least=MIN_ARCS_M, most="/pieces@error_m",
         from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
     )  # fmt: skip
     points_only: bool = setting(False, "", option="arcs", from_option=lambda arcs: arcs == ())
     # One number is held as a tuple of one.
     stiffness: float | tuple[float, ...] = setting(
         (1000.0,), "Stiffness K [N/m]: one number, or one for each axis.", form="N_PER_M[,Y,Z]",
-        unit="N/m", least=0.0, most=max_number("/rendering/stiffness"),
+        unit="N/m", least=0.0, most="/rendering/stiffness",
     )  # fmt: skip
     # A contact radius, or a tube, below the band cannot be rendered.
     contact_radius: float = setting(
         5e-3, "Distance that the tool keeps from what is drawn [mm].", form="MM", unit="mm",
-        least=PAPER_BAND, most=max_number("/rendering@contact_radius_m"),
+        least=PAPER_BAND, most="/rendering@contact_radius_m",
     )  # fmt: skip
     point_radius: float = setting(
         0.0, "Radius of each point, added to the contact radius [mm].", form="MM", unit="mm",
-        least=0.0, most=max_number("/rendering@point_radius_m"),
+        least=0.0, most="/rendering@point_radius_m",
     )  # fmt: skip
     ignore_axis: str | None = setting(
         None, "Extend the fixture without end along this axis.  [default: normal, of the drawn "
@@ -288,7 +287,7 @@ class FixtureSettings:
     )
     guide_m: float | None = setting(
         None, "Make a guide: keep the tip in a tube of this radius around the curve [mm].",
-        form="MM", unit="mm", least=PAPER_BAND, most=max_number("/guidance@radius_m"),
+        form="MM", unit="mm", least=PAPER_BAND, most="/guidance@radius_m",
     )  # fmt: skip
     guide_ends: Literal["stop", "open"] | None = setting(
         None, "Close the ends of a guide's tube, or let the tip leave there.  [default: stop]",
@@ -354,6 +353,8 @@ class FixtureSettings:
             )
         if not self.guide_pull:
             return
+        from vfplan.bundle.content import max_number  # As in `check_ranges`.
+
         force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
         max_force = max_number("/guidance@lead_force_n")
         max_speed = max_number("/guidance@lead_speed_m_s")
@@ -372,6 +373,29 @@ class FixtureSettings:
         if self.max_tre_m == "contact radius":
             return self.contact_radius
         return self.max_tre_m
+
+
+def check_ranges(settings: FixtureSettings) -> None:
+    """Refuse a number out of the range of its field; raises `SettingError`."""
+    # Here and not above, because `vfplan COMMAND --help` needs none of it.
+    from vfplan.bundle.content import max_number
+
+    for one in fields(settings):
+        rule = one.metadata
+        value = getattr(settings, one.name)
+        if value is None or "most" not in rule:
+            continue
+        unit, scale = rule["unit"], 1 / scale_of(one)
+        smallest, largest = rule["least"] * scale, max_number(rule["most"]) * scale
+        for number in value if isinstance(value, tuple) else (value,):
+            number = number * scale
+            if not smallest <= number <= largest:
+                name = one.name.removesuffix("_m").replace("_", " ")
+                raise SettingError(
+                    f"{name} is {number:g} {unit}. Give {smallest:g} to {largest:g} {unit}",
+                    code="setting-range",
+                    numbers={"value": number, "smallest": smallest, "largest": largest},
+                )
 
 
 def overridden(recipe: FixtureSettings, settings: FixtureSettings) -> list[Finding]:
