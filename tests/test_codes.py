@@ -183,8 +183,6 @@ CALLS = {
     "address-unusable": lambda d: stream_udp("udp://192.0.2.1:5005"),
     "no-hue": lambda d: thin_hue_mask(np.zeros((5, 5, 3), np.uint8)),
     # Settings of a plan.
-    "gate-range": lambda d: FixtureSettings(max_tre_m=-1.0),
-    "guide-stiffness": lambda d: FixtureSettings(guide_m=1e-3, stiffness=(0.0, 0.0, 0.0)),
     "guide-without-curve": lambda d: add_guidance(
         SMALL, FixtureSettings(guide_m=1e-3), match.Record()),
     "no-normal": lambda d: ignored_axis(

@@ -143,13 +143,6 @@ def import_cloud(
     radius = contact_radius + point_radius
     if units not in METRES:
         raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
-    if curve not in (None, "open", "closed"):
-        raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
-    if not (0 < contact_radius < np.inf and 0 <= point_radius < np.inf):
-        raise SettingError(
-            f"The radii of tool and points are {contact_radius} and {point_radius} m. Give a "
-            "finite one above 0 and one of at least 0."
-        )
     axis = check_axis(ignore_axis)
     with naming_place(path):
         cloud, digest = read_cloud(Path(path), units)
@@ -242,11 +235,7 @@ def check_cloud(points: Points) -> Points:
             f"It holds {len(points)} points, and a bundle 1 to {max_size('N')}. Give a file "
             "with fewer of them, or with some."
         )
-    is_finite = np.isfinite(points).all(axis=1)
-    if not is_finite.all():
-        raise InputError(
-            f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
-        )
+    points = check_points(points)
     limit_m = rows_by_path()["/points"].max_abs["m"]
     is_near = (np.abs(points) <= limit_m).all(axis=1)
     if not is_near.all():
@@ -256,7 +245,7 @@ def check_cloud(points: Points) -> Points:
             "--units, or move the points nearer to the origin of their frame.",
             code="cloud-too-far",
         )
-    return check_points(points)
+    return points
 
 
 def short_text(text: str) -> str:

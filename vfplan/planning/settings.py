@@ -315,19 +315,6 @@ class FixtureSettings:
             raise SettingError(
                 f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3", code="stiffness-count"
             )
-        if self.ignore_axis not in (None, *AXES):
-            raise SettingError(
-                f"ignored axis is {self.ignore_axis!r}. Give normal, x, y, z or none",
-                code="axis-unknown",
-            )
-        for name in ("max_residual_m", "max_tre_m"):
-            limit = getattr(self, name)
-            is_word = (name, limit) == ("max_tre_m", "contact radius")
-            if limit is not None and not is_word and not is_length(limit):
-                raise SettingError(
-                    f"{name} is {limit!r}. Give a finite length above 0 [m], or None",
-                    code="gate-range",
-                )
         if self.guide_m is not None:
             self._check_guide()
         elif any((self.guide_ends, self.guide_pull, self.guide_cut_bends)) or (
@@ -340,11 +327,6 @@ class FixtureSettings:
             )
 
     def _check_guide(self) -> None:
-        if min(self.stiffness) <= 0:
-            raise SettingError(
-                "a guide of stiffness 0 does not hold the tip. Give a stiffness above 0",
-                code="guide-stiffness",
-            )
         if self.margin is not None and self.guide_stroke is None:
             raise SettingError(
                 "a margin has no effect on a guide, only on what is forbidden beside one. "

@@ -50,7 +50,7 @@ from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
 from vfplan.geometry.lines import Spline, length_of, spline_through
-from vfplan.planning.settings import DEFAULT_ARCS_M, MIN_ARCS_M, FixtureSettings
+from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
@@ -447,16 +447,10 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     ):  # fmt: skip
         if not length_m or pieces.error <= share * length_m:
             continue
-        from decimal import ROUND_DOWN, Context
-
-        allowed_mm = Context(2, ROUND_DOWN).create_decimal(share * length_m * 1e3)
-        advice = "none"
-        if allowed_mm >= 1e3 * MIN_ARCS_M:
-            advice = f"{float(allowed_mm):g}, or less"
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
             f"the {name} of {1e3 * length_m:.4g} mm allows {share:g} of "
-            f"itself. Give --arcs {advice}",
+            "itself. Give a smaller --arcs, or none",
             code="arcs-coarse",
             numbers={"error_m": pieces.error, "length_m": length_m},
         )

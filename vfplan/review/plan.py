@@ -70,7 +70,6 @@ from vfplan.review.rendered import (
 )
 from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
-from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
@@ -486,6 +485,8 @@ class Plan:
             record = None if opened is None else opened.registration
             touched_by = {} if record is None else {"tool": record.tool, "tip": record.tip}
             pairs = source.pairs or replace(pairs, inputs={}, **touched_by)
+        from vfplan.stability.study import with_verdict_by
+
         try:
             planned = register(curve, pairs, None, self.fit.settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
@@ -794,6 +795,8 @@ def source_of_bundle(
             record.labels, record.source, record.source_frame, record.target, sigma_of(fixture)
         )
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
+    from vfplan.stability.study import judge_of  # Here, because a sheet needs none of it.
+
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
     kept = (MADE_FLAT_BY, SLICE_IN_WORDS, SLICER_POINTS)
     of_slice = {name: known[name] for name in kept if name in known}
