@@ -8,7 +8,7 @@ import pytest
 
 import vfplan
 from vfplan.bundle.exporting import export
-from vfplan.bundle.importing import check_spacing, import_cloud
+from vfplan.bundle.importing import import_cloud
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.read import read_bundle
 from vfplan.engine.proxy import sampled
@@ -77,12 +77,10 @@ def test_what_a_mesh_leaves_unused_and_what_takes_long_ticks_is_said(vfplan_cli,
     assert "a tick may take" in run.stderr
 
 
-def test_a_mesh_too_large_for_its_spacing_is_refused():
-    """A cube of 1 m at 0.5 mm: 5e7 triangles, which are not built first."""
-    corners = np.array(list(np.ndindex(2, 2, 2)), dtype=float)
-    sides = [(0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1)]
-    with pytest.raises(vfplan.errors.SceneError, match="more than 4000000 points or 4000000 tri"):
-        check_spacing(corners[np.array(sides)], 5e-4)
+def test_a_mesh_too_large_for_its_spacing_is_refused(stl, vfplan_cli, tmp_path):
+    """A tetrahedron of 30 mm at 5 um: more than 1e8 samples, which are not built first."""
+    words = ("--units", "mm", "--spacing", "0.005", "-o", tmp_path / "a.h5", "--json")
+    vfplan_cli("import", stl, *words).fails(3, error="spacing-too-fine")
 
 
 def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
@@ -150,7 +148,7 @@ def test_what_cannot_be_read_is_code_3_in_one_line(name, vfplan_cli, tmp_path):
 
 @pytest.mark.parametrize(
     ("points", "says"),
-    [(np.zeros((0, 3)), "0 points"), (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "Point 1")],
+    [(np.zeros((0, 3)), "0 points"), (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "point 1")],
 )
 def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, tmp_path):
     np.save(tmp_path / "a.npy", points)

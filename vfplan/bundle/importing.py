@@ -186,7 +186,6 @@ def import_cloud(
             ignored.append(f"{unused} points of no triangle")
         if spacing is None:
             spacing = radius / 10
-        check_spacing(points[cloud.triangles], spacing)
         points, mesh, findings = joined_and_turned(points, cloud.triangles)
         if len(mesh) < len(cloud.triangles):
             ignored.append(f"{len(cloud.triangles) - len(mesh)} facets without area")
@@ -196,7 +195,11 @@ def import_cloud(
         try:
             samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
-            raise too_many_samples(spacing) from error
+            raise SceneError(
+                f"A spacing of {spacing} m takes more than {max_size('N')} points or "
+                f"{max_size('K')} triangles. Give a larger --spacing.",
+                code="spacing-too-fine", numbers={"spacing_m": spacing},
+            ) from error  # fmt: skip
         band = sample_band(sample_radius, radius)
         widest, place = widest_opening(points, mesh, samples, radius - band)
         if widest:
@@ -368,46 +371,6 @@ def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[F
         f"between them: the widest gap found is {1e3 * widest:.3g} mm. Import denser points."
     )
     return [doubt("cloud-in-pieces", "import", text)]
-
-
-def refined(
-    points: Points, triangles: NDArray[np.integer], spacing: float
-) -> tuple[Points, Triangles]:
-    """The same surface with no side of a triangle longer than `spacing` [m].
-
-    It is cleaned as `drawn` does. Every longer side is halved, in both triangles it belongs to,
-    until none is left; the new points follow the corners.
-
-    Raises `SceneError` when that takes more points or triangles than a bundle may hold.
-    """
-    check_spacing(points[triangles], spacing)
-    try:
-        return _core.refined(*drawn(points, triangles), spacing)
-    except ValueError as error:
-        raise too_many_samples(spacing) from error
-
-
-def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
-    """Refuse a spacing [m] that takes too many samples of triangles (K, 3, 3), at once."""
-    if not (np.isfinite(spacing) and spacing > 0):
-        raise SettingError(
-            f"The spacing is {spacing} m. Give a number above 0.",
-            code="spacing-out-of-range", numbers={"spacing_m": spacing},
-        )  # fmt: skip
-    one, two, three = np.moveaxis(corners, 1, 0)
-    area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
-    # No triangle without a longer side has more area than one with three sides of that length.
-    if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
-        raise too_many_samples(spacing)
-
-
-def too_many_samples(spacing: float) -> SceneError:
-    """The error of a mesh that takes more samples than a bundle may hold."""
-    return SceneError(
-        f"A spacing of {spacing} m takes more than {max_size('N')} points or {max_size('K')} "
-        "triangles. Give a larger --spacing.",
-        code="spacing-too-fine", numbers={"spacing_m": spacing},
-    )  # fmt: skip
 
 
 # --- Mesh files ---------------------------------------------------------------------------------
