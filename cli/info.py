@@ -31,7 +31,7 @@ def vfplan_info(fixture) -> CommandResult:
         has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
     )  # fmt: skip
     text = summary_text(data)
-    return CommandResult(data, text, verdict=verdict, next_step=next_step)
+    return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
 def summary_text(data: dict[str, Any]) -> str:

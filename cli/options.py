@@ -464,12 +464,11 @@ def settings_of_file(path: Path) -> dict[str, Any]:
                 data, parse_constant=refuse_constant, parse_int=parse_whole,
                 parse_float=parse_decimal, object_pairs_hook=dict_of_pairs,
             )  # fmt: skip
+        if not isinstance(settings, dict):
+            raise ValueError("it is no object")
     except (ValueError, RecursionError) as error:
         message = f"is not JSON: {error}. Write one object of settings"
         raise InputError(message, where=where, code="not-json") from None
-    if not isinstance(settings, dict):
-        message = "is no JSON object. Write one object of settings"
-        raise InputError(message, where=where, code="not-json")
 
     context = click.get_current_context()
     known = {}

@@ -222,6 +222,8 @@ class CommandResult:
     verdict, next_step
         How the command ended and what to do now, one line each. The text ends with both, and JSON
         holds them as `verdict` and `next` unless `data` has a `verdict` of its own.
+    verdict_in_json
+        Whether JSON holds verdict and next step. `info` prints a file's own names and no others.
     findings
         What a person should look at before the result is used. `None`: the command looks for none.
     warnings
@@ -236,6 +238,7 @@ class CommandResult:
     findings: Sequence[Finding] | None = None
     verdict: str = ""
     next_step: str = ""
+    verdict_in_json: bool = True
 
     def __post_init__(self) -> None:
         """Set exit code 1 where a check failed."""
@@ -290,7 +293,7 @@ class Printer:
             data.setdefault("warnings", [text for _, text in labelled])
         if result.findings is not None:
             data.setdefault("findings", [finding.as_dict() for finding in result.findings])
-        if result.verdict:
+        if result.verdict and result.verdict_in_json:
             data.setdefault("verdict", result.verdict)
             data.setdefault("next", result.next_step)
         data = to_json_types(data | {"elapsed_s": data.get("elapsed_s", round(elapsed_s, 6))})
