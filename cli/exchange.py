@@ -97,32 +97,23 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     if fixture.frame == "patient_lps":
         next_step = f"{register_command(output)} --model rigid"
     return CommandResult(
-        data, text, warnings=import_warnings(fixture, opening_m),
+        data, text, warnings=import_warnings(fixture),
         findings=fixture.findings,
         verdict=f"imported, {certified}",
         next_step=next_step,
     )  # fmt: skip
 
 
-def import_warnings(fixture: Any, opening_m: float) -> list[str]:
-    """Doubts about an imported fixture: its size, its engine, what was ignored, its openings."""
-    from vfplan.bundle.validation import engine_doubt, mesh_doubts
+def import_warnings(fixture: Any) -> list[str]:
+    """Doubts about an imported fixture: its size, its engine, what was ignored."""
+    from vfplan.bundle.validation import engine_doubt
     from vfplan.fixture import size_doubt
 
     ignored = fixture.provenance.settings.get("left_out")
     left_out = f"the file says more than the fixture holds, which is left out: {ignored}"
     _, no_engine = engine_doubt(fixture) or ("", "")
     warnings = [size_doubt(fixture.points), no_engine, left_out if ignored else None]
-    warnings = [warning for warning in warnings if warning]
-    if fixture.mesh is not None:
-        return warnings + mesh_doubts(fixture)
-    width_m = 2 * (fixture.contact_radius + fixture.point_radius)
-    if fixture.curve is None and opening_m > width_m:
-        warnings.append(
-            f"a bare cloud, and a point is {1e3 * opening_m:.3g} mm from the next: the proxy, "
-            f"{1e3 * width_m:g} mm wide, goes between"
-        )
-    return warnings
+    return [warning for warning in warnings if warning]
 
 
 @command("export")

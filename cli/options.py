@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -117,43 +118,40 @@ class Numbers(Parsed):
     def __init__(
         self, *counts: int, metavar: str, positive: bool = True, word: str | None = None
     ) -> None:
-        super().__init__(metavar, self.numbers)
-        self.counts = counts
-        self.positive = positive
-        self.word = word
+        super().__init__(metavar, partial(parse_numbers, counts, positive, word))
 
-    def numbers(self, text: str) -> Any:
-        """The numbers of a text, as a tuple."""
-        if text == self.word:
-            return ()
-        numbers = tuple(map(parse_decimal, text.split(",")))
-        if len(numbers) not in self.counts:
-            allowed = " or ".join(map(str, self.counts))
-            raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
-        if self.positive and not min(numbers) > 0:
-            raise ValueError(
-                f"{text!r} holds a number that is not above 0. The comma separates two numbers: "
-                "type 0.5 for a half"
-            )
-        return numbers
+
+def parse_numbers(counts: tuple[int, ...], positive: bool, word: str | None, text: str) -> Any:
+    """The numbers of a text, as a tuple; arguments as of `Numbers`."""
+    if text == word:
+        return ()
+    numbers = tuple(map(parse_decimal, text.split(",")))
+    if len(numbers) not in counts:
+        allowed = " or ".join(map(str, counts))
+        raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
+    if positive and not min(numbers) > 0:
+        raise ValueError(
+            f"{text!r} holds a number that is not above 0. The comma separates two numbers: "
+            "type 0.5 for a half"
+        )
+    return numbers
 
 
 class Number(Parsed):
     """One number, in another unit: times `scale`; above 0, or `least` or above."""
 
     def __init__(self, metavar: str, scale: float = 1.0, least: float | None = None) -> None:
-        super().__init__(metavar, self.number)
-        self.scale = scale
-        self.least = least
+        super().__init__(metavar, partial(parse_scaled, scale, least))
 
-    def number(self, text: str) -> float:
-        """The number of a text, scaled."""
-        value = parse_decimal(text)
-        if self.least is None and value <= 0:
-            raise ValueError(f"{text!r} is not above 0. Type a larger number")
-        if self.least is not None and value < self.least:
-            raise ValueError(f"{text!r} is below {self.least:g}. Type that or a number above")
-        return float(value * self.scale)
+
+def parse_scaled(scale: float, least: float | None, text: str) -> float:
+    """The number of a text, scaled; arguments as of `Number`."""
+    value = parse_decimal(text)
+    if least is None and value <= 0:
+        raise ValueError(f"{text!r} is not above 0. Type a larger number")
+    if least is not None and value < least:
+        raise ValueError(f"{text!r} is below {least:g}. Type that or a number above")
+    return float(value * scale)
 
 
 # A length above 0: typed in millimetres, handed on in metres.
@@ -267,7 +265,7 @@ def parse_stroke(text: str) -> str | int:
 
 def parse_rectangle(text: str) -> tuple[int, ...]:
     """U,V,W,H in whole pixels."""
-    values = Numbers(4, metavar="U,V,W,H", positive=False).numbers(text)
+    values = parse_numbers((4,), False, None, text)
     for value in values:
         if not value.is_integer():
             raise ValueError(f"{text!r} holds a part of a pixel. Type whole numbers")
@@ -284,7 +282,7 @@ def parse_side(text: str) -> str | tuple[float, ...]:
     if text in ("above", "below"):
         return text
     try:
-        return VECTOR.numbers(text)
+        return parse_numbers((3,), False, None, text)
     except ValueError:
         raise ValueError(
             f"{text!r} is no side. Type above, below, or X,Y,Z such as 0,0,1"
@@ -466,12 +464,11 @@ def settings_of_file(path: Path) -> dict[str, Any]:
                 data, parse_constant=refuse_constant, parse_int=parse_whole,
                 parse_float=parse_decimal, object_pairs_hook=dict_of_pairs,
             )  # fmt: skip
+        if not isinstance(settings, dict):
+            raise ValueError("it is no object")
     except (ValueError, RecursionError) as error:
         message = f"is not JSON: {error}. Write one object of settings"
         raise InputError(message, where=where, code="not-json") from None
-    if not isinstance(settings, dict):
-        message = "is no JSON object. Write one object of settings"
-        raise InputError(message, where=where, code="not-json")
 
     context = click.get_current_context()
     known = {}

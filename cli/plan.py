@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from click.core import ParameterSource
 from vfplan.cli import options
 from vfplan.cli.extract import (
     drawing_refusal,
@@ -76,11 +75,8 @@ def vfplan_plan(
     sheet_path = None if no_sheet else output.with_name(f"{output.stem}-sheet.png")
     refuse_outputs(output, sheet_path)
 
-    context = click.get_current_context()
-    for name in ("base", "tool"):
-        is_typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        if is_typed and arguments["rehearse"] is None:
-            raise click.UsageError(f"--{name} has no effect alone. Give --rehearse ARM too")
+    if arguments["rehearse"] is None:
+        options.refuse_unused("without --rehearse ARM", "base", "tool")
 
     # From the slice to a fixture.
     extraction = settings_from_options(ExtractSettings, arguments)

@@ -55,8 +55,8 @@ def vfplan_register(
 
     drawn = read_fixture(curve)
     settings = planning_of(drawn, options.given_of_plan(arguments))
-    if tip_radius is not None and touched is None:
-        raise click.UsageError("--tip-radius has no effect alone. Give --touched POINTS.csv too")
+    if touched is None:
+        options.refuse_unused("without --touched POINTS.csv", "tip_radius")
     slice_image = read_slice_of(drawn, image) if image is not None else None
     planned = register(
         drawn, markers, markers2, settings, image=slice_image, touched=touched,

@@ -23,9 +23,6 @@ from vfplan.display import (
 )
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
-from vfplan.replaying.findings import check_text, has_touched, untested_reason, verdict_sentence
-from vfplan.replaying.link import Link
-from vfplan.replaying.metrics import NUMBERS, episode_count
 from vfplan.settings import settings_from_options
 
 # Scenes a second in the file for viewers.
@@ -143,6 +140,8 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     or if there are limits and the tool never touched the fixture. The files are written all the
     same.
     """
+    from vfplan.replaying.findings import verdict_sentence
+
     report_folder = arguments["report"]
     index_path = None
     if report_folder is not None:
@@ -192,6 +191,7 @@ def replay_with_outputs(
     With the rule `both` they hold the robust ticks.
     """
     from vfplan.bundle.read import read_fixture
+    from vfplan.replaying.link import Link
     from vfplan.replaying.replay import replay
     from vfplan.robot import read_robot
     from vfplan.session.bags import McapWriter, RosOptions, as_ticks
@@ -304,6 +304,10 @@ FIGURES = {
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
+    from vfplan.replaying.findings import check_text, untested_reason
+    from vfplan.replaying.link import Link
+    from vfplan.replaying.metrics import episode_count
+
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     untested = untested_reason(report)
     lines = [f"NOT TESTED: {untested}"] if untested else []
@@ -332,6 +336,8 @@ def replay_text(report: dict[str, Any]) -> str:
 
 def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
     """The figures of one rule."""
+    from vfplan.replaying.metrics import NUMBERS
+
     told = report | {
         number.key: f"{number.text(report[number.key])} {number.unit}".rstrip()
         for number in NUMBERS
@@ -342,6 +348,8 @@ def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
 
 def failed_line(report: dict[str, Any]) -> str:
     """Why the exit code is 1; empty where it is 0."""
+    from vfplan.replaying.findings import check_text, untested_reason
+
     checks = report.get("checks", [])
     broken = [check_text(check) for check in checks if not check["pass"]]
     if broken:
@@ -360,6 +368,8 @@ def next_step(
     index_page: the page of the report, if one was made
     wrote_files: whether the same command finds its own files when it is given again
     """
+    from vfplan.replaying.findings import has_touched
+
     again = command_line()
     if wrote_files and "--overwrite" not in again:
         again += " --overwrite"

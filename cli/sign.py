@@ -83,7 +83,6 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     reviewed = None if signed.reviewed is None else asdict(signed.reviewed)
     data = {
         **seal,
-        "ok": True,
         "renders": in_one_line(signed),
         "not_compared": not_compared(seal, arguments),
         "findings": [finding.as_dict() for finding in signed.findings],

@@ -15,7 +15,6 @@ from vfplan.cli.options import FILE, OVERWRITE, DecimalNumber, WholeNumber, opti
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, progress
 
-from vfplan.bundle.content import max_number
 from vfplan.display import command_of, count, wrote
 from vfplan.io.files import naming_place, to_json_types
 from vfplan.io.writing import write_whole
@@ -24,6 +23,9 @@ REPORT_FILE = "stability.json"
 PICTURE_FILE = "passivity.png"
 
 ABOVE_0 = DecimalNumber(min=0, min_open=True)
+
+# The largest stiffness that a bundle may hold [N/m] (schemas/bundle-2.0.json).
+MAX_STIFFNESS = 1e6
 
 
 @command(
@@ -43,7 +45,7 @@ ABOVE_0 = DecimalNumber(min=0, min_open=True)
            help="Ticks between a position and its force.  [default: 0]"),
     option("--filter", "filter_hz", type=DecimalNumber(min=0), metavar="HZ",
            help="Cutoff of the robot's filter on forces [Hz]; 0: none.  [default: the robot's]"),
-    option("--stiffness", type=DecimalNumber(0, max_number("/rendering/stiffness"), min_open=True),
+    option("--stiffness", type=DecimalNumber(0, MAX_STIFFNESS, min_open=True),
            metavar="N_PER_M",
            help="Stiffness K to judge [N/m].  [default: the bundle's, or 1000]"),
     option("--margin", type=DecimalNumber(min=1), metavar="FACTOR", default=1.25,

@@ -30,7 +30,7 @@ import vfplan
 from vfplan.arm.rehearsal import check_session
 from vfplan.bench import peers
 from vfplan.bench.pipeline import thin_hue_mask
-from vfplan.bundle.importing import check_spacing, drawn
+from vfplan.bundle.importing import drawn
 from vfplan.bundle.validation import validate
 from vfplan.burr import burr
 from vfplan.campaign import trial
@@ -175,8 +175,6 @@ CALLS = {
     "address-unusable": lambda d: stream_udp("udp://192.0.2.1:5005"),
     "no-hue": lambda d: thin_hue_mask(np.zeros((5, 5, 3), np.uint8)),
     # Settings of a plan.
-    "gate-range": lambda d: FixtureSettings(max_tre_m=-1.0),
-    "guide-stiffness": lambda d: FixtureSettings(guide_m=1e-3, stiffness=(0.0, 0.0, 0.0)),
     "guide-without-curve": lambda d: add_guidance(
         SMALL, FixtureSettings(guide_m=1e-3), match.Record()),
     "no-normal": lambda d: ignored_axis(
@@ -192,7 +190,6 @@ CALLS = {
     "picture-without-image": lambda d: write_pictures(
         as_is(image=None, extraction=None), d / "m.png", None),
     "no-triangle": lambda d: drawn(np.zeros((3, 3)), np.array([[0, 1, 2]])),
-    "spacing-out-of-range": lambda d: check_spacing(np.zeros((1, 3, 3)), 0.0),
     # The page of a review.
     "knot-exists": lambda d: mended(RING).insert_knot(RING[0]),
     "too-few-knots": lambda d: mended([(0, 0), (1, 0)]).delete_knot(0, None),

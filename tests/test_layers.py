@@ -37,7 +37,7 @@ REACHES = {
     ("camera.command", "live"),  # --live
     ("cli.plan", "arm"),  # --rehearse
     ("cli.review", "camera"),  # --print-out
-    ("cli.demo", "arm"),  # demo panda
+    ("cli.bench", "arm"),  # demo panda
     ("samples.panda", "arm"),
 }
 ONLY = {"click": {"cli"} | LEAF_ROOMS, "h5py": {"io"}, "nanobind": set()}

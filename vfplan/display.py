@@ -45,11 +45,7 @@ def duration(seconds: float) -> str:
 def nice_length(longest: float) -> float:
     """1, 2 or 5 times a power of ten, at most `longest`: the length of a scale bar."""
     power = 10.0 ** math.floor(math.log10(longest))
-    length = power
-    for factor in (2, 5):
-        if factor * power <= longest:
-            length = factor * power
-    return length
+    return max(factor * power for factor in (1, 2, 5) if factor == 1 or factor * power <= longest)
 
 
 def three_digits(value: float) -> str:
@@ -61,10 +57,8 @@ def three_digits(value: float) -> str:
 
 
 def _in_units(value: float, units: tuple[tuple[float, str], ...]) -> str:
-    for factor, name in units:
-        if abs(value) >= factor or (factor, name) == units[-1]:
-            return f"{three_digits(value / factor)} {name}"
-    raise AssertionError("the last unit takes every number")
+    factor, name = next((unit for unit in units if abs(value) >= unit[0]), units[-1])
+    return f"{three_digits(value / factor)} {name}"
 
 
 def millimetres(metres: float | None, decimals: int = 3) -> str:

@@ -35,7 +35,8 @@ def setting(default: Any, text: str, **rule: Any) -> Any:
         form: how its value is typed, as the help shows it, such as "MM" or "U,V"
         unit: the unit of the option and of messages, of a number that the field holds in SI units
         choices: the values that are allowed; `flag` for an option without a value
-        least, above, most: the range, in the unit of the field; `whole` for whole numbers alone
+        least, above: the smallest number, in the unit of the field; `whole` for whole ones alone
+        most: the path in a bundle whose largest number is the largest here
         repeatable: whether the option may be given several times
         from_option: makes the field's value of the option's, where they differ
     """
@@ -80,26 +81,6 @@ def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
 def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
     """A dataclass of settings from the arguments of a command."""
     return kind(**chosen_options(kind, arguments))
-
-
-def check_ranges(settings: Any) -> None:
-    """Refuse a number out of the range of its field; raises `SettingError`."""
-    for setting in fields(settings):
-        rule = setting.metadata
-        value = getattr(settings, setting.name)
-        if value is None or "most" not in rule:
-            continue
-        unit, scale = rule["unit"], 1 / scale_of(setting)
-        smallest, largest = rule["least"] * scale, rule["most"] * scale
-        for number in value if isinstance(value, tuple) else (value,):
-            number = number * scale
-            if not smallest <= number <= largest:
-                name = setting.name.removesuffix("_m").replace("_", " ")
-                raise SettingError(
-                    f"{name} is {number:g} {unit}. Give {smallest:g} to {largest:g} {unit}",
-                    code="setting-range",
-                    numbers={"value": number, "smallest": smallest, "largest": largest},
-                )
 
 
 def is_length(value: Any) -> bool:

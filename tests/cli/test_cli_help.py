@@ -100,7 +100,8 @@ def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
     ('{"max_gap_px": "20"}', "setting-of-another-form"),
     ('{"roi": {"u": 1}}', "setting-of-another-form"),
     ('{"accept_width": 1}', "setting-of-another-form"),
-    ('{"max_gap_px": NaN}', "not-json"),
+    ('{"max_gap_px": NaN}', "not-json"), (f'{{"max_gap_px": {400 * "9"}}}', "not-json"),
+    ('{"max_gap_px": 1e400}', "not-json"), ('{"max_gap_px": 5, "max_gap_px": 9}', "setting-twice"),
     ("[1]", "not-json"),
     ("{", "not-json"),
 ])  # fmt: skip

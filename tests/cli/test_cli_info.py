@@ -37,12 +37,6 @@ def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
     assert str(path) in run.error_line
 
 
-def test_a_missing_file_or_a_directory_is_code_3(vfplan_cli, tmp_path):
-    for path in (tmp_path / "none.h5", tmp_path):
-        run = vfplan_cli("info", path, "--json").fails(3)
-        assert run.json["error"]["kind"] == "InputError"
-
-
 def test_a_file_that_may_not_be_read_is_code_3(path, monkeypatch):
     """As the system answers whoever is not its owner; the tests may run as root."""
     monkeypatch.setattr(os, "access", lambda *_: False)

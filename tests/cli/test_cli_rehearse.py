@@ -86,7 +86,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far).fails(1)
     assert "arm panda, stroke 0, left side: not reached" in bad.stderr
     for lone in (("--base", "0,0,0"), ("--tool", "0,0,0.1")):
-        vfplan_cli("plan", *PLANNED, *lone, "-o", far).fails(2, "Give --rehearse ARM too")
+        vfplan_cli("plan", *PLANNED, *lone, "-o", far).fails(2, "without --rehearse ARM")
     assert not far.exists()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from dataclasses import replace
 
@@ -202,17 +201,6 @@ def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, f
     assert text.stdout.startswith("NOT TESTED")
     run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")
     assert (run.code, run.json["verdict"]) == (1, "fail")
-
-
-def test_the_next_step_runs_although_the_files_are_there(vfplan_cli, files, tmp_path):
-    bundle, session = files
-    call = ("replay", bundle, session, "-o", tmp_path / "r.h5", "--report", tmp_path / "rep")
-    first = vfplan_cli(*call, "--json").json["next"]
-    words = shlex.split(first.partition(": ")[2].replace("NAME", "franka"))[1:]
-    assert vfplan_cli(*words).code in (0, 1)
-    failed = vfplan_cli(*call, "--overwrite", "--at-most", "penetration_max_m=1e-9",
-                        "--json").fails(1)  # fmt: skip
-    assert failed.json["next"].endswith(str(tmp_path / "rep" / "index.html"))
 
 
 def test_open_findings_are_told(vfplan_cli, files, tmp_path):

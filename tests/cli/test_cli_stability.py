@@ -70,7 +70,7 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
     case = ("--case", "C 1", "--despite-findings")
     assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).code == 0
     following = vfplan_cli("stability", signed, *words).json["next"]
-    assert following == f"vfplan verify {signed} --keys {key.with_suffix('.pub')} --case 'C 1'"
+    assert following == f"vfplan verify {signed} --keys KEYS.pub --case 'C 1'"
 
 
 def test_options_win_over_the_robot(vfplan_cli, dot):

@@ -15,19 +15,6 @@ import vfplan
 from vfplan.errors import InputError
 from vfplan.robot import SCHEMAS, read_robot
 
-DIGITS = "9" * 400
-SETTINGS = {
-    f'{{"max_gap_px": {DIGITS}}}': "not-json", '{"max_gap_px": 1e400}': "not-json",
-    '{"max_gap_px": 5, "max_gap_px": 9}': "setting-twice",
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("text", "code"), SETTINGS.items())
-def test_settings_that_no_number_holds_or_that_stand_twice(text, code, vfplan_cli, tmp_path):
-    (tmp_path / "s.json").write_text(text)
-    words = ("--settings", tmp_path / "s.json", "-o", tmp_path / "o.h5", "--json")
-    vfplan_cli("extract", SLICE, *words).fails(3, error=code)
-
 
 @pytest.mark.parametrize(("digits", "code"), [(400, "robot-value"), (5000, "robot-not-toml")])
 def test_a_robot_of_hundreds_of_digits(digits, code, tmp_path):

@@ -5,7 +5,8 @@ import pytest
 from motion import grid
 
 from vfplan import ProxyEngine, ProxyParameters
-from vfplan.engine.parameters import PAPER_BAND, check_points
+from vfplan.engine import PAPER_BAND
+from vfplan.engine.parameters import check_points
 from vfplan.errors import SceneError, SettingError, VfplanError
 
 POINT, MAKE = [[0.0, 0.0, 0.0]], ProxyParameters.make

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +16,6 @@ from vfplan.fixture import Curve, Guidance
 from vfplan.planning.match import Record
 from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
-from vfplan.planning.tolerance import check_arcs_error
 from vfplan.robot import Robot
 
 
@@ -129,15 +126,3 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=5e-5))
     with refuses(SettingError, "guide-stroke"):
         add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0), Record())
-
-
-@pytest.mark.parametrize("beside", [0.317e-3, 0.5e-3, 1e-3, 2.1e-6, 1.5e-6])
-def test_the_advice_for_lines_and_arcs_is_taken(beside):
-    with pytest.raises(SettingError, match="--arcs") as told:
-        check_arcs_error(SimpleNamespace(error=1e-3), beside, FixtureSettings())
-    advice = re.search(r"--arcs ([^,]*)", str(told.value))[1]
-    if beside < 2e-6:
-        assert advice == "none"
-        return
-    settings = FixtureSettings(arcs_m=1e-3 * float(advice))
-    check_arcs_error(SimpleNamespace(error=settings.arcs_m), beside, settings)

@@ -169,8 +169,6 @@ def test_markers_in_space_do_not_register_a_slice(tmp_path):
 
 
 @pytest.mark.parametrize(("given", "code"), [
-    ({"ignore_axis": "xy"}, "axis-unknown"),
-    ({"ignore_axis": ""}, "axis-unknown"),
     ({"stiffness": (1.0, 2.0)}, "stiffness-count"),
     ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide-pull"),
     ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),

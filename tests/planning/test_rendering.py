@@ -54,18 +54,6 @@ def test_what_the_scene_does_without_is_counted(made):
     assert "coordinates" not in elbow(ignore_axis="none").report["register"]["left_out"]
 
 
-def test_bundle_holds_the_choice(made, tmp_path):
-    path = tmp_path / "fixture.h5"
-    write_fixture(made.fixture, path)
-    again = read_fixture(path)
-    chosen = made.report["register"]["chosen"]
-    assert again.max_iterations == chosen["max_iterations"]
-    assert again.band == chosen["band_m"]
-    settings = again.provenance.settings
-    assert settings["chosen_spacing_m"] == chosen["spacing_m"]
-    assert settings["left_out_points"] == made.report["register"]["left_out"]["points"]
-
-
 def test_a_tolerance_beyond_what_the_radius_allows_is_said_to_be_cut(made):
     cut = elbow(tolerance_m=5e-3)
     chosen = cut.report["register"]["chosen"]

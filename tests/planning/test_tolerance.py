@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from vfplan.errors import SettingError
-from vfplan.planning.tolerance import choose, iterations, largest_tolerance
+from vfplan.planning.tolerance import choose, iterations
 
 R = 5e-3
 
@@ -48,12 +48,6 @@ def test_iterations_are_as_many_as_the_lag_needs(lag):
     n = iterations(lag)
     assert slide(n) <= 1.05 * lag
     assert n == 1 or slide(n - 1) > lag
-
-
-def test_a_coarse_tolerance_stops_where_points_become_bumps():
-    choice = choose(1.0, R)
-    assert choice.spacing_m == pytest.approx(R / 2)
-    assert choice.band_m == pytest.approx(largest_tolerance(R) / 2)
 
 
 @pytest.mark.parametrize(("given", "says"), [

@@ -48,15 +48,18 @@ def test_polyline_open_and_closed(tmp_path):
 @pytest.mark.parametrize(
     ("points", "told"),
     [
-        ([(10, 10), (60, 10), (10, 11)], True), ([(10, 10), (60, 10), (20, 25)], False),
-        ([(10, 40), (60, 40), (60, 10), (30, 10), (30, 70)], False),
+        ([(10, 10), (60, 10), (10, 11)], ["curve-folds"]), ([(10, 10), (60, 10), (20, 25)], []),
+        ([(10, 40), (60, 40), (60, 10), (30, 10), (30, 70)], ["curve-crosses"]),
+        ([(10, 40), (60, 40), (60, 10), (30, 10), (30, 36)], []),
+        ([(10, 40), (60, 40), (60, 20), (10, 62)], ["curve-folds"]),
+        ([(10, 40), (60, 40), (60, 20), (10, 67)], ["curve-crosses"]),
     ],
 )  # fmt: skip
-def test_a_curve_that_runs_back_along_itself_is_doubted(tmp_path, points, told):
+def test_a_curve_that_runs_back_along_itself_or_crosses_is_doubted(tmp_path, points, told):
     for given in (points, points[::-1]):
         curve = polyline(tmp_path, given)
         for made in (extract(capture(tmp_path), curve=curve), extract(curve, ExtractSettings())):
-            assert [found.code for found in made.findings] == ["curve-folds"] * told
+            assert [found.code for found in made.findings] == told
 
 
 def test_a_curve_laid_on_itself_often_takes_little_memory(tmp_path):

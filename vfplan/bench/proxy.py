@@ -62,9 +62,10 @@ class Meshed(Scene):
     @cached_property
     def points(self) -> Array:
         """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        from vfplan.bundle.importing import refined
+        from vfplan import _core
+        from vfplan.bundle.importing import drawn
 
-        return refined(*self.mesh, self.spacing)[0]
+        return _core.refined(*drawn(*self.mesh), self.spacing)[0]
 
 
 def convex_mesh(corners: Array) -> tuple[Array, Triangles]:

@@ -26,12 +26,12 @@ from vfplan.bundle.leak import (
     across,
     joined_corners,
     largest_cover,
-    open_edges,
     pieces_of,
     turned_facets,
     widest_opening,
 )
-from vfplan.engine.parameters import PAPER_BAND, check_axis, check_points, default_band
+from vfplan.engine import PAPER_BAND
+from vfplan.engine.parameters import check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
@@ -143,13 +143,6 @@ def import_cloud(
     radius = contact_radius + point_radius
     if units not in METRES:
         raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
-    if curve not in (None, "open", "closed"):
-        raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
-    if not (0 < contact_radius < np.inf and 0 <= point_radius < np.inf):
-        raise SettingError(
-            f"The radii of tool and points are {contact_radius} and {point_radius} m. Give a "
-            "finite one above 0 and one of at least 0."
-        )
     axis = check_axis(ignore_axis)
     with naming_place(path):
         cloud, digest = read_cloud(Path(path), units)
@@ -193,7 +186,6 @@ def import_cloud(
             ignored.append(f"{unused} points of no triangle")
         if spacing is None:
             spacing = radius / 10
-        check_spacing(points[cloud.triangles], spacing)
         points, mesh, findings = joined_and_turned(points, cloud.triangles)
         if len(mesh) < len(cloud.triangles):
             ignored.append(f"{len(cloud.triangles) - len(mesh)} facets without area")
@@ -203,7 +195,13 @@ def import_cloud(
         try:
             samples, _ = _core.sampled(points, mesh, sample_radius)
         except ValueError as error:
-            raise too_many_samples(points, spacing) from error
+            extent = np.ptp(points, axis=0).max()
+            raise SceneError(
+                f"As read, the mesh is {extent:.3g} m across, and samples {1e3 * spacing:g} mm "
+                f"apart are more than {max_size('N')} points or {max_size('K')} triangles. Check "
+                "--units, or give a larger --spacing.",
+                code="spacing-too-fine", numbers={"spacing_m": spacing},
+            ) from error  # fmt: skip
         band = sample_band(sample_radius, radius)
         widest, place = widest_opening(points, mesh, samples, radius - band)
         if widest:
@@ -242,11 +240,7 @@ def check_cloud(points: Points) -> Points:
             f"It holds {len(points)} points, and a bundle 1 to {max_size('N')}. Give a file "
             "with fewer of them, or with some."
         )
-    is_finite = np.isfinite(points).all(axis=1)
-    if not is_finite.all():
-        raise InputError(
-            f"Point {is_finite.argmin()} is not finite. Remove it, or write its coordinates."
-        )
+    points = check_points(points)
     limit_m = rows_by_path()["/points"].max_abs["m"]
     is_near = (np.abs(points) <= limit_m).all(axis=1)
     if not is_near.all():
@@ -256,7 +250,7 @@ def check_cloud(points: Points) -> Points:
             "--units, or move the points nearer to the origin of their frame.",
             code="cloud-too-far",
         )
-    return check_points(points)
+    return points
 
 
 def short_text(text: str) -> str:
@@ -362,10 +356,6 @@ def joined_and_turned(
         mesh[is_turned] = mesh[is_turned][:, [0, 2, 1]]
         text = f"{is_turned.sum()} of {len(mesh)} facets were turned over to face as the others do."
         findings.append(note("facets-turned", "import", text))
-    one, two, three = np.moveaxis(points[mesh] - points[0], 1, 0)
-    if not open_edges(mesh) and (one * np.cross(two, three)).sum() < 0:
-        text = "The mesh is closed and its facets face inwards. Both sides are rendered alike."
-        findings.append(note("mesh-inside-out", "import", text))
     return points, mesh, findings
 
 
@@ -379,48 +369,6 @@ def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[F
         f"between them: the widest gap found is {1e3 * widest:.3g} mm. Import denser points."
     )
     return [doubt("cloud-in-pieces", "import", text)]
-
-
-def refined(
-    points: Points, triangles: NDArray[np.integer], spacing: float
-) -> tuple[Points, Triangles]:
-    """The same surface with no side of a triangle longer than `spacing` [m].
-
-    It is cleaned as `drawn` does. Every longer side is halved, in both triangles it belongs to,
-    until none is left; the new points follow the corners.
-
-    Raises `SceneError` when that takes more points or triangles than a bundle may hold.
-    """
-    check_spacing(points[triangles], spacing)
-    try:
-        return _core.refined(*drawn(points, triangles), spacing)
-    except ValueError as error:
-        raise too_many_samples(points, spacing) from error
-
-
-def check_spacing(corners: NDArray[np.float64], spacing: float) -> None:
-    """Refuse a spacing [m] that takes too many samples of triangles (K, 3, 3), at once."""
-    if not (np.isfinite(spacing) and spacing > 0):
-        raise SettingError(
-            f"The spacing is {spacing} m. Give a number above 0.",
-            code="spacing-out-of-range", numbers={"spacing_m": spacing},
-        )  # fmt: skip
-    one, two, three = np.moveaxis(corners, 1, 0)
-    area = np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2
-    # No triangle without a longer side has more area than one with three sides of that length.
-    if area > max_size("K") * np.sqrt(3) / 4 * spacing**2:
-        raise too_many_samples(corners.reshape(-1, 3), spacing)
-
-
-def too_many_samples(points: Points, spacing: float) -> SceneError:
-    """The error of a mesh that takes more samples than a bundle may hold."""
-    extent = np.ptp(points, axis=0).max()
-    return SceneError(
-        f"As read, the mesh is {extent:.3g} m across, and samples {1e3 * spacing:g} mm apart are "
-        f"more than {max_size('N')} points or {max_size('K')} triangles. Check --units, or give a "
-        "larger --spacing.",
-        code="spacing-too-fine", numbers={"spacing_m": spacing},
-    )  # fmt: skip
 
 
 # --- Mesh files ---------------------------------------------------------------------------------

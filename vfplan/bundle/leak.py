@@ -23,8 +23,6 @@ BLOCK = 1 << 18
 LARGEST_PIECES = 64
 # Largest area of a sheet for that of the skin over its rim. Half a sphere has twice as much.
 SHEET = 1.5
-# In the order of a tree, how far apart two points may stand to be compared.
-NEAR_IN_TREE = 4
 # Places along an opening that are tried at first.
 MAX_CELLS = 64
 
@@ -267,16 +265,10 @@ def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
     is_alone = np.bincount(place) == 1
     del place
     tree = kd_tree(points[rows])
-    # In the tree's order neighbours stand near each other.
     for start in range(0, len(rows), BLOCK):
+        # In the tree's order neighbours stand near each other.
         block = tree.indices[start : start + BLOCK]
-        places, reach = tree.data[block], np.full(len(block), np.inf)
-        for step in range(1, NEAR_IN_TREE + 1):
-            apart = np.linalg.norm(places[step:] - places[:-step], axis=1)
-            np.minimum(reach[step:], apart, out=reach[step:])
-            np.minimum(reach[:-step], apart, out=reach[:-step])
-        # The others have a neighbour that is nearer than the loneliest has one so far.
-        block = block[is_alone[block] & (reach >= best[0])]
+        block = block[is_alone[block]]
         if len(block):
             distance = tree.query(tree.data[block], k=[2], workers=-1)[0][:, 0]
             farthest = int(np.argmax(distance))

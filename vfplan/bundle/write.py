@@ -138,8 +138,6 @@ def put_value(group: Any, row: Row, content: Content) -> None:
     if row.kind == "attribute":
         group.attrs.create(row.name, data)
         return
-    if data.size == 0:
-        raise InputError(f"has shape {data.shape}. Give at least one row.", where=row.path)
     dataset = group.create_dataset(row.name, data=data, fill_time="never")
     for name, text in unit_and_frame(row, content).items():
         dataset.attrs.create(name, as_stored(text, "text"))

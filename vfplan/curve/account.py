@@ -40,6 +40,9 @@ FOLD_ROWS = 256
 # Most of those later ones. More lie near each other only where a curve runs often over itself.
 FOLD_COLUMNS = 1024
 
+# Largest cosine of the angle at which two stretches cross; at a smaller angle they are a fold.
+MAX_CROSSING_COSINE = 0.9
+
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
@@ -390,18 +393,22 @@ def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
 
 
 def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
-    """A doubt for each stretch of the curve that lies on another stretch of it, or close beside."""
+    """A doubt for each stretch that lies on another one, or close beside, and one for crossings."""
     if not strokes:
         return []
     points = np.concatenate([stroke.points for stroke in strokes])
     headings = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
     headings /= np.maximum(np.hypot(*headings.T), 1e-9)[:, None]
+    steps = np.concatenate([
+        np.diff(stroke.points, axis=0, append=stroke.points[[0 if stroke.closed else -1]])
+        for stroke in strokes
+    ])  # fmt: skip
     counts = [len(stroke.points) for stroke in strokes]
     number = np.repeat(np.arange(len(strokes)), counts)
     ring_length = np.where([stroke.closed for stroke in strokes], counts, np.inf)
     width = max(stroke.width or 0.0 for stroke in strokes)
     reach = 2 * max(width, tuned.FLANK_PX)
-    is_folded = np.zeros(len(points), bool)
+    is_folded, is_crossed = np.zeros((2, len(points)), bool)
     for start in range(0, len(points), FOLD_ROWS):
         block = points[start : start + FOLD_ROWS]
         # Each point of the block is held against the later ones in the box around the block.
@@ -416,10 +423,13 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         is_fold = number[earlier] != number[later]
         is_fold |= along > tuned.WIDE_RUN_WIDTHS * max(width, 2)
         is_fold &= later > earlier
-        # A crossing is none either.
-        cosine = (headings[earlier] * headings[later]).sum(axis=1)
-        is_fold &= np.abs(cosine) > np.sqrt(0.5)
+        # A crossing is no fold.
+        cosine = np.abs((headings[earlier] * headings[later]).sum(axis=1))
+        is_steep = is_fold & (cosine < MAX_CROSSING_COSINE) & (number[earlier] == number[later])
+        is_fold &= cosine > np.sqrt(0.5)
         is_folded[earlier[is_fold]] = True
+        earlier, later = earlier[is_steep], later[is_steep]
+        is_crossed[earlier[do_cross(points, steps, earlier, later)]] = True
     findings = []
     is_near_fold = windows(is_folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
     for run in runs(is_near_fold, False):
@@ -430,7 +440,24 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
                 "drawn twice there, or do its ends overlap?"
             )
             findings.append(finding_at(points[_middle(run)], "curve-folds", text))
+            is_crossed[run] = False
+    if is_crossed.any():
+        places = points[is_crossed]
+        more = f" and {len(places) - 1} times more" if len(places) > 1 else ""
+        text = f"the curve crosses itself here{more}. Is it meant to?"
+        findings.append(finding_at(places[0], "curve-crosses", text))
     return findings
+
+
+def do_cross(points: NDArray, steps: NDArray, one: NDArray, other: NDArray) -> Flags:
+    """Whether the step from each point `one` crosses the step from the point `other`."""
+    # As complex numbers, of which the product has the area that two steps span.
+    between, first, second = (
+        rows @ [1, 1j] for rows in (points[other] - points[one], steps[one], steps[other])
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = (np.conj(between) * [second, first]).imag / (np.conj(first) * second).imag
+    return ((shares >= 0) & (shares < 1)).all(axis=0)
 
 
 def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:

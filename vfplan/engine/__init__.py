@@ -9,3 +9,6 @@ moving      `MovingFrame`, the frame of a tracked fixture
 """
 
 from __future__ import annotations
+
+# The band of Algorithm 1, r2 - r_c = r_c - r1 [m].
+PAPER_BAND = 10e-6

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
+from vfplan.engine import PAPER_BAND
 from vfplan.errors import SceneError, SettingError, VfplanError
 from vfplan.fixture import Pieces
 
@@ -30,9 +31,6 @@ MAX_POINTS = 4_000_000
 
 # Largest absolute coordinate [m]. Beyond it float64 does not resolve a nanometre.
 MAX_COORDINATE = _core.largest_coordinate
-
-# The band of Algorithm 1, r2 - r_c = r_c - r1 [m].
-PAPER_BAND = 10e-6
 
 # Smallest band as a share of R.
 #

@@ -25,12 +25,13 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import IO, Any, BinaryIO, cast
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import IO, TYPE_CHECKING, Any, BinaryIO, cast
 
 from vfplan.errors import CheckFailed, InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 # Bytes of a file that is read whole, where the caller names no other limit.
 MAX_FILE_BYTES = 1 << 30
@@ -330,7 +331,8 @@ def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
     The stream is left where the array's data begin. Raises `ValueError`, in one line, for a header
     that is none or too long.
     """
-    numpy_format = np.lib.format
+    from numpy.lib import format as numpy_format
+
     version = numpy_format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
@@ -406,6 +408,8 @@ class Table:
 
     def numbers(self, columns: tuple[str, ...]) -> NDArray[np.float64]:
         """(N, K) the numbers in some columns; raises as `number` and `check_decimals`."""
+        import numpy as np  # Here and not above, because `vfplan COMMAND --help` needs none of it.
+
         self.check_decimals(columns)
         numbers = [[self.number(row, column) for column in columns] for row in self.rows]
         return np.array(numbers).reshape(-1, len(columns))
@@ -721,6 +725,8 @@ def parse_block(
 
     marks: the decimal marks that the table has used so far
     """
+    import numpy as np  # Here and not above, because `vfplan COMMAND --help` needs none of it.
+
     # A carriage return that stands elsewhere than before a newline makes its line a bad one.
     body = (text + b"\n").replace(b"\r\n", b"\n").rstrip(b"\n")
     if body and not body.translate(None, _NUMERIC_BYTES + table.separator.encode()):

@@ -14,7 +14,6 @@ from vfplan.errors import CurveError, ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry.lines import length_of
-from vfplan.io.files import now_utc
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
 from vfplan.settings import flat
@@ -98,8 +97,6 @@ def extract(
     from vfplan.images.read import OVERLAY
     from vfplan.vectors import SUFFIXES
 
-    # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
-    now_utc()
     settings = settings or ExtractSettings()
     is_read = not isinstance(source, (str, Path))
     is_vector_alone = not is_read and Path(source).suffix.lower() in SUFFIXES

@@ -28,7 +28,6 @@ from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
-from vfplan.io.files import now_utc
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length, overridden
@@ -208,8 +207,6 @@ def register(
     from vfplan.registration.checks import describe_checks, error_findings, refuse_large_error
     from vfplan.registration.registration import own_bound, registration_report, target_error
 
-    # A SOURCE_DATE_EPOCH that is no time is refused before any work is done.
-    now_utc()
     recipe = recalled(FixtureSettings, unregistered.provenance.settings)
     settings = asked = settings or recipe or FixtureSettings()
     if unregistered.mesh is not None and settings.density_per_m is not None:

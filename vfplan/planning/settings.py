@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal
 
-from vfplan.bundle.content import max_number
-from vfplan.engine.parameters import PAPER_BAND
+from vfplan.engine import PAPER_BAND
 from vfplan.errors import SettingError
 from vfplan.findings import Finding, note
 from vfplan.io.files import parse_decimal
-from vfplan.settings import check_ranges, is_length, setting
+from vfplan.settings import is_length, scale_of, setting
 
 # How far lines and arcs may lie from the measured curve [m]: no measurement is as fine.
 MIN_ARCS_M = 1e-7
@@ -242,23 +241,23 @@ class FixtureSettings:
     arcs_m: float | None = setting(
         None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
         "[default: 0.001, if it can be reached]", form="MM|none",
-        unit="mm", least=MIN_ARCS_M, most=max_number("/pieces@error_m"),
+        unit="mm", least=MIN_ARCS_M, most="/pieces@error_m",
         from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
     )  # fmt: skip
     points_only: bool = setting(False, "", option="arcs", from_option=lambda arcs: arcs == ())
     # One number is held as a tuple of one.
     stiffness: float | tuple[float, ...] = setting(
         (1000.0,), "Stiffness K [N/m]: one number, or one for each axis.", form="N_PER_M[,Y,Z]",
-        unit="N/m", least=0.0, most=max_number("/rendering/stiffness"),
+        unit="N/m", least=0.0, most="/rendering/stiffness",
     )  # fmt: skip
     # A contact radius, or a tube, below the band cannot be rendered.
     contact_radius: float = setting(
         5e-3, "Distance that the tool keeps from what is drawn [mm].", form="MM", unit="mm",
-        least=PAPER_BAND, most=max_number("/rendering@contact_radius_m"),
+        least=PAPER_BAND, most="/rendering@contact_radius_m",
     )  # fmt: skip
     point_radius: float = setting(
         0.0, "Radius of each point, added to the contact radius [mm].", form="MM", unit="mm",
-        least=0.0, most=max_number("/rendering@point_radius_m"),
+        least=0.0, most="/rendering@point_radius_m",
     )  # fmt: skip
     ignore_axis: str | None = setting(
         None, "Extend the fixture without end along this axis.  [default: normal, of the drawn "
@@ -288,7 +287,7 @@ class FixtureSettings:
     )
     guide_m: float | None = setting(
         None, "Make a guide: keep the tip in a tube of this radius around the curve [mm].",
-        form="MM", unit="mm", least=PAPER_BAND, most=max_number("/guidance@radius_m"),
+        form="MM", unit="mm", least=PAPER_BAND, most="/guidance@radius_m",
     )  # fmt: skip
     guide_ends: Literal["stop", "open"] | None = setting(
         None, "Close the ends of a guide's tube, or let the tip leave there.  [default: stop]",
@@ -316,19 +315,6 @@ class FixtureSettings:
             raise SettingError(
                 f"stiffness is {len(self.stiffness)} numbers. Give 1 or 3", code="stiffness-count"
             )
-        if self.ignore_axis not in (None, *AXES):
-            raise SettingError(
-                f"ignored axis is {self.ignore_axis!r}. Give normal, x, y, z or none",
-                code="axis-unknown",
-            )
-        for name in ("max_residual_m", "max_tre_m"):
-            limit = getattr(self, name)
-            is_word = (name, limit) == ("max_tre_m", "contact radius")
-            if limit is not None and not is_word and not is_length(limit):
-                raise SettingError(
-                    f"{name} is {limit!r}. Give a finite length above 0 [m], or None",
-                    code="gate-range",
-                )
         if self.guide_m is not None:
             self._check_guide()
         elif any((self.guide_ends, self.guide_pull, self.guide_cut_bends)) or (
@@ -341,11 +327,6 @@ class FixtureSettings:
             )
 
     def _check_guide(self) -> None:
-        if min(self.stiffness) <= 0:
-            raise SettingError(
-                "a guide of stiffness 0 does not hold the tip. Give a stiffness above 0",
-                code="guide-stiffness",
-            )
         if self.margin is not None and self.guide_stroke is None:
             raise SettingError(
                 "a margin has no effect on a guide, only on what is forbidden beside one. "
@@ -354,6 +335,8 @@ class FixtureSettings:
             )
         if not self.guide_pull:
             return
+        from vfplan.bundle.content import max_number  # As in `check_ranges`.
+
         force, speed = (*self.guide_pull, LEAD_SPEED_M_S)[:2]
         max_force = max_number("/guidance@lead_force_n")
         max_speed = max_number("/guidance@lead_speed_m_s")
@@ -372,6 +355,29 @@ class FixtureSettings:
         if self.max_tre_m == "contact radius":
             return self.contact_radius
         return self.max_tre_m
+
+
+def check_ranges(settings: FixtureSettings) -> None:
+    """Refuse a number out of the range of its field; raises `SettingError`."""
+    # Here and not above, because `vfplan COMMAND --help` needs none of it.
+    from vfplan.bundle.content import max_number
+
+    for one in fields(settings):
+        rule = one.metadata
+        value = getattr(settings, one.name)
+        if value is None or "most" not in rule:
+            continue
+        unit, scale = rule["unit"], 1 / scale_of(one)
+        smallest, largest = rule["least"] * scale, max_number(rule["most"]) * scale
+        for number in value if isinstance(value, tuple) else (value,):
+            number = number * scale
+            if not smallest <= number <= largest:
+                name = one.name.removesuffix("_m").replace("_", " ")
+                raise SettingError(
+                    f"{name} is {number:g} {unit}. Give {smallest:g} to {largest:g} {unit}",
+                    code="setting-range",
+                    numbers={"value": number, "smallest": smallest, "largest": largest},
+                )
 
 
 def overridden(recipe: FixtureSettings, settings: FixtureSettings) -> list[Finding]:

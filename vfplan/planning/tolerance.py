@@ -50,7 +50,7 @@ from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
 from vfplan.geometry.lines import Spline, length_of, spline_through
-from vfplan.planning.settings import DEFAULT_ARCS_M, MIN_ARCS_M, FixtureSettings
+from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
@@ -187,56 +187,47 @@ def sample_curve(
             "or more",
             code="points-shape",
         )
-    curve = CurveSpline.through(points, closed)
+    spline, dense, arc, kappa = dense_values(points, closed)
 
     # The spacing that each place allows, and with it the points.
     if density_per_m is None:
         dimple_m = min(tolerance_m, radius_m)
-        allowed = np.sqrt(8 * dimple_m / (1 / (radius_m - dimple_m / 2) + curve.kappa))
-        spacing = smallest_nearby(allowed, curve.arc, closed)
+        allowed = np.sqrt(8 * dimple_m / (1 / (radius_m - dimple_m / 2) + kappa))
+        spacing = smallest_nearby(allowed, arc, closed)
     else:
-        spacing = np.full(len(curve.arc), 1 / density_per_m)
-    arclength = place_points(curve.arc, spacing, closed)
-    parameter = np.interp(arclength, curve.arc, curve.parameter)
-    ends = np.append(arclength, curve.arc[-1]) if closed else arclength
+        spacing = np.full(len(arc), 1 / density_per_m)
+    arclength = place_points(arc, spacing, closed)
+    parameter = np.interp(arclength, arc, dense)
+    ends = np.append(arclength, arc[-1]) if closed else arclength
     gaps = np.diff(ends)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
-    gap = np.minimum(np.searchsorted(arclength, curve.arc, side="right") - 1, len(gaps) - 1)
+    gap = np.minimum(np.searchsorted(arclength, arc, side="right") - 1, len(gaps) - 1)
     dimple = radius_m - np.sqrt(np.maximum(radius_m**2 - gaps**2 / 4, 0.0))
-    sampling_error_m = float((dimple[gap] + gaps[gap] ** 2 / 8 * curve.kappa).max())
+    sampling_error_m = float((dimple[gap] + gaps[gap] ** 2 / 8 * kappa).max())
     return Sampling(
-        points=curve.spline(parameter), arclength=arclength, parameter=parameter,
+        points=spline(parameter), arclength=arclength, parameter=parameter,
         spacing_m=float(gaps.max()), sampling_error_m=sampling_error_m,
     )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class CurveSpline:
-    """The cubic spline through a fine curve's points, over their index, and dense values of it."""
+def dense_values(points: Array, closed: bool) -> tuple[Spline, Array, Array, Array]:
+    """The cubic spline through a fine curve's points (M, 3), over their index, and dense values.
 
-    spline: Spline
-    # (D,) dense float indices.
-    parameter: Array
-    # (D,) [m].
-    arc: Array
-    # (D,) |κ| [1/m], the largest within a dense step on either side.
-    kappa: Array
-
-    @classmethod
-    def through(cls, points: Array, closed: bool) -> CurveSpline:
-        """The curve through points (M, 3)."""
-        if closed:
-            points = np.vstack([points, points[:1]])
-        spline = spline_through(points, periodic=closed and len(points) > 3)
-        t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
-        first, second = spline(t, 1), spline(t, 2)
-        speed = np.linalg.norm(first, axis=1)
-        kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
-        wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
-        kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
-        steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)
-        return cls(spline, t, np.concatenate([[0.0], np.cumsum(steps)]), kappa)
+    These are, each (D,): float indices, arc lengths [m], and the largest |κ| within a dense step on
+    either side [1/m].
+    """
+    if closed:
+        points = np.vstack([points, points[:1]])
+    spline = spline_through(points, periodic=closed and len(points) > 3)
+    t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
+    first, second = spline(t, 1), spline(t, 2)
+    speed = np.linalg.norm(first, axis=1)
+    kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
+    wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
+    kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
+    steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)
+    return spline, t, np.concatenate([[0.0], np.cumsum(steps)]), kappa
 
 
 def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
@@ -447,16 +438,10 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     ):  # fmt: skip
         if not length_m or pieces.error <= share * length_m:
             continue
-        from decimal import ROUND_DOWN, Context
-
-        allowed_mm = Context(2, ROUND_DOWN).create_decimal(share * length_m * 1e3)
-        advice = "none"
-        if allowed_mm >= 1e3 * MIN_ARCS_M:
-            advice = f"{float(allowed_mm):g}, or less"
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
             f"the {name} of {1e3 * length_m:.4g} mm allows {share:g} of "
-            f"itself. Give --arcs {advice}",
+            "itself. Give a smaller --arcs, or none",
             code="arcs-coarse",
             numbers={"error_m": pieces.error, "length_m": length_m},
         )

@@ -135,7 +135,9 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {"ink-joins", "ink-touches", "leaves-picture"}
-MADE_ANEW = OF_INK | {"bridge", "bridge-long", "bridge-near-end", "curve-folds", "drawn-by-hand"}
+MADE_ANEW = OF_INK | {
+    *("bridge", "bridge-long", "bridge-near-end", "curve-crosses", "curve-folds", "drawn-by-hand")
+}
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may
 # be a step along the line.

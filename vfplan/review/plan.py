@@ -69,7 +69,6 @@ from vfplan.review.rendered import (
 )
 from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
-from vfplan.stability.study import judge_of, with_verdict_by
 
 # Grey level of the ground on which a curve lies whose slice is not at hand.
 BLANK_GREY = 235
@@ -471,6 +470,8 @@ class Plan:
             )
             return Outcome(None, of_curve, text, "margin-of-other-markers")
         pairs, settings = self.fit.pairs(), self.fit.settings
+        from vfplan.stability.study import with_verdict_by
+
         try:
             planned = register(curve, pairs, None, settings, image=self.image).fixture
             planned = with_verdict_by(source.recipe, planned)
@@ -760,6 +761,8 @@ def source_of_bundle(
             tool=record.tool, tip=record.tip,
         )  # fmt: skip
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
+    from vfplan.stability.study import judge_of  # Here, because a sheet needs none of it.
+
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}
     kept = (MADE_FLAT_BY, SLICE_IN_WORDS, SLICER_POINTS)
     of_slice = {name: known[name] for name in kept if name in known}
