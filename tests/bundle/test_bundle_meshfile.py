@@ -343,6 +343,7 @@ def test_turned_facets_are_felt_as_if_they_were_not(share, tmp_path):
     assert ("facets-turned" in codes) == (fewer > 0)
     if fewer:
         assert codes["facets-turned"].startswith(f"{fewer} of {len(faces)} ")
+    assert ("mesh-inside-out" in codes) == (share > 0.5)
     turn = np.linspace(0.3, 2.8, 3000)
     hips = 17e-3 * np.column_stack((np.cos(turn), np.sin(turn), 0.3 * np.sin(5 * turn)))
     hips[:200] = np.linspace(1.8 * hips[200], hips[200], 200)

@@ -26,6 +26,7 @@ from vfplan.bundle.leak import (
     across,
     joined_corners,
     largest_cover,
+    open_edges,
     pieces_of,
     turned_facets,
     widest_opening,
@@ -356,6 +357,10 @@ def joined_and_turned(
         mesh[is_turned] = mesh[is_turned][:, [0, 2, 1]]
         text = f"{is_turned.sum()} of {len(mesh)} facets were turned over to face as the others do."
         findings.append(note("facets-turned", "import", text))
+    one, two, three = np.moveaxis(points[mesh] - points[0], 1, 0)
+    if not open_edges(mesh) and (one * np.cross(two, three)).sum() < 0:
+        text = "The mesh is closed and its facets face inwards. Both sides are rendered alike."
+        findings.append(note("mesh-inside-out", "import", text))
     return points, mesh, findings
 
 
