@@ -63,9 +63,9 @@ class Meshed(Scene):
     def points(self) -> Array:
         """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
         from vfplan import _core
-        from vfplan.bundle.importing import drawn
+        from vfplan.bundle.importing import refined
 
-        return _core.refined(*drawn(*self.mesh), self.spacing)[0]
+        return refined(*self.mesh, self.spacing)[0]
 
 
 def convex_mesh(corners: Array) -> tuple[Array, Triangles]:

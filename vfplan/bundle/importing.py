@@ -376,6 +376,17 @@ def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[F
     return [doubt("cloud-in-pieces", "import", text)]
 
 
+def refined(
+    points: Points, triangles: NDArray[np.integer], spacing: float
+) -> tuple[Points, Triangles]:
+    """The same surface, cleaned as `drawn` does, with no side longer than `spacing` [m].
+
+    Every longer side is halved, in both triangles it belongs to, until none is left; the new points
+    follow the corners. Raises `ValueError` when that takes more than a bundle may hold.
+    """
+    return _core.refined(*drawn(points, triangles), spacing)
+
+
 # --- Mesh files ---------------------------------------------------------------------------------
 
 
