@@ -62,7 +62,6 @@ class Meshed(Scene):
     @cached_property
     def points(self) -> Array:
         """The corners of the mesh, refined until no edge is longer than the spacing [m]."""
-        from vfplan import _core
         from vfplan.bundle.importing import refined
 
         return refined(*self.mesh, self.spacing)[0]
