@@ -678,7 +678,7 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 def is_bundle(path: Path) -> bool:
     """Whether a file is a bundle, by its name or its first bytes."""
-    import h5py
+    from vfplan.io.hdf5 import h5py
 
     return path.suffix.lower() in (".h5", ".hdf5") or h5py.is_hdf5(path)
 
