@@ -20,19 +20,13 @@ double bulge_of(const Vec2& tangent, const Vec2& chord) {
     return std::abs(bulge) <= rounding ? 0 : bulge;
 }
 
-// Two arcs that meet with one tangent.
-struct Biarc {
-    Vec2 joint;
-    double bulge, next_bulge;
-};
-
 struct SmoothRun {
     const Places &places, &tangents;
     double tolerance;
 
-    // The two arcs from one place to another. Of equal tangent lengths d:
+    // The two arcs from one place to another, which meet with one tangent. Of equal lengths d:
     // |q - d s - p - d t| = 2 d, from p with tangent t to q with tangent s.
-    Biarc biarc(std::size_t first, std::size_t last) const {
+    vfplan::Stroke biarc(std::size_t first, std::size_t last) const {
         const Vec2 p = place(places, first), t = place(tangents, first);
         const Vec2 q = place(places, last), s = place(tangents, last);
         const Vec2 chord = q - p;
@@ -40,17 +34,15 @@ struct SmoothRun {
         const double b = dot(chord, t + s), c = dot(chord, chord);
         const double d = c / (b + std::sqrt(std::max(b * b + a * c, 0.0)) + 1e-300);
         const Vec2 sum = p + q + d * (t - s), joint{sum[0] / 2, sum[1] / 2};
-        return {joint, bulge_of(t, joint - p), -bulge_of(-s, joint - q)};
+        return {{p[0], p[1], 0, joint[0], joint[1], 0, q[0], q[1], 0},
+                {bulge_of(t, joint - p), -bulge_of(-s, joint - q), 0},
+                false};
     }
     // The largest distance of the places between from the two arcs; infinite beyond a half circle.
     double error(std::size_t first, std::size_t last) const {
-        const Biarc two = biarc(first, last);
-        if (std::max(std::abs(two.bulge), std::abs(two.next_bulge)) > 1) return vfplan::infinity;
-        vfplan::Stroke stroke{{}, {two.bulge, two.next_bulge, 0}, false};
-        for (const Vec2& vertex : {place(places, first), two.joint, place(places, last)})
-            stroke.vertices.insert(stroke.vertices.end(), {vertex[0], vertex[1], 0});
-        const vfplan::Slice plane(vfplan::Vec3{0, 0, 1});
-        const vfplan::curve::Curve curve({stroke}, plane, 1);
+        const vfplan::Stroke two = biarc(first, last);
+        if (std::max(std::abs(two.bulges[0]), std::abs(two.bulges[1])) > 1) return vfplan::infinity;
+        const vfplan::curve::Curve curve({two}, vfplan::Slice(vfplan::Vec3{0, 0, 1}), 1);
         double largest = 0;
         for (std::size_t i = first + 1; i < last; ++i)
             largest = std::max(largest, curve.distance(place(places, i)));
@@ -89,9 +81,9 @@ nb::tuple arcs_along(const Places& places, const Places& tangents, double tolera
     double largest = 0;
     for (std::size_t first = 0; first + 1 < places.shape(0);) {
         const auto [last, error] = run.longest_pair(first, std::max<std::size_t>(step, 2));
-        const Biarc two = run.biarc(first, last);
-        vertices.insert(vertices.end(), {two.joint, place(places, last)});
-        for (const double bulge : {two.bulge, two.next_bulge})
+        const vfplan::Stroke two = run.biarc(first, last);
+        vertices.insert(vertices.end(), {{two.vertices[3], two.vertices[4]}, place(places, last)});
+        for (const double bulge : {two.bulges[0], two.bulges[1]})
             bulges.push_back(std::clamp(bulge, -1.0, 1.0));
         largest = std::max(largest, error);
         step = last - first;

@@ -390,7 +390,6 @@ class ByteReader {
     void expect_end() const { require(left() == 0, {"has a header message that is too long"}); }
 
     [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
-    [[nodiscard]] std::size_t at() const { return at_; }
 
     void require(bool good, Sentence wrong, std::string_view code = "corrupt.hdf5",
                  std::string_view todo = {}) const {

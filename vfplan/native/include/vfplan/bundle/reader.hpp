@@ -88,23 +88,18 @@ inline std::string text_of(View raw, const Row& row) {
     return std::string(text);
 }
 
-/// A value of `count` elements whose numbers are still to be filled in.
-inline Value empty_value(const Row& row, std::size_t count) {
+/// A value of `count` elements from bytes, `size` of them for each.
+inline Value value_of(View raw, std::size_t count, std::size_t size, const Row& row) {
     Value value;
     value.type = row.type;
-    value.visit([&](auto& all) { all.resize(count); });
-    return value;
-}
-
-/// Fills a value from bytes, `size` of them for each element.
-inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
     value.visit([&]<class T>(std::vector<T>& all) {
+        all.resize(count);
         if constexpr (std::is_arithmetic_v<T>)
             std::memcpy(all.data(), raw.data(), raw.size());
         else
-            for (std::size_t i = 0; i < all.size(); ++i)
-                all[i] = text_of(raw.part(i * size, size), row);
+            for (std::size_t i = 0; i < count; ++i) all[i] = text_of(raw.part(i * size, size), row);
     });
+    return value;
 }
 
 /// Refuses an object whose fill value is not zero.
@@ -142,8 +137,7 @@ inline Value table_of(File& file, const Object& object, const std::vector<std::u
     std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
     for (const auto side : sides) count *= side;
     const View data = data_of(file, object, count * element, row);
-    Value value = empty_value(row, static_cast<std::size_t>(count));
-    fill(value, data, element, row);
+    Value value = value_of(data, static_cast<std::size_t>(count), element, row);
     for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
     return value;
 }
@@ -155,9 +149,7 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     const std::size_t size = element_size(attribute.type, row);
     require(attribute.data.size() == size, "corrupt.hdf5", row,
             {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
-    Value value = empty_value(row, 1);
-    fill(value, attribute.data, size, row);
-    return value;
+    return value_of(attribute.data, 1, size, row);
 }
 
 /// The lowest and the highest of a value's numbers. Both are NaN if one of the numbers is.

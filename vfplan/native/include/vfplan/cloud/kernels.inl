@@ -95,7 +95,7 @@ VFPLAN_INLINE void store(Float8 a, double* p) {
 // 1/sqrt(a) to 1e-7 by correctly rounded float32 operations: nothing here depends on a processor's
 // own approximation. One step of Newton's makes 2e-14 of it.
 using Floats = float __attribute__((vector_size(4 * VFPLAN_LANES)));
-VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
+VFPLAN_INLINE Float8 seed(Float8 a) {
     VFPLAN_EACH {
         Floats f = __builtin_convertvector(a.v[i], Floats);
 #if VFPLAN_LANES == 8
@@ -105,16 +105,7 @@ VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
 #else
         for (int j = 0; j < VFPLAN_LANES; ++j) f[j] = std::sqrt(f[j]);
 #endif
-        f = 1.0f / f;
-        std::memcpy(p + VFPLAN_LANES * i, &f, sizeof f);
-    }
-}
-VFPLAN_INLINE Float8 load_seeds(const float* p) {
-    Float8 a;
-    VFPLAN_EACH {
-        Floats f;
-        std::memcpy(&f, p + VFPLAN_LANES * i, sizeof f);
-        a.v[i] = __builtin_convertvector(f, Native);
+        a.v[i] = __builtin_convertvector(1.0f / f, Native);
     }
     return a;
 }
@@ -215,7 +206,7 @@ template <int D>
 void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
     constexpr std::size_t strip = 256;
     alignas(64) double squares[strip];
-    alignas(64) float seeds[strip];
+    alignas(64) double seeds[strip];
     const double w = 2 * (r3 - r1), scale = 2 / (w * w * w * w * w);
     Float8 s[D] = {}, near = to.nearest2;
     for (std::size_t begin = 0; begin < in.n; begin += strip) {
@@ -224,10 +215,10 @@ void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, Norma
             const PointBlock<D> b(in, i, x);
             near = smaller(b.d2, near);
             store(b.d2, squares + (i - begin));
-            store_seeds(b.d2, seeds + (i - begin));
+            store(seed(b.d2), seeds + (i - begin));
         }
         for (std::size_t i = begin; i < end; i += 8) {
-            const Float8 d2 = load(squares + (i - begin)), y = load_seeds(seeds + (i - begin));
+            const Float8 d2 = load(squares + (i - begin)), y = load(seeds + (i - begin));
             const Float8 r = d2 * y, newton = 3.0 - r * y;
             const Float8 q = smaller(larger(2 * r3 - r * newton, 0), w), q2 = q * q;
             const Float8 f = (1.25 * w - q) * (y * newton) * (q2 * q2);

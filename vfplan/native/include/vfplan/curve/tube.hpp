@@ -303,7 +303,8 @@ class TubeCheck {
         if (!(d < 2 * radius_) || !is_far_along(i, j) || !is_local_minimum(i, j, d)) return;
         const double width = distance_around(i, j);
         if (width <= crossing_distance || width >= 2 * radius_) return;
-        keep_narrower(worst, {true, false, width, strand(i), path_[i].start, path_[i].from});
+        keep_narrower(worst,
+                      {true, false, width, path_.strand_of(i), path_[i].start, path_[i].from});
     }
     /// Between the beginnings of two pieces [m].
     double distance(std::size_t i, std::size_t j) const {
@@ -311,19 +312,18 @@ class TubeCheck {
     }
     /// Whether two pieces are parts of two strands, or half a circle apart along the same one.
     bool is_far_along(std::size_t i, std::size_t j) const {
-        const std::size_t s = strand(i);
-        if (s != strand(j)) return true;
+        const std::size_t s = path_.strand_of(i);
+        if (s != path_.strand_of(j)) return true;
         const Strand& t = path_.strands()[s];
         double way = std::abs(path_[i].start - path_[j].start);
         if (t.closed) way = std::min(way, t.length - way);
         return way >= half_circle();
     }
-    std::size_t strand(std::size_t piece) const { return path_.strand_of(piece); }
     /// Whether no neighbour of the one is nearer to the other.
     bool is_local_minimum(std::size_t i, std::size_t j, double d) const {
         for (const int side : {-1, 1}) {
-            const std::size_t k = path_.next_piece(path_.strands()[strand(i)], i, side);
-            const std::size_t l = path_.next_piece(path_.strands()[strand(j)], j, side);
+            const std::size_t k = path_.next_piece(path_.strands()[path_.strand_of(i)], i, side);
+            const std::size_t l = path_.next_piece(path_.strands()[path_.strand_of(j)], j, side);
             if (k != Path::none && distance(k, j) < d) return false;
             if (l != Path::none && distance(i, l) < d) return false;
         }
@@ -339,7 +339,7 @@ class TubeCheck {
         return least;
     }
     std::array<std::size_t, 2> adjoining_pieces(std::size_t i) const {
-        return {i, path_.next_piece(path_.strands()[strand(i)], i, -1)};
+        return {i, path_.next_piece(path_.strands()[path_.strand_of(i)], i, -1)};
     }
     /// Distance of the chords of two pieces [m] (Ericson, "Real-Time Collision Detection", 5.1.9).
     static double between(const Piece& p, const Piece& q) {
