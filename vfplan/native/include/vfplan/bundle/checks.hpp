@@ -372,28 +372,27 @@ inline void check_frames(const Content& content, Findings& findings) {
 
 /// Adds numbers as they are stored.
 template <class T>
-void append(Bytes& bytes, const T* first, std::size_t count) {
-    const auto* begin = reinterpret_cast<const unsigned char*>(first);
-    bytes.insert(bytes.end(), begin, begin + count * sizeof(T));
+void add(Sha256& sum, const T* first, std::size_t count) {
+    sum.update({reinterpret_cast<const unsigned char*>(first), count * sizeof(T)});
 }
 template <class T>
-void append(Bytes& bytes, const std::vector<T>& numbers) {
-    append(bytes, numbers.data(), numbers.size());
+void add(Sha256& sum, const std::vector<T>& numbers) {
+    add(sum, numbers.data(), numbers.size());
 }
 
 /// The SHA-256 of the geometry, of which the id is the beginning.
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
-    Bytes all;
-    append(all, frame.c_str(), frame.size() + 1);
-    append(all, content.at("/points").f8);
-    if (const Value* mesh = content.find("/mesh/triangles")) append(all, mesh->i4);
+    Sha256 sum;
+    add(sum, frame.c_str(), frame.size() + 1);
+    add(sum, content.at("/points").f8);
+    if (const Value* mesh = content.find("/mesh/triangles")) add(sum, mesh->i4);
     if (const Value* vertices = content.find("/pieces/vertices")) {
-        append(all, vertices->f8);
-        append(all, content.at("/pieces/bulges").f8);
-        append(all, content.at("/pieces/stroke").i4);
+        add(sum, vertices->f8);
+        add(sum, content.at("/pieces/bulges").f8);
+        add(sum, content.at("/pieces/stroke").i4);
     }
-    return sha256(all);
+    return sum.digest();
 }
 
 inline void check_identity(const Content& content, Findings& findings) {
@@ -550,15 +549,15 @@ inline void check_findings(const Content& content, Findings& findings) {
 inline std::string review_digest(const Content& content) {
     constexpr std::array<std::string_view, 5> in_geometry{
         "/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke"};
-    Bytes all;
-    const auto put_size = [&](std::uint64_t size) { append(all, &size, 1); };
+    Sha256 sum;
+    const auto put_size = [&](std::uint64_t size) { add(sum, &size, 1); };
     const auto put_text = [&](std::string_view text) {
         put_size(text.size());
-        append(all, text.data(), text.size());
+        add(sum, text.data(), text.size());
     };
     put_text("vfplan review 1");
     const Digest geometry = geometry_digest(content);
-    append(all, geometry.data(), geometry.size());
+    add(sum, geometry.data(), geometry.size());
     for (const auto& [path, value] : content) {
         if (row_at(path).mark == Mark::none) continue;
         put_text(path);
@@ -568,12 +567,12 @@ inline std::string review_digest(const Content& content) {
         if (std::find(in_geometry.begin(), in_geometry.end(), path) != in_geometry.end()) continue;
         value.visit([&]<class T>(const std::vector<T>& elements) {
             if constexpr (std::is_arithmetic_v<T>)
-                append(all, elements);
+                add(sum, elements);
             else
                 for (const std::string& text : elements) put_text(text);
         });
     }
-    return to_hex(view(sha256(all)));
+    return to_hex(view(sum.digest()));
 }
 
 /// The review is that of this plan, and not of what it was before somebody changed it.
