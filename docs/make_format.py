@@ -130,10 +130,16 @@ def cpp_row(row: Row) -> str:
     ):  # fmt: skip
         if number is not None:
             cells[name] = str(float(number))
-    if row.since != document()["version"]:
-        cells["since"] = cpp_version(row.since)
     if row.mark:
         cells["mark"] = f"Mark::{row.mark}"
+    if row.form:
+        cells["form"] = f"Form::{row.form}"
+    if row.needs:
+        cells["needs"] = cpp_text(row.needs)
+    if row.frames:
+        cells["frames"] = cpp_text("|".join(row.frames))
+    if row.unique:
+        cells["unique"] = "true"
     return "    {" + ", ".join(f".{name} = {text}" for name, text in cells.items()) + "},"
 
 
@@ -164,6 +170,8 @@ enum class Type {{ none, text, f8, i4, u1 }};
 enum class Required {{ always, group, rendering, optional }};
 /// What an engine renders, or what is reviewed beside it: a review's digest covers both.
 enum class Mark {{ none, rendered, reviewed }};
+/// What a text must be.
+enum class Form {{ any, name, plain, utc, sha256, setting }};
 
 inline constexpr Version newest{cpp_version(data["version"])};
 
@@ -179,8 +187,11 @@ struct Row {{
     std::string_view allowed{{}};  // separated by |
     double min = -infinity, max = infinity, above = -infinity;
     double max_abs_m = infinity, max_abs_px = infinity;
-    Version since = newest;  // of the format that has it
     Mark mark = Mark::none;
+    Form form = Form::any;
+    std::string_view needs{{}};   // the path of a value that is there if this one is, and only then
+    std::string_view frames{{}};  // of the points, in which it may be there; separated by |
+    bool unique = false;         // its texts differ, and none is empty
 }};
 
 /// The schema's name of a type.

@@ -44,19 +44,17 @@ def test_an_engine_makes_of_it_what_it_made_to_the_bit(name):
     assert golden.engine_sums(read_fixture(path)) == SUMS[name]
 
 
-OLD = {
-    "has its seal in front": (b"VFPLSEAL\1\0" + bytes(5000), "version.seal"),
-    "has no seal": (SIGNED.read_bytes()[:-512], "corrupt.seal"),
+UNSEALED = {
+    "is no fixture bundle": b"VFPLSEAL\1\0" + bytes(5000),
+    "has no seal": SIGNED.read_bytes()[:-512],
 }
 
 
-@pytest.mark.parametrize("found", OLD)
-def test_a_bundle_of_a_version_before_2_is_refused(found, tmp_path, vfplan_cli):
-    """A version 1.1 under a seal of version 2.0 is a case of hostile.py."""
-    data, code = OLD[found]
+@pytest.mark.parametrize("found", UNSEALED)
+def test_a_file_without_a_seal_is_refused(found, tmp_path, vfplan_cli):
     path = tmp_path / "old.h5"
-    path.write_bytes(data)
-    with refuses(BundleError, code) as raised:
+    path.write_bytes(UNSEALED[found])
+    with refuses(BundleError, "corrupt.seal") as raised:
         read_fixture(path)
     assert found in raised.value.message
     assert vfplan_cli("info", path).code == 4

@@ -61,6 +61,12 @@ class Row:
         The first version that has it.
     mark
         "rendered" by an engine, or "reviewed" beside that: the review digest covers both.
+    form, unique
+        What each text must be, and whether all of them differ and none is empty.
+    needs
+        The path of a value without which this one must not be there, and the other way round.
+    frames
+        In which frames of the points it may be there.
     """
 
     path: str
@@ -78,6 +84,10 @@ class Row:
     above: float | None = None
     max_abs: dict[str, float] | None = None
     mark: Literal["rendered", "reviewed"] | None = None
+    form: str = ""
+    needs: str = ""
+    frames: tuple[str, ...] = ()
+    unique: bool = False
 
     @property
     def parent(self) -> str:
@@ -100,7 +110,7 @@ def document() -> dict[str, Any]:
 @cache
 def table() -> tuple[Row, ...]:
     """Everything a bundle may hold, in the order of the format."""
-    tuples = {"shape", "allowed"}
+    tuples = {"shape", "allowed", "frames"}
     return tuple(
         Row(**{name: tuple(value) if name in tuples else value for name, value in entry.items()})
         for entry in document()["rows"]

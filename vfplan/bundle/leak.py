@@ -50,15 +50,14 @@ def certificate(content: Content) -> Content:
         place = corners[row]
     else:
         place = corners[rows].mean(axis=0)
+        leak["/leak@limit_m"] = limit
     if kind == "mesh" and (count := open_edges(content["/mesh/triangles"])):
         leak["/leak@open_edges"] = count
     if kind == "curve":
         leak |= open_ends(content)
     leak["/leak@largest_m"] = float(largest)
-    leak["/leak/place"] = np.ascontiguousarray(place, dtype="<f8")
+    leak["/leak/place"] = place
     leak["/leak@certified"] = int(holds)
-    if kind != "cloud":
-        leak["/leak@limit_m"] = limit
     return leak
 
 

@@ -62,12 +62,8 @@ def validate(source: str | Path | bytes) -> list[Issue]:
     is_valid = not any(issue.severity == "error" for issue in issues)
     if is_valid:
         issues += certificate_issues(content)
-        doubts = None
-        if "/rendering/stiffness" in content:
-            doubts = engine_doubt(from_content(content))
-        if doubts is not None:
-            code, text = doubts
-            issues.append(Issue("/rendering", code, "warning", text))
+        if "/rendering/stiffness" in content and (doubt := engine_doubt(from_content(content))):
+            issues.append(Issue("/rendering", doubt[0], "warning", doubt[1]))
     issues += content_issues(content)
     if is_valid:
         issues += finding_issues(content)

@@ -290,8 +290,9 @@ class Arcs:
 
     def distance(self, x: Array) -> Array:
         """(T,) distance of the positions x (T, 2) from the pieces."""
-        arrays = (np.ascontiguousarray(a, float) for a in (self.vertices, self.bulges))
-        return _core.distance_to_arcs(*arrays, bool(self.closed), np.ascontiguousarray(x, float))
+        vertices, places = np.insert(self.vertices, 2, 0, 1), np.insert(x, 2, 0, 1)
+        stroke, closed = np.zeros_like(self.bulges, np.int32), np.uint8([self.closed])
+        return _core.distance_to_pieces(vertices, self.bulges, stroke, closed, np.eye(3)[2], places)
 
 
 def smooth_arcs(points: Array, periodic: bool, tolerance: float) -> tuple[Array, Array, float]:

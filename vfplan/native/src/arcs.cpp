@@ -1,51 +1,16 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // Arcs along a smooth run of a measured curve, by pairs that meet with one tangent (Bolton, "Biarc
-// curves", 1975), each as long as a tolerance allows; and distances from lines and arcs.
+// curves", 1975), each as long as a tolerance allows.
 
 #include "numpy.hpp"
+#include "vfplan/curve/exact.hpp"
 
 namespace {
 
 using vfplan::Vec2;
 
-Vec2 place(const Places& rows, std::size_t i) { return {rows(i, 0), rows(i, 1)}; }
-
 double cross(const Vec2& a, const Vec2& b) { return a[0] * b[1] - a[1] * b[0]; }
-
-// A line or an arc of a half circle at most. With w = x - a it has G = kappa |w|^2 / 2 - n . w and
-// |grad G| = 1 + kappa d, so that d = 2 G / (1 + |grad G|).
-class FittedArc {
-  public:
-    FittedArc(const Vec2& from, const Vec2& to, double bulge) : a_(from), chord_(to - from) {
-        length_ = std::hypot(chord_[0], chord_[1]);
-        const double divisor = length_ > 0 ? length_ : 1, square = bulge * bulge;
-        const Vec2 along{chord_[0] / divisor, chord_[1] / divisor};
-        const double cosine = (1 - square) / (1 + square), sine = 2 * bulge / (1 + square);
-        kappa_ = 2 * sine / divisor;
-        n_ = {sine * along[0] - cosine * along[1], cosine * along[0] + sine * along[1]};
-        end_tangent_ = {cosine * along[0] - sine * along[1], cosine * along[1] + sine * along[0]};
-    }
-
-    double distance(const Vec2& x) const {
-        const Vec2 w = x - a_, to_b = w - chord_;
-        const double square = dot(w, w);
-        // Beyond the tangents at the ends, the nearer end is nearest.
-        if (cross(n_, w) > 0 || dot(end_tangent_, to_b) > 0 || length_ == 0)
-            return std::sqrt(std::min(square, dot(to_b, to_b)));
-        const double level = kappa_ * square / 2 - n_[0] * w[0] - n_[1] * w[1];
-        const double slope = std::hypot(kappa_ * w[0] - n_[0], kappa_ * w[1] - n_[1]);
-        return 2 * std::abs(level) / (1 + slope);
-    }
-    // No more than the distance: the piece lies in a ball around the middle of its chord.
-    double least_distance(const Vec2& x) const {
-        return (norm(x - a_ - 0.5 * chord_) - length_ / 2) * (1 - 1e-9);
-    }
-
-  private:
-    Vec2 a_, chord_, n_, end_tangent_;
-    double length_ = 0, kappa_ = 0;
-};
 
 // The bulge of the arc that leaves along a tangent and ends at the end of a chord.
 double bulge_of(const Vec2& tangent, const Vec2& chord) {
@@ -55,19 +20,13 @@ double bulge_of(const Vec2& tangent, const Vec2& chord) {
     return std::abs(bulge) <= rounding ? 0 : bulge;
 }
 
-// Two arcs that meet with one tangent.
-struct Biarc {
-    Vec2 joint;
-    double bulge, next_bulge;
-};
-
 struct SmoothRun {
     const Places &places, &tangents;
     double tolerance;
 
-    // The two arcs from one place to another. Of equal tangent lengths d:
+    // The two arcs from one place to another, which meet with one tangent. Of equal lengths d:
     // |q - d s - p - d t| = 2 d, from p with tangent t to q with tangent s.
-    Biarc biarc(std::size_t first, std::size_t last) const {
+    vfplan::Stroke biarc(std::size_t first, std::size_t last) const {
         const Vec2 p = place(places, first), t = place(tangents, first);
         const Vec2 q = place(places, last), s = place(tangents, last);
         const Vec2 chord = q - p;
@@ -75,19 +34,18 @@ struct SmoothRun {
         const double b = dot(chord, t + s), c = dot(chord, chord);
         const double d = c / (b + std::sqrt(std::max(b * b + a * c, 0.0)) + 1e-300);
         const Vec2 sum = p + q + d * (t - s), joint{sum[0] / 2, sum[1] / 2};
-        return {joint, bulge_of(t, joint - p), -bulge_of(-s, joint - q)};
+        return {{p[0], p[1], 0, joint[0], joint[1], 0, q[0], q[1], 0},
+                {bulge_of(t, joint - p), -bulge_of(-s, joint - q), 0},
+                false};
     }
     // The largest distance of the places between from the two arcs; infinite beyond a half circle.
     double error(std::size_t first, std::size_t last) const {
-        const Biarc two = biarc(first, last);
-        if (std::max(std::abs(two.bulge), std::abs(two.next_bulge)) > 1) return vfplan::infinity;
-        const FittedArc one(place(places, first), two.joint, two.bulge);
-        const FittedArc next(two.joint, place(places, last), two.next_bulge);
+        const vfplan::Stroke two = biarc(first, last);
+        if (std::max(std::abs(two.bulges[0]), std::abs(two.bulges[1])) > 1) return vfplan::infinity;
+        const vfplan::curve::Curve curve({two}, vfplan::Slice(vfplan::Vec3{0, 0, 1}), 1);
         double largest = 0;
-        for (std::size_t i = first + 1; i < last; ++i) {
-            const Vec2 x = place(places, i);
-            largest = std::max(largest, std::min(one.distance(x), next.distance(x)));
-        }
+        for (std::size_t i = first + 1; i < last; ++i)
+            largest = std::max(largest, curve.distance(place(places, i)));
         return largest;
     }
     // The last place of the longest pair of arcs from `first` within the tolerance, and its error.
@@ -123,9 +81,9 @@ nb::tuple arcs_along(const Places& places, const Places& tangents, double tolera
     double largest = 0;
     for (std::size_t first = 0; first + 1 < places.shape(0);) {
         const auto [last, error] = run.longest_pair(first, std::max<std::size_t>(step, 2));
-        const Biarc two = run.biarc(first, last);
-        vertices.insert(vertices.end(), {two.joint, place(places, last)});
-        for (const double bulge : {two.bulge, two.next_bulge})
+        const vfplan::Stroke two = run.biarc(first, last);
+        vertices.insert(vertices.end(), {{two.vertices[3], two.vertices[4]}, place(places, last)});
+        for (const double bulge : {two.bulges[0], two.bulges[1]})
             bulges.push_back(std::clamp(bulge, -1.0, 1.0));
         largest = std::max(largest, error);
         step = last - first;
@@ -139,34 +97,9 @@ nb::tuple arcs_along(const Places& places, const Places& tangents, double tolera
     return nb::make_tuple(rows, column, largest);
 }
 
-// Distances (T,) of positions (T, 2) from lines and arcs between vertices (K, 2). A dot is a line
-// of no length.
-nb::ndarray<nb::numpy, double> distance_to_arcs(const Places& vertices, const Numbers& bulges,
-                                                bool closed, const Places& positions) {
-    const std::size_t n = vertices.shape(0);
-    const std::size_t pieces = closed ? n : std::max<std::size_t>(2, n) - 1;
-    if (n == 0 || bulges.shape(0) < pieces)
-        throw std::invalid_argument("vfplan: a bulge for each piece is wanted");
-    std::vector<FittedArc> arcs;
-    for (std::size_t i = 0; i < pieces; ++i)
-        arcs.emplace_back(place(vertices, i), place(vertices, (i + 1) % n), bulges(i));
-    auto distances = array<double>(positions.shape(0), 1);
-    for (std::size_t i = 0; i < positions.shape(0); ++i) {
-        double nearest = vfplan::infinity;
-        for (const FittedArc& arc : arcs) {
-            const Vec2 x = place(positions, i);
-            if (arc.least_distance(x) < nearest) nearest = std::min(nearest, arc.distance(x));
-        }
-        distances.data()[i] = nearest;
-    }
-    return distances;
-}
-
 }  // namespace
 
 void bind_arcs(nb::module_& m) {
     m.def("arcs_along", &arcs_along, "places"_a, "tangents"_a, "tolerance"_a, "step"_a,
           "vertices, bulges and error of the arcs along a smooth run");
-    m.def("distance_to_arcs", &distance_to_arcs, "vertices"_a, "bulges"_a, "closed"_a,
-          "positions"_a, "distances in the plane from lines and arcs");
 }

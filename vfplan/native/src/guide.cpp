@@ -35,7 +35,6 @@ void bind_guide(nb::module_& m) {
     nb::enum_<vfplan::Hold>(m, "Hold")
         .value("at_once", vfplan::Hold::at_once)
         .value("on_entry", vfplan::Hold::on_entry);
-    const GuideParameters usual;
     nb::class_<GuideParameters>(m, "GuideParameters", "How a guide holds the tip, SI")
         .def(
             "__init__",
@@ -52,10 +51,8 @@ void bind_guide(nb::module_& m) {
                                            lead_speed,
                                            period};
             },
-            nb::kw_only(), "radius"_a = usual.radius, "stiffness"_a = usual.stiffness,
-            "ends"_a = "stop", "hold"_a = "at_once", "cut_bends"_a = usual.cut_bends,
-            "ignore_axis"_a = nb::none(), "lead_force"_a = usual.lead_force,
-            "lead_speed"_a = usual.lead_speed, "period"_a = usual.period);
+            nb::kw_only(), "radius"_a, "stiffness"_a, "ends"_a, "hold"_a, "cut_bends"_a,
+            "ignore_axis"_a.none(), "lead_force"_a, "lead_speed"_a, "period"_a);
     nb::class_<Guide>(m, "Guide")
         .def(
             "__init__",

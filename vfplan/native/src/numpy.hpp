@@ -35,6 +35,8 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
 
 inline vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
 
+inline vfplan::Vec2 place(const Places& rows, std::size_t i) { return {rows(i, 0), rows(i, 1)}; }
+
 inline std::optional<vfplan::Vec3> vec(const std::optional<Row>& r) {
     return r ? std::optional(vec(*r)) : std::nullopt;
 }

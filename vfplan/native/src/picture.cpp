@@ -2,6 +2,7 @@
 //
 // What the extraction of a curve asks for each pixel: a mask's skeleton, and nearest points.
 #include <bit>
+#include <numeric>
 
 #include "numpy.hpp"
 #include "vfplan/base/bounds_tree.hpp"
@@ -72,58 +73,47 @@ nb::ndarray<nb::numpy, std::uint8_t> thinned(const Mask& mask) {
     return bone;
 }
 
-struct PicturePlace {
-    vfplan::Vec2 at;
-    std::int64_t row;
-};
-
 // Each place's distance to the nearest point, and that point's row: the first of several.
 nb::tuple nearest(const Places& points, const Places& places) {
     const std::size_t n = points.shape(0), m = places.shape(0);
     if (n == 0) throw std::invalid_argument("vfplan: the nearest of no points");
     auto distances = array<double>(m, 1);
     auto rows = array<std::int64_t>(m, 1);
-    const double *from = points.data(), *to = places.data();
-    double* distance = distances.data();
-    std::int64_t* row = rows.data();
     {
         const nb::gil_scoped_release release;
-        std::vector<PicturePlace> all(n);
-        for (std::size_t i = 0; i < n; ++i)
-            all[i] = {{from[2 * i], from[2 * i + 1]}, static_cast<std::int64_t>(i)};
+        std::vector<std::size_t> order(n);
+        std::iota(order.begin(), order.end(), 0);
         vfplan::BoundsTree<vfplan::Box<2>> tree;
         const auto bounds_of = [&](std::size_t first, std::size_t last) {
             vfplan::Box<2> box;
-            for (std::size_t i = first; i < last; ++i) box.include(all[i].at);
+            for (std::size_t i = first; i < last; ++i) box.include(place(points, order[i]));
             return box;
         };
         const auto halve = [&](std::size_t first, std::size_t last) {
             const vfplan::Box<2> box = bounds_of(first, last);
             const int axis = box.high[0] - box.low[0] > box.high[1] - box.low[1] ? 0 : 1;
-            PicturePlace* const begin = all.data() + first;
-            std::nth_element(begin, begin + (last - first) / 2, all.data() + last,
-                             [axis](const PicturePlace& a, const PicturePlace& b) {
-                                 return a.at[axis] < b.at[axis];
-                             });
+            std::size_t* const begin = order.data() + first;
+            std::nth_element(
+                begin, begin + (last - first) / 2, order.data() + last,
+                [&](std::size_t a, std::size_t b) { return points(a, axis) < points(b, axis); });
         };
         tree.build(0, n, bounds_of, halve);
-        std::int64_t found = 0;
         for (std::size_t k = 0; k < m; ++k) {
-            const vfplan::Vec2 place{{to[2 * k], to[2 * k + 1]}};
-            // The one before lies close to this one, so its nearest point is a good beginning.
-            double square = vfplan::infinity;
-            const auto take_if_nearer = [&](const vfplan::Vec2& point, std::int64_t i) {
-                const double here = dot(point - place, point - place);
-                if (here < square || (here == square && i < found)) {
+            const vfplan::Vec2 at = place(places, k);
+            double square = vfplan::infinity, reach = square;
+            std::size_t found = 0;
+            tree.visit_nearest(
+                reach, [&](const auto& box) { return box.distance2(at) * (1 - 1e-12); },
+                [&](std::size_t i) {
+                    const vfplan::Vec2 away = place(points, order[i]) - at;
+                    const double here = dot(away, away);
+                    if (here > square || (here == square && order[i] > found)) return;
                     square = here;
-                    found = i;
-                }
-            };
-            take_if_nearer({{from[2 * found], from[2 * found + 1]}}, found);
-            tree.visit([&](const auto& box) { return box.distance2(place) <= square; },
-                       [&](std::size_t i) { take_if_nearer(all[i].at, all[i].row); });
-            distance[k] = std::sqrt(square);
-            row[k] = found;
+                    reach = std::sqrt(here);
+                    found = order[i];
+                });
+            distances.data()[k] = reach;
+            rows.data()[k] = static_cast<std::int64_t>(found);
         }
     }
     return nb::make_tuple(distances, rows);

@@ -13,8 +13,6 @@
 // where strands run close by or cross.
 #pragma once
 
-#include <cstdio>
-
 #include "vfplan/curve/tube.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -72,17 +70,19 @@ class Guide {
     static constexpr double give = 0.95e-5;
 
     /// One curve through `n` points [m], x y z of each in turn.
-    Guide(const double* xyz, std::size_t n, bool closed, const GuideParameters& p) : Guide(p) {
-        add(xyz, n, closed);
-        check_tube();
-    }
+    Guide(const double* xyz, std::size_t n, bool closed, const GuideParameters& p)
+        : Guide(xyz, std::vector{n}, std::vector{closed}, p) {}
 
     /// Several curves, one after the other in `xyz`: strand i has counts[i] points.
     Guide(const double* xyz, const std::vector<std::size_t>& counts,
           const std::vector<bool>& closed, const GuideParameters& p)
         : Guide(p) {
-        for (std::size_t i = 0; i < counts.size(); xyz += 3 * counts[i++])
-            add(xyz, counts[i], closed.at(i));
+        for (std::size_t i = 0; i < counts.size(); xyz += 3 * counts[i++]) {
+            check_coordinates(xyz, counts[i]);
+            std::vector<Vec3> points(counts[i]);
+            for (std::size_t k = 0; k < counts[i]; ++k) points[k] = across(point_at(xyz, k));
+            path_.add(points, closed.at(i));
+        }
         check_tube();
     }
 
@@ -141,19 +141,10 @@ class Guide {
   private:
     explicit Guide(const GuideParameters& p) : p_(p) { check(p); }
 
-    void add(const double* xyz, std::size_t n, bool closed) {
-        check_coordinates(xyz, n);
-        std::vector<Vec3> points(n);
-        for (std::size_t i = 0; i < n; ++i) points[i] = across(point_at(xyz, i));
-        path_.add(points, closed);
-    }
     void check_tube() {
         if (path_.size() == 0) reject("a guide needs a curve");
-        const auto text = [](double metres) {
-            char digits[32];
-            std::snprintf(digits, sizeof digits, "%.5g", 1e3 * metres);
-            return std::string(digits);
-        };
+        path_.finish();
+        const auto text = [](double metres) { return shown(1e3 * metres); };
         const std::string asked = "radius " + text(p_.radius) + " mm: at most ";
         const auto place = [&](const TubeObstacle& obstacle) {
             return " at arc " + text(obstacle.arc) + " mm, [" + text(obstacle.at[0]) + ", " +

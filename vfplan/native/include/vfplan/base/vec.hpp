@@ -284,16 +284,11 @@ struct Space {
 /// Two coordinates in the plane normal to the unit vector a; along a the proxy goes with the HIP.
 struct Slice {
     static constexpr int dimension = 2;
-    Vec3 e1, e2;
+    Vec3 e[2];
 
-    explicit Slice(const Vec3& a) noexcept {
-        Vec3 side[2];
-        tangent_frame(a, side);
-        e1 = side[0];
-        e2 = side[1];
-    }
-    Vec2 project(const Vec3& p) const noexcept { return {{dot(e1, p), dot(e2, p)}}; }
-    Vec3 direction(const Vec2& v) const noexcept { return v[0] * e1 + v[1] * e2; }
+    explicit Slice(const Vec3& a) noexcept { tangent_frame(a, e); }
+    Vec2 project(const Vec3& p) const noexcept { return {{dot(e[0], p), dot(e[1], p)}}; }
+    Vec3 direction(const Vec2& v) const noexcept { return v[0] * e[0] + v[1] * e[1]; }
     /// The proxy at q, where the HIP is at hip, seen across the axis at h.
     Vec3 place(const Vec2& q, const Vec3& hip, const Vec2& h) const noexcept {
         return hip + direction(q - h);

@@ -12,8 +12,6 @@
 #include <span>
 #include <sstream>
 #include <stdexcept>
-#include <type_traits>
-#include <variant>
 
 #include "vfplan/base/compiler.hpp"
 
@@ -21,61 +19,63 @@ namespace vfplan::bundle {
 
 // Small checks on text, and numbers as text, whatever the program's locale is.
 
-/// Valid UTF-8: no overlong form, no surrogate, nothing above U+10FFFF.
-inline bool is_utf8(std::string_view text) {
+/// The characters of valid UTF-8, without overlong forms, surrogates or anything above U+10FFFF;
+/// nothing of other bytes.
+inline std::optional<std::u32string> characters(std::string_view text) {
+    std::u32string all;
     for (std::size_t i = 0; i < text.size();) {
         const auto lead = static_cast<unsigned char>(text[i++]);
         const auto ones = static_cast<std::size_t>(std::countl_one(lead));
         const std::size_t end = i + (ones > 0 ? ones - 1 : 0);
-        if (ones == 1 || ones > 4 || end > text.size()) return false;
-        std::uint32_t code = lead & (0xFFu >> ones);
+        if (ones == 1 || ones > 4 || end > text.size()) return std::nullopt;
+        char32_t code = lead & (0xFFu >> ones);
         while (i < end) {
             const auto next = static_cast<unsigned char>(text[i++]);
-            if ((next & 0xC0) != 0x80) return false;
+            if ((next & 0xC0) != 0x80) return std::nullopt;
             code = code << 6 | (next & 0x3F);
         }
-        constexpr std::array<std::uint32_t, 5> lowest{0, 0, 0x80, 0x800, 0x10000};
+        constexpr std::array<char32_t, 5> lowest{0, 0, 0x80, 0x800, 0x10000};
         if (code < lowest[ones] || code > 0x10FFFF || (code >= 0xD800 && code <= 0xDFFF))
-            return false;
+            return std::nullopt;
+        all += code;
     }
-    return true;
+    return all;
 }
+inline bool is_utf8(std::string_view text) { return characters(text).has_value(); }
 
 /// Whether valid UTF-8 holds one of the control characters U+0000-1F or U+7F-9F.
 inline bool has_control(std::string_view text) {
-    for (std::size_t i = 0; i < text.size(); ++i) {
-        const auto c = static_cast<unsigned char>(text[i]);
-        if (c < 0x20 || c == 0x7F) return true;
-        if (c == 0xC2 && static_cast<unsigned char>(text[i + 1]) < 0xA0) return true;
-    }
-    return false;
+    const std::u32string all = characters(text).value();
+    return std::any_of(all.begin(), all.end(),
+                       [](char32_t c) { return c < 0x20 || (c >= 0x7F && c < 0xA0); });
 }
 
 /// Whether valid UTF-8 is not empty and can be read off a page as it is: no character is hidden or
 /// turns the order of others, and the only blank is U+0020, inside.
 inline bool is_plain(std::string_view text) {
-    struct Range {
-        std::uint32_t first, last;
-    };
-    constexpr std::array<Range, 21> hidden{
+    constexpr std::array<std::array<char32_t, 2>, 21> hidden{
         {{0x00, 0x1F},       {0x7F, 0xA0},     {0xAD, 0xAD},     {0x34F, 0x34F},   {0x61C, 0x61C},
          {0x115F, 0x1160},   {0x1680, 0x1680}, {0x17B4, 0x17B5}, {0x180B, 0x180F}, {0x2000, 0x200F},
          {0x2028, 0x202F},   {0x205F, 0x206F}, {0x3000, 0x3000}, {0x3164, 0x3164}, {0xE000, 0xF8FF},
          {0xFE00, 0xFE0F},   {0xFEFF, 0xFEFF}, {0xFFA0, 0xFFA0}, {0xFFF0, 0xFFFB}, {0xFFFE, 0xFFFF},
          {0xE0000, 0x10FFFF}}};
-    for (std::size_t i = 0; i < text.size();) {
-        const auto lead = static_cast<unsigned char>(text[i]);
-        const auto bytes = std::max<std::size_t>(1, std::size_t(std::countl_one(lead)));
-        std::uint32_t code = bytes == 1 ? lead : lead & (0x7Fu >> bytes);
-        for (std::size_t k = 1; k < bytes; ++k)
-            code = code << 6 | (static_cast<unsigned char>(text[i + k]) & 0x3F);
-        if (std::any_of(hidden.begin(), hidden.end(),
-                        [&](Range r) { return r.first <= code && code <= r.last; })) {
-            return false;
-        }
-        i += bytes;
-    }
+    const std::u32string all = characters(text).value();
+    for (const char32_t c : all)
+        for (const auto& [first, last] : hidden)
+            if (first <= c && c <= last) return false;
     return !text.empty() && text.front() != ' ' && text.back() != ' ';
+}
+
+/// The words of a text, with one separator between them.
+inline std::vector<std::string_view> split(std::string_view text, char separator) {
+    std::vector<std::string_view> words;
+    for (std::size_t end; (end = text.find(separator)) != text.npos; text.remove_prefix(end + 1))
+        words.push_back(text.substr(0, end));
+    words.push_back(text);
+    return words;
+}
+inline bool holds(const std::vector<std::string_view>& words, std::string_view word) {
+    return std::find(words.begin(), words.end(), word) != words.end();
 }
 
 inline bool is_digit(char c) { return c >= '0' && c <= '9'; }
@@ -216,35 +216,17 @@ struct Quoted {
     std::string_view text;
 };
 
-/// A part of a message: text, or a number. It is written out only if the message is needed, so that
-/// a check that holds makes no text.
-class Part {
-  public:
-    Part(const char* text) : value_(std::string_view(text)) {}
-    Part(std::string_view text) : value_(text) {}
-    Part(const std::string& text) : value_(std::string_view(text)) {}
-    Part(Quoted quoted) : value_(quoted) {}
-    Part(double number) : value_(number) {}
+/// A part of a message: text, or a number.
+struct Part {
+    Part(const char* text) : text(text) {}
+    Part(std::string_view text) : text(text) {}
+    Part(std::string text) : text(std::move(text)) {}
+    Part(Quoted quote) : text(quoted(quote.text)) {}
+    Part(double number) : text(shortest_text(number)) {}
     template <std::integral T>
-    Part(T count)
-        : value_(std::conditional_t<std::is_signed_v<T>, std::int64_t, std::uint64_t>(count)) {}
+    Part(T count) : text(std::to_string(count)) {}
 
-    [[gnu::noinline]] void append_to(std::string& out) const {
-        const auto append = [&]<class T>(const T& value) {
-            if constexpr (std::is_integral_v<T>)
-                out += std::to_string(value);
-            else if constexpr (std::is_same_v<T, double>)
-                out += shortest_text(value);
-            else if constexpr (std::is_same_v<T, Quoted>)
-                out += quoted(value.text);
-            else
-                out += value;
-        };
-        std::visit(append, value_);
-    }
-
-  private:
-    std::variant<std::string_view, Quoted, double, std::int64_t, std::uint64_t> value_;
+    std::string text;
 };
 
 /// A sentence in parts, such as {"has ", rank, " dimensions"}.
@@ -256,24 +238,12 @@ namespace detail {
 struct Advice {
     std::string_view code, text;
 };
-inline constexpr std::array<Advice, 35> advice{{
+inline constexpr std::array<Advice, 20> advice{{
     {"corrupt.format", "Give a bundle that `vfplan register` or `vfplan import` wrote"},
     {"corrupt.frame", "Write the attribute that the format has for it"},
-    {"corrupt.group", "Leave the group out, or write what it needs"},
     {"corrupt.hdf5", "Write the file anew with h5py and libver v108, or fetch it again"},
-    {"corrupt.id", "Compute the id anew, or let vfplan write the bundle"},
-    {"corrupt.kind", "Write a group or a dataset as the format has it"},
-    {"corrupt.leak", "Compute the certificate anew, or let vfplan write the bundle"},
-    {"corrupt.missing", "Write it: the format asks for it"},
-    {"corrupt.range", "Write values within that range"},
-    {"corrupt.seal", "Fetch the file again from where it was written"},
-    {"corrupt.shape", "Write it in the shape that the format has for it"},
-    {"corrupt.storage", "Write the whole table"},
-    {"corrupt.text", "Write it as UTF-8 without control characters"},
-    {"corrupt.type", "Write it in the type that the format has for it"},
     {"corrupt.unit", "Write the attribute that the format has for it"},
-    {"corrupt.value", "Write a value that the format allows"},
-    {"corrupt.version", "Write the version that the file follows"},
+    {"corrupt.seal", "Fetch the file again from where it was written"},
     {"input", "Check the name of the file"},
     {"signature.age", "Sign the bundle again"},
     {"signature.case", "Give the bundle that was signed for this case"},
@@ -283,11 +253,8 @@ inline constexpr std::array<Advice, 35> advice{{
     {"signature.wrong", "Do not use the file: fetch it again from who signed it"},
     {"unsafe.cap", "Write less: no reader takes more"},
     {"unsafe.filter", "Write the data without compression or another filter"},
-    {"unsafe.hole", "Write the file anew: nothing may hide between its parts"},
     {"unsafe.layout", "Write it with h5py and libver v108, in one piece and of fixed size"},
     {"unsafe.link", "Write one hard link to each object"},
-    {"unsafe.message", "Write it without that message"},
-    {"unsafe.overlap", "Write the file anew: each byte may belong to one thing"},
     {"unsafe.registration", "Change both together, or leave the older one out"},
     {"unsafe.review", "Have it reviewed as it is now: vfplan review"},
     {"unsafe.stability", "Change both together, or leave the older one out"},
@@ -298,11 +265,13 @@ inline constexpr std::array<Advice, 35> advice{{
 [[gnu::noinline, gnu::cold]] inline std::string message_of(std::string_view code, Sentence wrong,
                                                            std::string_view todo) {
     std::string message;
-    for (const Part& part : wrong) part.append_to(message);
+    for (const Part& part : wrong) message += part.text;
     if (todo.empty()) {
         const auto* found = std::find_if(advice.begin(), advice.end(),
                                          [&](const Advice& a) { return a.code == code; });
-        todo = found == advice.end() ? "Let vfplan write the bundle anew" : found->text;
+        todo = found == advice.end()
+                   ? "Write what the format has there, or let vfplan write the bundle"
+                   : found->text;
     }
     message += ". ";
     return message += todo;
@@ -421,7 +390,6 @@ class ByteReader {
     void expect_end() const { require(left() == 0, {"has a header message that is too long"}); }
 
     [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
-    [[nodiscard]] std::size_t at() const { return at_; }
 
     void require(bool good, Sentence wrong, std::string_view code = "corrupt.hdf5",
                  std::string_view todo = {}) const {

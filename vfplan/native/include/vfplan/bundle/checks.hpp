@@ -107,33 +107,23 @@ class Walk {
         const double longest_way = i > 0 ? apart_.longest_way : end_slack();
         const double tolerance = apart_.tolerance;
         next_ = i;
-        const Vec3& to = point(i);
-        const PieceFoot here = foot_on(pieces_[at_.piece], to);
-        const double ahead = here.way - at_.way;
-        if (here.distance <= tolerance && ahead >= -2 * tolerance && ahead <= longest_way) {
-            // Both ends of the part are within the tolerance of the points; how far its middle may
-            // be beside them follows from the arc. This is so for most steps.
-            const bool is_flat = ahead * ahead <= 8 * apart_.slack * pieces_[at_.piece].radius;
-            return (is_flat || keeps_to_line(at_.piece, at_.way, here.way)) &&
-                   move_to({at_.piece, here.way}, ahead);
-        }
-        double walked = pieces_[at_.piece].length - at_.way;
-        std::size_t k = at_.piece;
-        double from_way = at_.way;
-        while (walked <= longest_way && pieces_left_ > 0) {
-            if (!keeps_to_line(k, from_way, pieces_[k].length) || !is_near(pieces_[k].to) ||
-                (k + 1 == pieces_.size() && !closed_)) {
+        double walked = -at_.way;  // to the beginning of the piece that is looked at
+        for (Place from = at_;; from = {(from.piece + 1) % pieces_.size(), 0}, --pieces_left_) {
+            const Piece& piece = pieces_[from.piece];
+            const PieceFoot foot = foot_on(piece, point(i));
+            const double ahead = walked + foot.way;
+            if (foot.distance <= tolerance && ahead >= -2 * tolerance && ahead <= longest_way) {
+                at_ = {from.piece, foot.way};
+                to_go_ -= ahead;
+                return keeps_to_line(from, foot.way);
+            }
+            walked += piece.length;
+            const bool is_last = !closed_ && from.piece + 1 == pieces_.size();
+            if (is_last || walked > longest_way || pieces_left_ == 0 || !is_near(piece.to) ||
+                !keeps_to_line(from, piece.length)) {
                 return false;
             }
-            k = (k + 1) % pieces_.size();
-            from_way = 0;
-            --pieces_left_;
-            const PieceFoot foot = foot_on(pieces_[k], to);
-            if (foot.distance <= tolerance && walked + foot.way <= longest_way)
-                return keeps_to_line(k, 0, foot.way) && move_to({k, foot.way}, walked + foot.way);
-            walked += pieces_[k].length;
         }
-        return false;
     }
 
     /// The point that a step leads to, in a closed stroke at last the first again.
@@ -161,14 +151,9 @@ class Walk {
     }
 
     /// Whether a part of a piece, whose ends are near that line, is near it in its middle as well.
-    [[nodiscard]] bool keeps_to_line(std::size_t piece, double from, double to) const {
-        return pieces_[piece].radius == 0 || is_near(pieces_[piece].ahead(0.5 * (from + to)));
-    }
-
-    bool move_to(Place place, double walked) {
-        at_ = place;
-        to_go_ -= walked;
-        return true;
+    [[nodiscard]] bool keeps_to_line(const Place& from, double to) const {
+        const Piece& piece = pieces_[from.piece];
+        return piece.radius == 0 || is_near(piece.ahead(0.5 * (from.way + to)));
     }
 
     const std::vector<Piece>& pieces_;
@@ -219,28 +204,12 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         const std::size_t followed = Walk(pieces, places, stroke.closed, apart).follow();
         ++number;
         if (followed > places.size()) continue;
-        std::string where = "go on behind the points of stroke " + std::to_string(number - 1);
-        if (followed < places.size()) {
-            where = "do not lead to point " + std::to_string(first_point + followed) +
-                    " along the points, within error_m";
-        }
         return findings.error("unsafe.pieces", "/pieces",
-                              {where, ": what is rendered is not what is certified"},
+                              {"leave the points of stroke ", number - 1, " at point ",
+                               first_point + std::min(followed, places.size() - 1),
+                               ": what is rendered is not what is certified"},
                               "Change both together, or leave the pieces out");
     }
-}
-
-/// Every point is a corner of a triangle: who renders the points renders nothing else.
-inline void check_corners(const Content& content, Findings& findings) {
-    if (!content.has("/mesh/triangles")) return;
-    std::vector<bool> used(content.at("/points").shape[0], false);
-    for (const std::int32_t row : content.at("/mesh/triangles").i4)
-        used[static_cast<std::size_t>(row)] = true;
-    const auto free = std::find(used.begin(), used.end(), false);
-    findings.require(free == used.end(), "unsafe.mesh", "/mesh/triangles",
-                     {"leaves out point ", free - used.begin(),
-                      ": what is certified is not all that is rendered"},
-                     "Leave the point out, or give it a triangle");
 }
 
 /// The largest eigenvalue of P K P, where P takes away the part along the ignored axis: the most
@@ -336,113 +305,60 @@ inline std::string_view group_of(std::string_view path) {
 
 inline void check_understood(const Content& content, Findings& findings) {
     if (!content.has("/@must_understand")) return;
-    const std::string& text = content.at("/@must_understand").string();
-    for (std::size_t start = 0; start <= text.size();) {
-        const std::size_t end = std::min(text.find(' ', start), text.size());
-        const std::string path = text.substr(start, end - start);
+    for (const std::string_view path : split(content.at("/@must_understand").string(), ' '))
         findings.require(path.empty() || is_known(path), "version.must_understand", path,
                          {"must be understood, and this program does not"},
                          "Get a program that does: pip install --upgrade vfplan");
-        start = end + 1;
-    }
 }
 
-/// The frames in which a group or a table may be.
-struct FrameRule {
-    std::string_view path, frames;
-};
-inline constexpr std::array<FrameRule, 6> frame_rules{{
-    {"/image", "image|robot_base"},
-    {"/rendering", "robot_base|patient_lps"},
-    {"/guidance", "robot_base|patient_lps"},
-    {"/registration", "robot_base"},
-    {"/mesh", "robot_base|patient_lps"},
-    {"/findings/place_m", "robot_base|patient_lps"},
-}};
-
-inline void check_groups(const Content& content, Findings& findings) {
-    const std::string& frame = content.at("/@frame").string();
-    for (const FrameRule& rule : frame_rules) {
-        const bool is_there = content.has_group(rule.path) || content.has(rule.path);
-        findings.require(!is_there || is_allowed(frame, rule.frames), "corrupt.group", rule.path,
-                         {"must not be in the frame ", Quoted{frame}}, "Leave it out");
-    }
-    findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
-                     "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
-}
-
-/// Values that need each other.
-inline constexpr std::array<std::array<std::string_view, 2>, 6> pairs{{
-    {"/rendering@robot", "/rendering/stability"},
-    {"/findings/has_place_px", "/findings/place_px"},
-    {"/findings/has_place_m", "/findings/place_m"},
-    {"/findings/answered_by", "/findings/answered_utc"},
-    {"/provenance/input_roles", "/provenance/input_sha256"},
-    {"/provenance/setting_names", "/provenance/setting_values"},
-}};
-
-inline void check_pairs(const Content& content, Findings& findings) {
-    for (const auto& [one, other] : pairs) {
-        findings.require(content.has(one) == content.has(other), "corrupt.missing", group_of(one),
-                         {"has one of ", one, " and ", other, ", which need each other"},
-                         "Write both or neither");
-    }
-}
-
-/// What the texts of a value must be.
-struct TextRule {
-    std::string_view path;
+/// Whether a text has a form, what is wanted, and what to do about another one.
+struct FormRule {
     bool (*is_good)(std::string_view);
+    std::string_view wanted, todo;
 };
-inline constexpr std::array<TextRule, 11> text_rules{{
-    {"/@case", is_plain},
-    {"/findings/code", is_name},
-    {"/findings/stage", is_name},
-    {"/review@by", is_plain},
-    {"/review@utc", is_utc_time},
-    {"/review@digest", is_sha256},
-    {"/provenance/input_roles", is_name},
-    {"/provenance/input_sha256", is_sha256},
-    {"/provenance/setting_names", is_name},
-    {"/provenance/setting_values", is_setting},
-    {"/provenance@created_utc", is_utc_time},
-}};
-
-/// What is wanted of a text, and what to do about another one.
-inline std::pair<std::string_view, std::string_view> wanted_by(bool (*is_good)(std::string_view)) {
-    if (is_good == is_plain)
-        return {"text that can be read off a page", "Write it without hidden characters"};
-    if (is_good == is_name) return {"letters, digits, '_', '.' and '-'", "Write a name of these"};
-    if (is_good == is_utc_time) return {"YYYY-MM-DDThh:mm:ssZ", ""};
-    if (is_good == is_sha256) return {"64 hexadecimal digits", ""};
-    return {"true, false, a number or text between double quotes", ""};
+inline FormRule rule_of(Form form) {
+    if (form == Form::plain)
+        return {is_plain, "text that can be read off a page", "Write it without hidden characters"};
+    if (form == Form::name)
+        return {is_name, "letters, digits, '_', '.' and '-'", "Write a name of these"};
+    if (form == Form::utc) return {is_utc_time, "YYYY-MM-DDThh:mm:ssZ", ""};
+    if (form == Form::sha256) return {is_sha256, "64 hexadecimal digits", ""};
+    return {is_setting, "true, false, a number or text between double quotes", ""};
 }
 
-inline void check_text(std::string_view text, const TextRule& rule, Findings& findings) {
-    const auto [wanted, todo] = wanted_by(rule.is_good);
-    findings.require(rule.is_good(text), "corrupt.value", rule.path,
+inline void check_form(std::string_view text, Form form, std::string_view path,
+                       Findings& findings) {
+    const auto [is_good, wanted, todo] = rule_of(form);
+    findings.require(is_good(text), "corrupt.value", path,
                      {"is ", Quoted{text}, "; ", wanted, " wanted"}, todo);
 }
 
-inline void check_values(const Content& content, Findings& findings) {
-    for (const TextRule& rule : text_rules) {
-        const Value* value = content.find(rule.path);
-        if (value == nullptr) continue;
-        for (const std::string& text : value->text) check_text(text, rule, findings);
-    }
+/// What the format's table says of a row beyond what the reader has compared with it.
+inline void check_row(const Row& row, const Content& content, Findings& findings) {
+    const Value* value = content.find(row.path);
+    const std::string& frame = content.at("/@frame").string();
+    findings.require(row.frames.empty() || holds(split(row.frames, '|'), frame) ||
+                         (value == nullptr && !content.has_group(row.path)),
+                     "corrupt.group", row.path, {"must not be in the frame ", Quoted{frame}},
+                     "Leave it out");
+    findings.require(row.needs.empty() || content.has(row.needs) == (value != nullptr),
+                     "corrupt.missing", group_of(row.path),
+                     {"has one of ", row.path, " and ", row.needs, ", which need each other"},
+                     "Write both or neither");
+    if (value == nullptr) return;
+    if (row.form != Form::any)
+        for (const std::string& text : value->text) check_form(text, row.form, row.path, findings);
+    const std::set<std::string_view> different(value->text.begin(), value->text.end());
+    findings.require(
+        !row.unique || (different.size() == value->text.size() && !different.contains("")),
+        "corrupt.value", row.path, {"has a text that is empty, or there twice"},
+        "Give each a name of its own");
 }
 
-/// Names of which each is there once.
-inline void check_unique(const Content& content, Findings& findings) {
-    for (const std::string_view path :
-         {"/registration/labels", "/provenance/input_roles", "/provenance/setting_names"}) {
-        const Value* names = content.find(path);
-        if (names == nullptr) continue;
-        const std::set<std::string_view> different(names->text.begin(), names->text.end());
-        findings.require(different.size() == names->text.size() && !different.contains(""),
-                         "corrupt.value", path, {"has a text that is empty, or there twice"},
-                         "Give each a name of its own");
-    }
+inline void check_rows(const Content& content, Findings& findings) {
+    for (const Row& row : rows) check_row(row, content, findings);
+    findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
+                     "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
 }
 
 inline void check_frames(const Content& content, Findings& findings) {
@@ -454,29 +370,34 @@ inline void check_frames(const Content& content, Findings& findings) {
                      {"has a third column that is not 0, in the frame image"}, "Write 0 there");
 }
 
+/// Adds numbers as they are stored.
+template <class T>
+void add(Sha256& sum, const T* first, std::size_t count) {
+    sum.update({reinterpret_cast<const unsigned char*>(first), count * sizeof(T)});
+}
+template <class T>
+void add(Sha256& sum, const std::vector<T>& numbers) {
+    add(sum, numbers.data(), numbers.size());
+}
+
 /// The SHA-256 of the geometry, of which the id is the beginning.
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
-    const std::vector<double>& points = content.at("/points").f8;
-    const auto bytes = [](const auto& numbers) {
-        return View(reinterpret_cast<const unsigned char*>(numbers.data()),
-                    numbers.size() * sizeof(numbers[0]));
-    };
     Sha256 sum;
-    sum.update({reinterpret_cast<const unsigned char*>(frame.c_str()), frame.size() + 1});
-    sum.update(bytes(points));
-    if (const Value* mesh = content.find("/mesh/triangles")) sum.update(bytes(mesh->i4));
+    add(sum, frame.c_str(), frame.size() + 1);
+    add(sum, content.at("/points").f8);
+    if (const Value* mesh = content.find("/mesh/triangles")) add(sum, mesh->i4);
     if (const Value* vertices = content.find("/pieces/vertices")) {
-        sum.update(bytes(vertices->f8));
-        sum.update(bytes(content.at("/pieces/bulges").f8));
-        sum.update(bytes(content.at("/pieces/stroke").i4));
+        add(sum, vertices->f8);
+        add(sum, content.at("/pieces/bulges").f8);
+        add(sum, content.at("/pieces/stroke").i4);
     }
     return sum.digest();
 }
 
-inline void check_identity(const Content& content, const Digest& geometry, Findings& findings) {
+inline void check_identity(const Content& content, Findings& findings) {
     const std::string& found = content.at("/@id").string();
-    const std::string wanted = to_hex(view(geometry)).substr(0, 32);
+    const std::string wanted = to_hex(view(geometry_digest(content))).substr(0, 32);
     findings.require(found == wanted, "corrupt.id", "/@id",
                      {"is ", Quoted{found}, "; the geometry gives ", Quoted{wanted}});
 }
@@ -489,17 +410,18 @@ inline bool counts_up(const std::vector<std::int32_t>& stroke) {
     return stroke.front() == 0 && jump == stroke.end();
 }
 
-inline void check_curve(const Content& content, Findings& findings) {
-    const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
-    if (!counts_up(stroke)) {
-        return findings.error("corrupt.value", "/curve/stroke",
-                              {"does not count 0, 1, ... along the points"},
-                              "Number the strokes in the order of their points");
-    }
+/// The numbers of strokes count up to the last stroke of /curve.
+inline void check_strokes(const Content& content, std::string_view path, Findings& findings) {
+    const std::vector<std::int32_t>& stroke = content.at(path).i4;
     const std::size_t strokes = content.at("/curve/closed").u1.size();
-    const auto found = static_cast<std::size_t>(stroke.back()) + 1;
-    findings.require(found == strokes, "corrupt.shape", "/curve/closed",
-                     {"has ", strokes, " strokes; the points have ", found});
+    findings.require(counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
+                     "corrupt.value", path,
+                     {"does not count 0, 1, ... to the ", strokes, " strokes of /curve"},
+                     "Number the strokes in the order in which they were drawn");
+}
+
+inline void check_curve(const Content& content, Findings& findings) {
+    check_strokes(content, "/curve/stroke", findings);
 }
 
 inline void check_pieces(const Content& content, Findings& findings) {
@@ -509,28 +431,33 @@ inline void check_pieces(const Content& content, Findings& findings) {
                               {"needs /curve and /rendering/ignore_axis"},
                               "Write these, or leave the group out");
     }
-    const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
-    const std::size_t strokes = content.at("/curve/closed").u1.size();
-    findings.require(
-        counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
-        "corrupt.value", "/pieces/stroke",
-        {"does not count 0, 1, ... to the ", strokes, " strokes of /curve along the vertices"},
-        "Number the strokes in the order of their vertices");
+    check_strokes(content, "/pieces/stroke", findings);
 }
 
+/// Triangles name points that are there, and every point is a corner: who renders the points
+/// renders nothing else.
 inline void check_mesh(const Content& content, Findings& findings) {
-    const std::vector<std::int32_t>& triangles = content.at("/mesh/triangles").i4;
-    const std::int32_t highest = *std::max_element(triangles.begin(), triangles.end());
-    const std::size_t count = content.at("/points").shape[0];
-    findings.require(static_cast<std::size_t>(highest) < count, "corrupt.value", "/mesh/triangles",
-                     {"names point ", highest, " of ", count, ", which are numbered from 0"},
-                     "Name points that are there");
+    std::vector<bool> used(content.at("/points").shape[0], false);
+    for (const std::int32_t row : content.at("/mesh/triangles").i4) {
+        const auto point = static_cast<std::size_t>(row);
+        if (point >= used.size()) {
+            return findings.error(
+                "corrupt.value", "/mesh/triangles",
+                {"names point ", row, " of ", used.size(), ", which are numbered from 0"},
+                "Name points that are there");
+        }
+        used[point] = true;
+    }
+    const auto free = std::find(used.begin(), used.end(), false);
+    findings.require(free == used.end(), "unsafe.mesh", "/mesh/triangles",
+                     {"leaves out point ", free - used.begin(),
+                      ": what is certified is not all that is rendered"},
+                     "Leave the point out, or give it a triangle");
 }
 
 inline void check_rendering(const Content& content, Findings& findings) {
     if (const Value* axis = content.find("/rendering/ignore_axis")) {
-        const std::vector<double>& a = axis->f8;
-        const double length = std::sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+        const double length = norm(point_at(axis->f8.data(), 0));
         findings.require(std::abs(length - 1) <= 1e-9, "corrupt.value", "/rendering/ignore_axis",
                          {"has length ", length, "; 1 wanted"}, "Divide it by its length");
     }
@@ -549,10 +476,9 @@ inline void check_guidance(const Content& content, Findings& findings) {
                          "Write that group, or leave this one out");
     }
     const Value* named = content.find("/@must_understand");
-    findings.require(
-        named != nullptr && (" " + named->string() + " ").find(" /guidance ") != std::string::npos,
-        "corrupt.missing", "/@must_understand", {"does not name /guidance"},
-        "Name it, so that no reader forbids what is to guide");
+    findings.require(named != nullptr && holds(split(named->string(), ' '), "/guidance"),
+                     "corrupt.missing", "/@must_understand", {"does not name /guidance"},
+                     "Name it, so that no reader forbids what is to guide");
     const Value* stroke = content.find("/guidance@stroke");
     if (stroke == nullptr) return;
     const auto strokes = static_cast<std::int64_t>(content.at("/curve/closed").u1.size());
@@ -592,7 +518,8 @@ inline void check_registration(const Content& content, Findings& findings) {
 
 /// A finding without a place or an answer has zeros, or empty texts.
 inline void check_findings(const Content& content, Findings& findings) {
-    for (const auto& [flag, place] : {pairs[1], pairs[2]}) {
+    for (const auto& [flag, place] : {std::pair{"/findings/has_place_px", "/findings/place_px"},
+                                      std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
         if (!content.has(flag) || !content.has(place)) continue;
         const std::vector<std::uint8_t>& there = content.at(flag).u1;
         const std::vector<double>& places = content.at(place).f8;
@@ -609,8 +536,8 @@ inline void check_findings(const Content& content, Findings& findings) {
     for (std::size_t i = 0; i < by->text.size(); ++i) {
         const std::string& time = when->text[i];
         if (!by->text[i].empty()) {
-            check_text(by->text[i], {"/findings/answered_by", is_plain}, findings);
-            check_text(time, {"/findings/answered_utc", is_utc_time}, findings);
+            check_form(by->text[i], Form::plain, "/findings/answered_by", findings);
+            check_form(time, Form::utc, "/findings/answered_utc", findings);
         } else {
             findings.require(time.empty(), "corrupt.value", "/findings/answered_utc",
                              {"is ", Quoted{time}, "; nothing wanted where nobody answered"});
@@ -619,20 +546,18 @@ inline void check_findings(const Content& content, Findings& findings) {
 }
 
 /// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
-inline std::string review_digest(const Content& content, const Digest& geometry) {
+inline std::string review_digest(const Content& content) {
     constexpr std::array<std::string_view, 5> in_geometry{
         "/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke"};
     Sha256 sum;
-    const auto put = [&](const auto* first, std::size_t count) {
-        sum.update({reinterpret_cast<const unsigned char*>(first), count * sizeof(*first)});
-    };
-    const auto put_size = [&](std::uint64_t size) { put(&size, 1); };
+    const auto put_size = [&](std::uint64_t size) { add(sum, &size, 1); };
     const auto put_text = [&](std::string_view text) {
         put_size(text.size());
-        put(text.data(), text.size());
+        add(sum, text.data(), text.size());
     };
     put_text("vfplan review 1");
-    put(geometry.data(), geometry.size());
+    const Digest geometry = geometry_digest(content);
+    add(sum, geometry.data(), geometry.size());
     for (const auto& [path, value] : content) {
         if (row_at(path).mark == Mark::none) continue;
         put_text(path);
@@ -640,21 +565,21 @@ inline std::string review_digest(const Content& content, const Digest& geometry)
         put_size(value.shape.size());
         for (const std::size_t side : value.shape) put_size(side);
         if (std::find(in_geometry.begin(), in_geometry.end(), path) != in_geometry.end()) continue;
-        value.visit([&]<class T>(const std::vector<T>& all) {
+        value.visit([&]<class T>(const std::vector<T>& elements) {
             if constexpr (std::is_arithmetic_v<T>)
-                put(all.data(), all.size());
+                add(sum, elements);
             else
-                for (const std::string& text : all) put_text(text);
+                for (const std::string& text : elements) put_text(text);
         });
     }
     return to_hex(view(sum.digest()));
 }
 
 /// The review is that of this plan, and not of what it was before somebody changed it.
-inline void check_reviewed(const Content& content, const Digest& geometry, Findings& findings) {
+inline void check_reviewed(const Content& content, Findings& findings) {
     if (!content.has_group("/review")) return;
     const std::string& found = content.at("/review@digest").string();
-    const std::string wanted = review_digest(content, geometry);
+    const std::string wanted = review_digest(content);
     findings.require(found == wanted, "unsafe.review", "/review@digest",
                      {"is that of another plan: it is ", Quoted{found}, ", and this plan has ",
                       Quoted{wanted}, ". Somebody changed the plan after the review"});
@@ -677,38 +602,23 @@ using CheckOf = void (*)(const Content&, Findings&);
 
 /// Applies every rule.
 inline void check(const Content& content, Findings& findings) {
-    const auto apply = [&](const auto& rule) {
-        try {
-            rule(content, findings);
-        } catch (const Absent& absent) {
-            detail::check_absent(content, absent.what(), findings);
+    const auto apply = [&](std::initializer_list<CheckOf> rules) {
+        for (const CheckOf rule : rules) {
+            try {
+                rule(content, findings);
+            } catch (const Absent& absent) {
+                detail::check_absent(content, absent.what(), findings);
+            }
         }
     };
-    for (const CheckOf rule :
-         {detail::check_understood, detail::check_groups, detail::check_frames}) {
-        apply(rule);
-    }
-    Digest geometry{};
-    apply([&](const Content&, Findings&) {
-        geometry = detail::geometry_digest(content);
-        detail::check_identity(content, geometry, findings);
-    });
-    for (const CheckOf rule :
-         {detail::check_values, detail::check_pairs, detail::check_unique, detail::check_curve,
-          detail::check_pieces, detail::check_mesh, detail::check_rendering, detail::check_guidance,
-          detail::check_registration, detail::check_findings}) {
-        apply(rule);
-    }
-    if (findings.sound()) apply(detail::check_leak);
-    const bool certified = findings.sound();
-    if (certified) {
-        for (const CheckOf rule : {detail::check_one_curve, detail::check_corners,
-                                   detail::check_stability, detail::check_registered}) {
-            apply(rule);
-        }
-        apply([&](const Content&, Findings&) {
-            detail::check_reviewed(content, geometry, findings);
-        });
+    apply({detail::check_understood, detail::check_rows, detail::check_frames,
+           detail::check_identity, detail::check_curve, detail::check_pieces, detail::check_mesh,
+           detail::check_rendering, detail::check_guidance, detail::check_registration,
+           detail::check_findings});
+    if (findings.sound()) apply({detail::check_leak});
+    if (findings.sound()) {
+        apply({detail::check_one_curve, detail::check_stability, detail::check_registered,
+               detail::check_reviewed});
     } else {
         findings.note("leak.unchecked", "/leak", {"is not checked, because of the errors above"},
                       "Mend those first");

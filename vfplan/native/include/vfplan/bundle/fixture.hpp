@@ -127,9 +127,6 @@ Bundle read_bundle(View data, const CheckSeal& check_seal) {
 }
 VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
 
-/// Every finding of a bundle's bytes; it is sound when none is an error.
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
-
 /// The fixture of a checked bundle; moves the points out of it.
 VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle);
 
@@ -182,17 +179,11 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
                         Quoted{seal.case_token}},
                        "Sign it again for its own case: vfplan sign");
     }
-    const bool despite = open > 0 || !content.has_group("/review");
-    if (despite && !seal.despite_findings) {
-        findings.error("unsafe.findings", "/findings",
-                       {"is signed with ", open,
-                        " unanswered findings or without a review, and the seal does not say so"},
-                       "Sign it again with `vfplan sign --despite-findings`, or answer them");
-    } else if (!despite && seal.despite_findings) {
-        findings.error("unsafe.findings", "/findings",
-                       {"is signed as if in spite of findings, and has none that is open"},
-                       "Sign it again with `vfplan sign`");
-    }
+    const bool is_reviewed = content.has_group("/review"), despite = open > 0 || !is_reviewed;
+    findings.require(despite == seal.despite_findings, "unsafe.findings", "/findings",
+                     {"are unanswered ", open, " times, with ", is_reviewed ? "a" : "no",
+                      " review beside them, and the seal says otherwise"},
+                     "Sign it again: `vfplan sign`, with --despite-findings where they stay open");
 }
 
 }  // namespace detail
@@ -206,18 +197,6 @@ VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::ui
 
 VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
     return read_bundle(data, [](const Seal&) {});
-}
-
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
-    Findings findings(false);
-    try {
-        View payload;
-        const Seal seal = unseal(data, payload);
-        read_sealed(seal, payload, data.size(), findings);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
-    return findings.all();
 }
 
 namespace detail {

@@ -111,40 +111,6 @@ inline CertifiedShape certified_shape(const Content& content) {
     return shape;
 }
 
-/// Says how large the largest opening is, where it is, and what would hold the proxy back.
-inline std::string leak_message(const Content& content) {
-    const std::vector<double>& place = content.at("/leak/place").f8;
-    std::string opening = "covering radius of a triangle";
-    if (content.at("/leak@kind").string() == "curve") opening = "gap between neighbours";
-    return "the fixture leaks between samples: " + opening + " of " +
-           six_digits(content.number("/leak@largest_m")) + " m at (" + six_digits(place[0]) + ", " +
-           six_digits(place[1]) + ", " + six_digits(place[2]) + "); at most " +
-           six_digits(content.number("/leak@limit_m")) + " m holds the proxy back";
-}
-
-inline void compare(const Content& content, std::string_view path, double wanted,
-                    Findings& findings) {
-    const Value* found = content.find(path);
-    findings.require(
-        found != nullptr && std::abs(found->number() - wanted) <= 1e-9 * std::max(wanted, 1e-3),
-        "corrupt.leak", path,
-        {"is ", found == nullptr ? "absent" : shortest_text(found->number()),
-         "; the fixture gives ", wanted});
-}
-
-/// Compares largest_m and limit_m; whether the values of the file hold its proxy back.
-inline bool is_leak_proof(const Content& content, const Certificate& certificate,
-                          Findings& findings) {
-    compare(content, "/leak@limit_m", certificate.limit, findings);
-    compare(content, "/leak@largest_m", certificate.largest, findings);
-    const bool holds = content.number("/leak@largest_m") <= content.number("/leak@limit_m");
-    if (!holds) {
-        findings.error("unsafe.leak", "/leak", {leak_message(content)},
-                       "Add points there, or take a larger radius");
-    }
-    return holds;
-}
-
 inline void check_leak(const Content& content, Findings& findings) {
     findings.require(content.has_group("/rendering") == content.has_group("/leak"), "corrupt.leak",
                      "/leak", {"is there without /rendering, or missing beside it"},
@@ -160,12 +126,27 @@ inline void check_leak(const Content& content, Findings& findings) {
                               {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
     }
     bool holds = false;
-    if (kind != "cloud") {
-        holds = is_leak_proof(content, certificate, findings);
-    } else {
+    if (kind == "cloud") {
         findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
                          {"is there, and the fixture is a cloud"},
                          "Leave it out: how points connect is not known");
+    } else {
+        const double limit = content.number("/leak@limit_m", 0);
+        const double largest = content.number("/leak@largest_m");
+        const auto compare = [&](std::string_view path, double found, double wanted) {
+            findings.require(std::abs(found - wanted) <= 1e-9 * std::max(wanted, 1e-3),
+                             "corrupt.leak", path, {"is ", found, "; the fixture gives ", wanted});
+        };
+        compare("/leak@limit_m", limit, certificate.limit);
+        compare("/leak@largest_m", largest, certificate.largest);
+        holds = largest <= limit;
+        const std::vector<double>& at = content.at("/leak/place").f8;
+        findings.require(
+            holds, "unsafe.leak", "/leak",
+            {"the fixture leaks between samples: an opening of ", six_digits(largest), " m at (",
+             six_digits(at[0]), ", ", six_digits(at[1]), ", ", six_digits(at[2]), "); at most ",
+             six_digits(limit), " m holds the proxy back"},
+            "Add points there, or take a larger radius");
     }
     const bool says = content.at("/leak@certified").u1.front() != 0;
     findings.require(says == holds, "corrupt.leak", "/leak@certified",

@@ -88,23 +88,18 @@ inline std::string text_of(View raw, const Row& row) {
     return std::string(text);
 }
 
-/// A value of `count` elements whose numbers are still to be filled in.
-inline Value empty_value(const Row& row, std::size_t count) {
+/// A value of `count` elements from bytes, `size` of them for each.
+inline Value value_of(View raw, std::size_t count, std::size_t size, const Row& row) {
     Value value;
     value.type = row.type;
-    value.visit([&](auto& all) { all.resize(count); });
-    return value;
-}
-
-/// Fills a value from bytes, `size` of them for each element.
-inline void fill(Value& value, View raw, std::size_t size, const Row& row) {
     value.visit([&]<class T>(std::vector<T>& all) {
+        all.resize(count);
         if constexpr (std::is_arithmetic_v<T>)
             std::memcpy(all.data(), raw.data(), raw.size());
         else
-            for (std::size_t i = 0; i < all.size(); ++i)
-                all[i] = text_of(raw.part(i * size, size), row);
+            for (std::size_t i = 0; i < count; ++i) all[i] = text_of(raw.part(i * size, size), row);
     });
+    return value;
 }
 
 /// Refuses an object whose fill value is not zero.
@@ -142,8 +137,7 @@ inline Value table_of(File& file, const Object& object, const std::vector<std::u
     std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
     for (const auto side : sides) count *= side;
     const View data = data_of(file, object, count * element, row);
-    Value value = empty_value(row, static_cast<std::size_t>(count));
-    fill(value, data, element, row);
+    Value value = value_of(data, static_cast<std::size_t>(count), element, row);
     for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
     return value;
 }
@@ -155,46 +149,25 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     const std::size_t size = element_size(attribute.type, row);
     require(attribute.data.size() == size, "corrupt.hdf5", row,
             {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
-    Value value = empty_value(row, 1);
-    fill(value, attribute.data, size, row);
-    return value;
-}
-
-/// Whether a text is one of those that `allowed` lists, with | between them.
-inline bool is_allowed(std::string_view text, std::string_view allowed) {
-    for (std::size_t start = 0; start <= allowed.size();) {
-        const std::size_t end = std::min(allowed.find('|', start), allowed.size());
-        if (allowed.substr(start, end - start) == text) return true;
-        start = end + 1;
-    }
-    return false;
+    return value_of(attribute.data, 1, size, row);
 }
 
 /// The lowest and the highest of a value's numbers. Both are NaN if one of the numbers is.
 template <class T>
 std::pair<double, double> extent(const std::vector<T>& numbers) {
-    T low = numbers.front(), high = low;
-    bool ordered = true;
-    for (const T x : numbers) {
-        low = x < low ? x : low;
-        high = x > high ? x : high;
-        ordered = ordered && x == x;
-    }
-    if (!ordered) return {std::nan(""), std::nan("")};
-    return {static_cast<double>(low), static_cast<double>(high)};
+    if (std::any_of(numbers.begin(), numbers.end(), [](T x) { return x != x; }))
+        return {std::nan(""), std::nan("")};
+    const auto [low, high] = std::minmax_element(numbers.begin(), numbers.end());
+    return {static_cast<double>(*low), static_cast<double>(*high)};
 }
 
 /// Refuses a value outside of its row's range, which may depend on its unit.
 inline void check_range(const Value& value, const Row& row, std::string_view unit) {
     if (row.type == Type::text) {
         if (row.allowed.empty()) return;
-        for (const std::string& text : value.text) {
-            if (is_allowed(text, row.allowed)) continue;
-            std::string choice(row.allowed);
-            for (std::size_t at; (at = choice.find('|')) != std::string::npos;)
-                choice.replace(at, 1, " or ");
-            require(false, "corrupt.value", row, {"is ", Quoted{text}, "; ", choice, " allowed"});
-        }
+        for (const std::string& text : value.text)
+            require(holds(split(row.allowed, '|'), text), "corrupt.value", row,
+                    {"is ", Quoted{text}, "; one of ", row.allowed, " allowed"});
         return;
     }
     const auto [low, high] = row.type == Type::f8   ? extent(value.f8)
@@ -277,7 +250,7 @@ class Reader {
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
             for (const Row& row : rows)
-                if (row.kind == kind && knows(row)) collecting([&] { read_row(row); });
+                if (row.kind == kind) collecting([&] { read_row(row); });
         }
         if (findings_.sound()) collecting([&] { file_.check_unclaimed(unknown_); });
         return std::move(content_);
@@ -285,7 +258,6 @@ class Reader {
     [[nodiscard]] const Version& version() const { return version_; }
 
   private:
-    [[nodiscard]] bool knows(const Row& row) const { return !(version_ < row.since); }
     [[nodiscard]] bool newer() const { return newest < version_; }
 
     void check_version() const {
@@ -354,7 +326,7 @@ class Reader {
     void check_names(const Object& group, const Row& row) {
         const auto has = [&](std::string_view name, bool attribute) {
             return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
-                return knows(other) && (other.kind == Kind::attribute) == attribute &&
+                return (other.kind == Kind::attribute) == attribute &&
                        parent_and_name(other) == std::pair(row.path, name);
             });
         };

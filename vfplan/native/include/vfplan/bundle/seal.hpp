@@ -53,26 +53,25 @@ inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t b
 
 }  // namespace detail
 
-/// SHA-256 of bytes that come in parts.
+/// SHA-256 of bytes that come in parts, of which none is copied.
 class Sha256 {
   public:
     void update(View data) {
         length_ += data.size();
-        if (held_ > 0) {
-            const std::size_t some = std::min(data.size(), block_.size() - held_);
-            std::copy_n(data.data(), some, block_.begin() + static_cast<std::ptrdiff_t>(held_));
-            held_ += some;
-            data = data.from(some);
-            if (held_ < block_.size()) return;
+        while (!data.empty()) {
+            const std::size_t blocks = held_ == 0 ? data.size() / block_.size() : 0;
+            detail::sha_blocks(state_, data.data(), blocks);
+            data = data.from(blocks * block_.size());
+            if (data.empty()) return;
+            block_[held_++] = data[0];
+            data = data.from(1);
+            if (held_ < block_.size()) continue;
             detail::sha_blocks(state_, block_.data(), 1);
+            held_ = 0;
         }
-        const std::size_t blocks = data.size() / block_.size();
-        detail::sha_blocks(state_, data.data(), blocks);
-        const View rest = data.from(blocks * block_.size());
-        std::copy(rest.begin(), rest.end(), block_.begin());
-        held_ = rest.size();
     }
     Digest digest() {
+        // A bit, zeros, and the number of bits in front of them, to the end of a block.
         const std::uint64_t bits = 8 * length_;
         Bytes padding(1 + (119 - held_) % 64 + 8, 0);
         padding[0] = 0x80;
@@ -144,38 +143,17 @@ inline constexpr std::uint64_t latest = 253402300799;  // 9999-12-31T23:59:59Z
 
 inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "", wrong); }
 
-/// Says why a file that does not end in a seal is no bundle of this version.
-[[noreturn]] inline void refuse_unsealed(View data) {
-    require(!data.begins(seal_magic), "version.seal", "",
-            {"has its seal in front, as versions 1.0 and 1.1 had it; this program reads 2.x"},
-            "Plan it anew, or get the program that wrote it");
-    const auto must = [](bool good, Sentence wrong, std::string_view todo) {
-        detail::require(good, "corrupt.seal", "", wrong, todo);
-    };
-    // `vfplan replay -o` names its format in the header of the file's root, which comes first.
-    constexpr std::size_t first_objects = 1 << 16;
-    const bool is_hdf5 = data.begins(hdf5_signature);
-    const std::string_view first = data.text().substr(0, first_objects);
-    must(!is_hdf5 || first.find("vfplan-result") == first.npos,
-         {"is a result of `vfplan replay`, and no fixture bundle"},
-         "Give the bundle that was replayed");
-    must(!is_hdf5, {"has no seal: the file was cut, or opened for writing by another program"},
-         "Fetch it again");
-    constexpr std::string_view give =
-        "Give a bundle that `vfplan register` or `vfplan import` wrote";
-    must(data.size() > 0, {"is no fixture bundle: the file is empty"}, give);
-    refuse("corrupt.seal", "",
-           {"is no fixture bundle: it begins with ", Quoted{first.substr(0, hdf5_signature.size())},
-            ", not as an HDF5 file does"},
-           give);
-}
-
 /// The seal that a file ends in: it is there, and says of the file's length what is true.
 inline View find_seal(View data) {
-    if (!data.begins(hdf5_signature) || data.size() < superblock_size + seal_sizes.front() ||
-        data.from(data.size() - tail_magic.size()).text() != tail_magic) {
-        refuse_unsealed(data);
-    }
+    detail::require(data.begins(hdf5_signature), "corrupt.seal", "",
+                    {"is no fixture bundle: it does not begin as an HDF5 file does"},
+                    "Give a bundle that `vfplan register` or `vfplan import` wrote");
+    const bool is_result = data.text().substr(0, 1 << 16).find("vfplan-result") != data.text().npos;
+    require(
+        data.size() >= superblock_size + seal_sizes.front() &&
+            data.from(data.size() - tail_magic.size()).text() == tail_magic,
+        {is_result ? "is a result of `vfplan replay`, and no fixture bundle"
+                   : "has no seal: the file was cut, or opened for writing by another program"});
     const auto size = static_cast<std::size_t>(number_at(data, data.size() - 16, 4));
     require(std::find(seal_sizes.begin(), seal_sizes.end(), size) != seal_sizes.end(),
             {"has a seal of ", size, " bytes; 512, 1024, 2048 or 4096 wanted"});

@@ -9,8 +9,6 @@
 
 #include <chrono>
 #include <filesystem>
-#include <istream>
-#include <sstream>
 
 #include "vfplan/bundle/fixture.hpp"
 
@@ -31,53 +29,37 @@ inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
     return id;
 }
 
-namespace detail {
-
-inline constexpr std::string_view give_keys = "Give the public keys that `vfplan keygen` wrote";
-
-/// The next PEM block of a public key in a file of them, or nothing at its end.
-///
-/// Nothing but empty lines and comments (#) may stand outside of a block.
-inline std::string next_key(std::istream& file, const std::string& where) {
-    constexpr std::string_view blank = " \t\r";
-    std::string block;
-    for (std::string line; std::getline(file, line);) {
-        line.erase(line.find_last_not_of(blank) + 1);
-        line.erase(0, line.find_first_not_of(blank));
-        if (block.empty() && (line.empty() || line[0] == '#')) continue;
-        require(!block.empty() || line == "-----BEGIN PUBLIC KEY-----", "input", where,
-                {"holds something that is no public key in PEM form"}, give_keys);
-        block += line + '\n';
-        if (line == "-----END PUBLIC KEY-----") return block;
-    }
-    require(block.empty(), "input", where, {"ends within a public key"}, "Fetch the file again");
-    return block;
-}
-
-}  // namespace detail
-
 /// The keys of a file of PEM public keys, one after the other, as `vfplan keygen` writes them.
 ///
 /// Refuses a file that holds anything else but empty lines and comments (#).
 inline std::vector<PublicKey> read_keys(const std::filesystem::path& path) {
     constexpr std::size_t max_bytes = 1 << 20;
+    constexpr std::string_view blank = " \t\r";
     const Bytes data = read_file(path);
-    const auto must = [&](bool good, Sentence wrong, std::string_view todo = detail::give_keys) {
-        detail::require(good, "input", path.string(), wrong, todo);
+    const auto must = [&](bool good, Sentence wrong) {
+        detail::require(good, "input", path.string(), wrong,
+                        "Give the public keys that `vfplan keygen` wrote");
     };
     must(data.size() <= max_bytes, {"is too long for a file of keys"});
-    std::istringstream file(std::string(data.begin(), data.end()));
     std::vector<PublicKey> keys;
-    for (;;) {
-        const std::string block = detail::next_key(file, path.string());
-        if (block.empty()) break;
+    std::string block;
+    for (std::string_view line : split(View(data).text(), '\n')) {
+        line = line.substr(0, line.find_last_not_of(blank) + 1);
+        line.remove_prefix(std::min(line.find_first_not_of(blank), line.size()));
+        if (block.empty() && (line.empty() || line[0] == '#')) continue;
+        must(!block.empty() || line == "-----BEGIN PUBLIC KEY-----",
+             {"holds something that is no public key in PEM form"});
+        block.append(line) += '\n';
+        if (line != "-----END PUBLIC KEY-----") continue;
         const std::unique_ptr<BIO, int (*)(BIO*)> bio(
             BIO_new_mem_buf(block.data(), static_cast<int>(block.size())), BIO_free);
         PublicKey key(PEM_read_bio_PUBKEY(bio.get(), nullptr, nullptr, nullptr), EVP_PKEY_free);
-        must(key != nullptr, {"holds a public key that cannot be read"}, "Fetch the file again");
-        must(EVP_PKEY_base_id(key.get()) == EVP_PKEY_ED25519, {"holds a key that is not Ed25519"});
+        must(key != nullptr && EVP_PKEY_base_id(key.get()) == EVP_PKEY_ED25519,
+             {"holds a key that cannot be read, or is not Ed25519"});
         keys.push_back(std::move(key));
+        block.clear();
     }
+    must(block.empty(), {"ends within a public key"});
     must(!keys.empty(), {"holds no public key"});
     return keys;
 }

@@ -149,22 +149,20 @@ class Thinning {
         std::uint32_t next;  // in the chain of its cell
     };
     /// The whole numbers of a cell of the grid that finds kept points.
-    struct Cell {
-        std::int64_t at[D];
-    };
+    using Cell = std::array<std::int64_t, D>;
 
     /// Where the chain of a cell's points begins. Two cells may share a chain.
     std::size_t head(const Cell& cell) const noexcept {
         constexpr std::uint64_t factor[] = {0x9e3779b97f4a7c15, 0xc2b2ae3d27d4eb4f,
                                             0x165667b19e3779f9};
         std::uint64_t key = 0;
-        for (int k = 0; k < D; ++k) key += static_cast<std::uint64_t>(cell.at[k]) * factor[k];
+        for (int k = 0; k < D; ++k) key += static_cast<std::uint64_t>(cell[k]) * factor[k];
         return (key ^ key >> 29) * factor[0] >> 40 & (first_.size() - 1);
     }
     Cell cell(const Vec<D>& p, double off) const noexcept {
         Cell c;
         for (int k = 0; k < D; ++k)
-            c.at[k] = static_cast<std::int64_t>((p.c[k] - low_.c[k]) / cell_ + off);
+            c[k] = static_cast<std::int64_t>((p.c[k] - low_.c[k]) / cell_ + off);
         return c;
     }
     void keep(std::uint32_t i) {
@@ -180,7 +178,7 @@ class Thinning {
         const Cell low = cell(p, 0.5);
         for (int corner = 0; corner < 1 << D; ++corner) {
             Cell c = low;
-            for (int k = 0; k < D; ++k) c.at[k] += corner >> k & 1;
+            for (int k = 0; k < D; ++k) c[k] += corner >> k & 1;
             for (std::uint32_t j = first_[head(c)]; j != end_of_chain; j = points_[j].next) {
                 const Vec<D> d = points_[j].at - p;
                 if (!f(NearPoint{dot(d, d), d})) return;

@@ -1,11 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // A uniform grid over the cloud. Points are stored in the order of their cells, so that the cells
-// of one row are one stretch of memory. The table of cells takes O(N) whatever the cloud's extent:
-// all cells of the box where they are few, only the occupied ones where the box is mostly empty.
+// of one row are one stretch of memory. The table has the occupied cells alone.
 #pragma once
-
-#include <numeric>
 
 #include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
@@ -22,14 +19,8 @@ class Grid {
         double extent = 0;
         for (int k = 0; k < D; ++k) extent = std::max(extent, box_.high.c[k] - box_.low.c[k]);
         cell_ = std::max(cell, extent / max_cells_an_axis);
-        double cells = 1;
-        for (int k = 0; k < D; ++k) {
-            count_[k] = index(box_.high.c[k], k) + 1;
-            cells *= static_cast<double>(count_[k]);
-        }
-        dense_ = cells <= 2.0 * static_cast<double>(cloud.size()) + 64;
-        dense_ ? fill_dense(cloud, static_cast<std::size_t>(cells), slots)
-               : fill_sparse(cloud, slots);
+        for (int k = 0; k < D; ++k) count_[k] = index(box_.high.c[k], k) + 1;
+        fill(cloud, slots);
     }
 
     const Box<D>& box() const noexcept { return box_; }
@@ -99,24 +90,18 @@ class Grid {
     std::size_t visit_rows(const Vec<D>& x, double reach, std::int64_t z, F&& f) const noexcept {
         std::int64_t first, last, from, to;
         if (!range(x, reach, 1, first, last)) return 0;
-        std::size_t hint = 0;
+        auto low = keys_.begin();
         for (auto y = first; y <= last; ++y) {
             const double left = reach * reach - square_to_cell(x, y, 1);
             if (left < 0 || !range(x, std::sqrt(left), 0, from, to)) continue;
             const std::uint64_t row = key(0, y, z);
             const auto a = row + static_cast<std::uint64_t>(from);
             const auto b = row + static_cast<std::uint64_t>(to);
-            std::size_t i = a, j = b + 1;
-            if (!dense_) {
-                const auto begin = keys_.begin() + static_cast<std::ptrdiff_t>(hint);
-                const auto low = std::lower_bound(begin, keys_.end(), a);
-                auto high = low;
-                while (high != keys_.end() && *high <= b) ++high;
-                i = static_cast<std::size_t>(low - keys_.begin());
-                j = static_cast<std::size_t>(high - keys_.begin());
-                hint = i;
-            }
-            if (start_[i] < start_[j]) f(cloud_.span(start_[i], start_[j]));
+            low = std::lower_bound(low, keys_.end(), a);
+            auto high = low;
+            while (high != keys_.end() && *high <= b) ++high;
+            if (low != high)
+                f(cloud_.span(start_[low - keys_.begin()], start_[high - keys_.begin()]));
         }
         return static_cast<std::size_t>(last - first + 1);
     }
@@ -131,26 +116,7 @@ class Grid {
         return key(i[0], i[1], i[2]);
     }
 
-    void fill_dense(const Cloud<D>& from, std::size_t cells, std::uint32_t* slots) {
-        const std::size_t n = from.size();
-        start_.assign(cells + 1, 0);
-        std::vector<std::uint32_t> home(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            home[i] = static_cast<std::uint32_t>(key(from[i]));
-            ++start_[home[i] + 1];
-        }
-        std::partial_sum(start_.begin(), start_.end(), start_.begin());
-        cloud_ = Cloud<D>(n);
-        for (std::size_t i = 0; i < n; ++i) {
-            const std::uint32_t slot = start_[home[i]]++;
-            cloud_.set(slot, from[i]);
-            if (slots) slots[i] = slot;
-        }
-        for (std::size_t c = cells; c > 0; --c) start_[c] = start_[c - 1];
-        start_[0] = 0;
-    }
-
-    void fill_sparse(const Cloud<D>& from, std::uint32_t* slots) {
+    void fill(const Cloud<D>& from, std::uint32_t* slots) {
         const std::size_t n = from.size();
         std::vector<std::pair<std::uint64_t, std::uint32_t>> order(n);
         for (std::size_t i = 0; i < n; ++i)
@@ -176,9 +142,8 @@ class Grid {
     Cloud<D> cloud_;
     double cell_ = 0;
     std::int64_t count_[D] = {};
-    bool dense_ = true;
     std::vector<std::uint32_t> start_;  // of each cell, and one behind the last
-    std::vector<std::uint64_t> keys_;   // of the occupied cells, where not all have an entry
+    std::vector<std::uint64_t> keys_;   // of the occupied cells
 };
 
 /// Clouds of this many points or fewer are looked through point by point: a grid measured slower.
@@ -197,27 +162,6 @@ inline constexpr std::size_t choice = 64;       // of planes, tried for a step t
 inline constexpr std::int64_t motion = 180000;
 inline constexpr std::int64_t way_out = 150000;
 }  // namespace work
-
-/// A reference to a function of a span that does not outlive the call it is given to. It counts the
-/// spans.
-template <int D>
-class SpanVisitor {
-  public:
-    template <class F>
-    SpanVisitor(F& f, WorkBudget& budget) noexcept
-        : f_(const_cast<void*>(static_cast<const void*>(&f))),
-          call_([](void* g, const PointSpan<D>& span) { (*static_cast<F*>(g))(span); }),
-          budget_(budget) {}
-    void operator()(const PointSpan<D>& span) const {
-        budget_.spend(work::span + span.n);
-        call_(f_, span);
-    }
-
-  private:
-    void* f_;
-    void (*call_)(void*, const PointSpan<D>&);
-    WorkBudget& budget_;
-};
 
 /// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
 /// or on a grid from which points may be taken away, with a list of those that were added.
@@ -279,22 +223,21 @@ class PointIndex {
     /// more.
     template <class F>
     void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
-        visit_spans(x, reach, SpanVisitor<D>(f, budget_));
+        const auto count = [&](const PointSpan<D>& span) noexcept {
+            budget_.spend(work::span + span.n);
+            f(span);
+        };
+        if (!grid_) return count(all_.span(0, all_.size()));
+        budget_.spend(work::row * grid_->visit(x, reach, count));
+        for (std::size_t i = 0; i < added_count_; i += block) {
+            if (boxes_[i / block].distance2(x) > reach * reach * (1 + 1e-12)) continue;
+            count(added_.span(i, std::min(i + block, added_count_)));
+        }
     }
     /// What this tick may still do.
     WorkBudget& budget() const noexcept { return budget_; }
 
   private:
-    /// The walk over the cells is compiled once, and not for each caller.
-    [[gnu::noinline]] void visit_spans(const Vec<D>& x, double reach,
-                                       const SpanVisitor<D>& f) const noexcept {
-        if (!grid_) return f(all_.span(0, all_.size()));
-        budget_.spend(work::row * grid_->visit(x, reach, f));
-        for (std::size_t i = 0; i < added_count_; i += block) {
-            if (boxes_[i / block].distance2(x) > reach * reach * (1 + 1e-12)) continue;
-            f(added_.span(i, std::min(i + block, added_count_)));
-        }
-    }
     Box<D> box_;
     Cloud<D> all_;  // where there is no grid
     std::optional<Grid<D>> grid_;
@@ -359,31 +302,17 @@ class Neighbours {
         is_crowded_ = false;
         count_ = 0;
         const double reach2 = radius_ * radius_ * (1 + 1e-12);
-        index_.visit(centre_, radius_, [&](const PointSpan<D>& span) noexcept {
-            if (is_crowded_ || count_ + span.n > list_.size()) {
-                is_crowded_ = is_crowded_ || !append_in_parts(span, reach2);
-                return;
+        index_.visit(centre_, radius_, [&](PointSpan<D> span) noexcept {
+            double* to[D];
+            while (span.n > 0 && !is_crowded_) {
+                // Many at once where they all fit, or else as many as one loop looks at.
+                const PointSpan<D> part = span.take(count_ + span.n > list_.size() ? 8 : span.n);
+                is_crowded_ = count_ + part.n > list_.size();
+                if (is_crowded_) return;
+                for (int k = 0; k < D; ++k) to[k] = list_.axis(k) + count_;
+                count_ += kernels_.gather(part, centre_, reach2, to);
             }
-            count_ += append(span, reach2);
         });
-    }
-    std::size_t append(const PointSpan<D>& span, double reach2) noexcept {
-        double* to[D];
-        for (int k = 0; k < D; ++k) to[k] = list_.axis(k) + count_;
-        return kernels_.gather(span, centre_, reach2, to);
-    }
-    /// Appends a stretch that may not fit as a whole, eight points at a time; false when it does
-    /// not.
-    bool append_in_parts(PointSpan<D> span, double reach2) noexcept {
-        while (span.n > 0) {
-            PointSpan<D> part = span;
-            part.n = std::min<std::size_t>(span.n, 8);
-            if (count_ + part.n > list_.size()) return false;
-            count_ += append(part, reach2);
-            for (int k = 0; k < D; ++k) span.c[k] += part.n;
-            span.n -= part.n;
-        }
-        return true;
     }
 
     PointIndex<D> index_;
@@ -428,16 +357,12 @@ double distance(const PointIndex<D>& points, const Kernels<D>& kernels, const Ve
 template <class Points, int D, class F>
 void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach,
                   F&& f) noexcept {
-    static constexpr std::size_t capacity = 256;
-    points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
-        std::uint32_t indices[capacity];
-        const std::size_t n = kernels.indices_within(span, x, reach * reach, indices, capacity);
-        for (std::size_t i = 0; i < std::min(n, capacity); ++i) f(x - span[indices[i]]);
-        if (n <= capacity) return;
-        // A crowd of points: the rest of the span is looked through one by one.
-        for (std::size_t i = indices[capacity - 1] + 1; i < span.n; ++i) {
-            const Vec<D> away = x - span[i];
-            if (dot(away, away) <= reach * reach) f(away);
+    points.visit(x, reach, [&](PointSpan<D> span) noexcept {
+        std::uint32_t indices[256];
+        while (span.n > 0) {
+            const PointSpan<D> part = span.take(std::size(indices));
+            const std::size_t n = kernels.indices_within(part, x, reach * reach, indices);
+            for (std::size_t i = 0; i < n; ++i) f(x - part[indices[i]]);
         }
     });
 }

@@ -21,6 +21,14 @@ struct PointSpan {
     const double* c[D] = {};
     std::size_t n = 0;
 
+    /// The first `count` of them, which are then left out.
+    PointSpan take(std::size_t count) noexcept {
+        PointSpan part = *this;
+        part.n = std::min(count, n);
+        for (int k = 0; k < D; ++k) c[k] += part.n;
+        n -= part.n;
+        return part;
+    }
     Vec<D> operator[](std::size_t i) const noexcept {
         Vec<D> p;
         for (int k = 0; k < D; ++k) p.c[k] = c[k][i];
@@ -91,9 +99,9 @@ struct Kernels {
                             double entrenched2, double radius2);
     /// How far a ray gets before it meets a sphere; infinity when it meets none.
     double (*ray_hit)(const PointSpan<D>& in, const Ray<D>& ray);
-    /// Numbers of the points within sqrt(reach2), at most `capacity`; returns how many there are.
+    /// Numbers of the points within sqrt(reach2); returns how many there are.
     std::size_t (*indices_within)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
-                                  std::uint32_t* to, std::size_t capacity);
+                                  std::uint32_t* to);
     void (*accumulate_fit)(const PointSpan<D>& in, const FitWindow<D>& patch,
                            NormalEquations<D>& to);
 };

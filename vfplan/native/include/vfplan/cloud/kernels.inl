@@ -11,24 +11,20 @@ using Native = double __attribute__((vector_size(8 * VFPLAN_LANES)));
 using NativeMask = long long __attribute__((vector_size(8 * VFPLAN_LANES)));
 inline constexpr int parts = 8 / VFPLAN_LANES;
 
-struct Float8 {
-    Native v[parts];
-};
-
 // Unrolled, or at -O2 the parts would lie in memory and not in registers.
 #define VFPLAN_EACH _Pragma("GCC unroll 4") for (int i = 0; i < parts; ++i)
+
+struct Float8 {
+    Native v[parts];
+
+    Float8() = default;
+    VFPLAN_INLINE Float8(double x) { VFPLAN_EACH v[i] = Native{} + x; }
+};
+
 #define VFPLAN_ARITHMETIC(op)                              \
     VFPLAN_INLINE Float8 operator op(Float8 a, Float8 b) { \
         VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];             \
         return a;                                          \
-    }                                                      \
-    VFPLAN_INLINE Float8 operator op(Float8 a, double b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b;                  \
-        return a;                                          \
-    }                                                      \
-    VFPLAN_INLINE Float8 operator op(double a, Float8 b) { \
-        VFPLAN_EACH b.v[i] = a op b.v[i];                  \
-        return b;                                          \
     }
 VFPLAN_ARITHMETIC(+)
 VFPLAN_ARITHMETIC(-)
@@ -42,11 +38,6 @@ VFPLAN_INLINE Float8 operator-(Float8 a) {
 VFPLAN_INLINE Float8& operator+=(Float8& a, Float8 b) { return a = a + b; }
 VFPLAN_INLINE Float8& operator-=(Float8& a, Float8 b) { return a = a - b; }
 
-VFPLAN_INLINE Float8 all(double x) {
-    Float8 a;
-    VFPLAN_EACH a.v[i] = Native{} + x;
-    return a;
-}
 VFPLAN_INLINE Float8 load(const double* p) {
     Float8 a;  // part by part: one copy of the whole would go through narrower registers
     VFPLAN_EACH std::memcpy(&a.v[i], p + VFPLAN_LANES * i, sizeof(Native));
@@ -62,8 +53,7 @@ struct Mask {
         Mask m;                                          \
         VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
         return m;                                        \
-    }                                                    \
-    VFPLAN_INLINE Mask operator op(Float8 a, double b) { return a op all(b); }
+    }
 VFPLAN_COMPARISON(<)
 VFPLAN_COMPARISON(<=)
 VFPLAN_COMPARISON(>)
@@ -82,17 +72,8 @@ VFPLAN_INLINE Float8 choose(Mask m, Float8 a, Float8 b) {
     VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
     return a;
 }
-#if VFPLAN_LANES == 8  // where a mask would cost a tenth of a tick
-VFPLAN_INLINE Float8 smaller(Float8 a, Float8 b) {
-    return {{(Native)_mm512_maskz_min_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
-}
-VFPLAN_INLINE Float8 larger(Float8 a, Float8 b) {
-    return {{(Native)_mm512_maskz_max_pd(0xff, (__m512d)a.v[0], (__m512d)b.v[0])}};
-}
-#else
 VFPLAN_INLINE Float8 smaller(Float8 a, Float8 b) { return choose(a < b, a, b); }
 VFPLAN_INLINE Float8 larger(Float8 a, Float8 b) { return choose(a > b, a, b); }
-#endif
 
 VFPLAN_INLINE Float8 root(Float8 a) {
 #if VFPLAN_LANES == 8
@@ -114,7 +95,7 @@ VFPLAN_INLINE void store(Float8 a, double* p) {
 // 1/sqrt(a) to 1e-7 by correctly rounded float32 operations: nothing here depends on a processor's
 // own approximation. One step of Newton's makes 2e-14 of it.
 using Floats = float __attribute__((vector_size(4 * VFPLAN_LANES)));
-VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
+VFPLAN_INLINE Float8 seed(Float8 a) {
     VFPLAN_EACH {
         Floats f = __builtin_convertvector(a.v[i], Floats);
 #if VFPLAN_LANES == 8
@@ -124,16 +105,7 @@ VFPLAN_INLINE void store_seeds(Float8 a, float* p) {
 #else
         for (int j = 0; j < VFPLAN_LANES; ++j) f[j] = std::sqrt(f[j]);
 #endif
-        f = 1.0f / f;
-        std::memcpy(p + VFPLAN_LANES * i, &f, sizeof f);
-    }
-}
-VFPLAN_INLINE Float8 load_seeds(const float* p) {
-    Float8 a;
-    VFPLAN_EACH {
-        Floats f;
-        std::memcpy(&f, p + VFPLAN_LANES * i, sizeof f);
-        a.v[i] = __builtin_convertvector(f, Native);
+        a.v[i] = __builtin_convertvector(1.0f / f, Native);
     }
     return a;
 }
@@ -157,18 +129,12 @@ VFPLAN_INLINE unsigned bits(Mask m) {
 // `to`, without a branch that a processor could guess wrong. All eight places there are written.
 // Returns how many were chosen.
 VFPLAN_INLINE std::size_t store_chosen(const double* from, unsigned chosen, double* to) {
-#if VFPLAN_LANES == 8
-    const auto mask = static_cast<__mmask8>(chosen);
-    _mm512_storeu_pd(to, _mm512_maskz_compress_pd(mask, _mm512_loadu_pd(from)));
-    return static_cast<std::size_t>(__builtin_popcount(chosen));
-#else
     std::size_t n = 0;
     for (unsigned j = 0; j < 8; ++j) {
         to[n] = from[j];
         n += chosen >> j & 1;
     }
     return n;
-#endif
 }
 
 VFPLAN_INLINE double sum(Float8 a) {
@@ -196,7 +162,7 @@ struct PointBlock {
         for (int k = 0; k < D; ++k) d[k] = load(in.c[k] + i) - x.c[k];
         if (left < 8) {
             const Mask there = load(lane_numbers) < static_cast<double>(left);
-            for (int k = 0; k < D; ++k) d[k] = choose(there, d[k], all(far_away));
+            for (int k = 0; k < D; ++k) d[k] = choose(there, d[k], Float8(far_away));
         }
         d2 = d[0] * d[0];
         for (int k = 1; k < D; ++k) d2 += d[k] * d[k];
@@ -223,7 +189,7 @@ std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, doubl
 
 template <int D>
 double nearest2(const PointSpan<D>& in, const Vec<D>& x) {
-    Float8 m = all(infinity);
+    Float8 m = infinity;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         m = smaller(b.d2, m);
@@ -240,22 +206,21 @@ template <int D>
 void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to) {
     constexpr std::size_t strip = 256;
     alignas(64) double squares[strip];
-    alignas(64) float seeds[strip];
+    alignas(64) double seeds[strip];
     const double w = 2 * (r3 - r1), scale = 2 / (w * w * w * w * w);
-    const Float8 zero = all(0.0), widest = all(w);
-    Float8 s[D] = {}, near = all(to.nearest2);
+    Float8 s[D] = {}, near = to.nearest2;
     for (std::size_t begin = 0; begin < in.n; begin += strip) {
         const std::size_t end = std::min(begin + strip, in.n);
         for (std::size_t i = begin; i < end; i += 8) {
             const PointBlock<D> b(in, i, x);
             near = smaller(b.d2, near);
             store(b.d2, squares + (i - begin));
-            store_seeds(b.d2, seeds + (i - begin));
+            store(seed(b.d2), seeds + (i - begin));
         }
         for (std::size_t i = begin; i < end; i += 8) {
-            const Float8 d2 = load(squares + (i - begin)), y = load_seeds(seeds + (i - begin));
+            const Float8 d2 = load(squares + (i - begin)), y = load(seeds + (i - begin));
             const Float8 r = d2 * y, newton = 3.0 - r * y;
-            const Float8 q = smaller(larger(2 * r3 - r * newton, zero), widest), q2 = q * q;
+            const Float8 q = smaller(larger(2 * r3 - r * newton, 0), w), q2 = q * q;
             const Float8 f = (1.25 * w - q) * (y * newton) * (q2 * q2);
             for (int k = 0; k < D; ++k) s[k] -= f * (load(in.c[k] + i) - x.c[k]);
         }
@@ -268,15 +233,14 @@ void normal(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, Norma
 template <int D>
 double first_root_eq3(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way, double reach2,
                       double radius2) {
-    const Float8 zero = all(0.0);
-    Float8 nearest_root = all(infinity);
+    Float8 nearest_root = infinity;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const Float8 ahead = b.along(way);
         const Float8 inside = ahead * ahead - b.d2 + radius2;
         const Mask hit = (b.d2 < reach2) & (inside >= 0.0) & (ahead >= 0.0);
         if (bits(hit) == 0) continue;
-        const Float8 d0 = ahead - root(choose(hit, inside, zero));
+        const Float8 d0 = ahead - root(choose(hit, inside, 0));
         nearest_root = choose(hit & (d0 >= 0.0) & (d0 < nearest_root), d0, nearest_root);
     }
     return smallest(nearest_root);
@@ -285,18 +249,17 @@ double first_root_eq3(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way
 template <int D>
 void distances(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
                Distances& to) {
-    const Float8 zero = all(0.0), one = all(1.0);
     const Vec<D> u = hip - x;
-    Float8 to_proxy = zero, to_hip = zero, count = zero;
+    Float8 to_proxy = 0, to_hip = 0, count = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const Mask near = b.d2 < reach2;
         if (bits(near) == 0) continue;
         Float8 h2 = (b.d[0] - u.c[0]) * (b.d[0] - u.c[0]);
         for (int k = 1; k < D; ++k) h2 += (b.d[k] - u.c[k]) * (b.d[k] - u.c[k]);
-        to_proxy += choose(near, root(b.d2), zero);
-        to_hip += choose(near, root(h2), zero);
-        count += choose(near, one, zero);
+        to_proxy += choose(near, root(b.d2), 0);
+        to_hip += choose(near, root(h2), 0);
+        count += choose(near, 1, 0);
     }
     to.to_proxy += sum(to_proxy);
     to.to_hip += sum(to_hip);
@@ -306,15 +269,14 @@ void distances(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, doubl
 template <int D>
 double last_root_eq7(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n, double entrenched2,
                      double radius2) {
-    const Float8 zero = all(0.0);
-    Float8 largest = all(-infinity);
+    Float8 largest = -infinity;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const Mask inside = b.d2 < entrenched2;
         if (bits(inside) == 0) continue;
         const Float8 ahead = b.along(n);
         const Float8 under = ahead * ahead + (radius2 - b.d2);
-        const Float8 d = ahead + root(choose(inside, under, zero));
+        const Float8 d = ahead + root(choose(inside, under, 0));
         largest = choose(inside & (d > largest), d, largest);
     }
     return -smallest(-largest);
@@ -322,8 +284,7 @@ double last_root_eq7(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n, d
 
 template <int D>
 double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
-    const Float8 zero = all(0.0);
-    Float8 first = all(infinity);
+    Float8 first = infinity;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, ray.from);
         const Float8 ahead = b.along(ray.direction);
@@ -335,8 +296,8 @@ double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
         const Mask hit = front & (steep | (inner > 0.0));
         if (bits(hit) == 0) continue;
         const Float8 under = choose(steep, outer, inner);
-        Float8 s = ahead - root(choose(hit, under, zero));
-        s = larger(s, zero);
+        Float8 s = ahead - root(choose(hit, under, 0));
+        s = larger(s, 0);
         first = choose(hit & (s < first), s, first);
     }
     return smallest(first);
@@ -344,14 +305,12 @@ double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
 
 template <int D>
 std::size_t indices_within(const PointSpan<D>& in, const Vec<D>& x, double reach2,
-                           std::uint32_t* to, std::size_t capacity) {
+                           std::uint32_t* to) {
     std::size_t n = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
-        for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1, ++n)
-            if (n < capacity)
-                to[n] =
-                    static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(__builtin_ctz(m));
+        for (unsigned m = bits(b.d2 <= reach2); m != 0; m &= m - 1)
+            to[n++] = static_cast<std::uint32_t>(i) + static_cast<std::uint32_t>(__builtin_ctz(m));
     }
     return n;
 }
@@ -359,26 +318,24 @@ std::size_t indices_within(const PointSpan<D>& in, const Vec<D>& x, double reach
 template <int D>
 void accumulate_fit(const PointSpan<D>& in, const FitWindow<D>& p, NormalEquations<D>& to) {
     constexpr int terms = NormalEquations<D>::terms, pairs = terms * (terms + 1) / 2;
-    const Float8 zero = all(0.0), one = all(1.0);
     const double fall = 1 / (p.outer2 - p.inner2);
     Float8 a[pairs], z[terms];
-    for (auto& v : a) v = zero;
-    for (auto& v : z) v = zero;
+    for (auto& v : a) v = 0;
+    for (auto& v : z) v = 0;
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, p.at);
         const Mask near = b.d2 < p.outer2;
         if (bits(near) == 0) continue;
         const Float8 up = -b.along(p.up);
         const Mask counts = near & (up > 0.0) & (up * up > p.cosine2 * b.d2);
-        const Float8 q = choose(counts, smaller((p.outer2 - b.d2) * fall, one), zero);
+        const Float8 q = choose(counts, smaller((p.outer2 - b.d2) * fall, 1), 0);
         const Float8 w = q * q;
         Float8 f[terms];
-        f[0] = one;
-        for (int k = 0; k < D - 1; ++k)
-            f[1 + k] = choose(counts, -b.along(p.side[k]) * p.scale, zero);
+        f[0] = 1;
+        for (int k = 0; k < D - 1; ++k) f[1 + k] = choose(counts, -b.along(p.side[k]) * p.scale, 0);
         for (int k = 0; k < D - 1; ++k) f[D + k] = f[1 + k] * f[1 + k];
         if constexpr (D == 3) f[5] = f[1] * f[2];
-        const Float8 height = choose(counts, (up - p.height) * p.scale, zero);
+        const Float8 height = choose(counts, (up - p.height) * p.scale, 0);
         for (int r = 0, n = 0; r < terms; ++r) {
             const Float8 wf = w * f[r];
             z[r] += wf * height;

@@ -3,22 +3,9 @@
 // The cloud: one array a coordinate, in an order of the owner's choice, and the box around it.
 #pragma once
 
-#include <new>
-
 #include "vfplan/cloud/kernels.hpp"
 
 namespace vfplan::inline v1 {
-
-/// Memory that begins where a register of 64 bytes does: loads do not straddle cache lines.
-template <class T>
-struct Aligned {
-    using value_type = T;
-    static constexpr std::align_val_t line{64};
-
-    T* allocate(std::size_t n) { return static_cast<T*>(::operator new(n * sizeof(T), line)); }
-    void deallocate(T* p, std::size_t) noexcept { ::operator delete(p, line); }
-    bool operator==(const Aligned&) const noexcept { return true; }
-};
 
 /// Points in arrays that may be read seven doubles past the end, as PointSpan asks.
 template <int D>
@@ -39,11 +26,7 @@ class Cloud {
     void clear(std::size_t i) noexcept {
         for (auto& axis : axes_) axis[i] = detail::far_away;
     }
-    Vec<D> operator[](std::size_t i) const noexcept {
-        Vec<D> p;
-        for (int k = 0; k < D; ++k) p.c[k] = axes_[k][i];
-        return p;
-    }
+    Vec<D> operator[](std::size_t i) const noexcept { return span(i, i + 1)[0]; }
     PointSpan<D> span(std::size_t begin, std::size_t end) const noexcept {
         PointSpan<D> s;
         for (int k = 0; k < D; ++k) s.c[k] = axes_[k].data() + begin;
@@ -65,7 +48,7 @@ class Cloud {
 
   private:
     std::size_t n_ = 0;
-    std::vector<double, Aligned<double>> axes_[D];
+    std::vector<double> axes_[D];
 };
 
 /// Throws std::invalid_argument for a coordinate that is not finite or beyond 1e6 m, with its

@@ -45,6 +45,9 @@ inline constexpr int none = -1;
 /// them that finds those near a place.
 class Curve {
   public:
+    /// Inner steps that it takes to find one of the nearest features and to look at it.
+    static constexpr int steps_an_item = 4;
+
     Curve() = default;
 
     /// `strokes`: lines and arcs from vertex to vertex, in space. `plane`: what they are projected
@@ -96,9 +99,12 @@ class Curve {
     /// Distance of y from the curve [m].
     double distance(const Vec2& y) const noexcept {
         double nearest_so_far = infinity;
-        around(y, nearest_so_far, [&](int i) noexcept {
-            nearest_so_far = std::min(nearest_so_far, (*this)[i].distance(y));
-        });
+        tree_.visit_nearest(
+            nearest_so_far, [&](const Box<2>& box) noexcept { return box.distance2(y); },
+            [&](std::uint32_t i) noexcept {
+                budget_.spend(steps_an_item);
+                nearest_so_far = std::min(nearest_so_far, features_[i].distance(y));
+            });
         return nearest_so_far;
     }
 
@@ -202,117 +208,6 @@ struct FeatureHit {
     }
 };
 
-/// What a path meets first, and how far the curve is. It keeps a list of the features around the
-/// proxy, which serves as long as the proxy stays about where the list was gathered.
-class FeatureQuery {
-  public:
-    /// How far the proxy may go from where the list was gathered [R].
-    static constexpr double skin = 0.2;
-    /// Inner steps that it takes to find where a path meets a feature.
-    static constexpr int steps_a_try = 10;
-
-    FeatureQuery(Curve curve, double radius, double band)
-        : curve_(std::move(curve)),
-          // Three lengths, of which rules/constants.hpp gives the reasons: b / 1000, 3 b / 4 and
-          // b / 10.
-          limits_{.start_slack = tuned::start_slack * band,
-                  .max_sink = tuned::max_sink * band,
-                  .full_hollow = tuned::full_hollow * band},
-          R_(radius),
-          band_(band) {
-        list_.reserve(curve_.size());
-    }
-
-    const Curve& curve() const noexcept { return curve_; }
-    const RoundingLimits& limits() const noexcept { return limits_; }
-    /// The list is gathered anew, for the proxy has been put elsewhere.
-    void forget() noexcept { is_gathered_ = false; }
-    std::size_t bytes() const noexcept { return list_.capacity() * sizeof list_[0]; }
-
-    /// What the path meets first up to the parameter `max_t`, the feature `skip` left out. Looks at
-    /// a short part from the start, then at four times as much, and so on: most paths end soon.
-    /// Where the tick may look no further, `t` without a feature tells how much is free.
-    FeatureHit sweep(const ArcPath& path, double max_t, int skip) noexcept {
-        for (double reach = skin * R_ / 2;; reach *= 4) {
-            const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
-            if (hit.feature != none || !(reach < max_t)) return hit;
-            if (curve_.budget().is_spent()) return {.t = reach};
-        }
-    }
-
-    /// Distance of x from the curve where that is at most R + 2 b; else some number above that, or
-    /// infinity [m].
-    double distance(const Vec2& x) noexcept {
-        gather(x, 0);
-        spend_on_list();
-        double nearest = infinity;
-        for (int i : list_) nearest = std::min(nearest, curve_[i].distance(x));
-        return nearest;
-    }
-
-  private:
-    /// What the path meets first up to `max_t`: among the list, or among the boxes that it may pass
-    /// where it is too long for the list.
-    FeatureHit first_hit(const ArcPath& path, double max_t, int skip) noexcept {
-        FeatureHit hit;
-        const auto try_feature = [&](int i) noexcept {
-            const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
-            if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
-            bool is_touching;
-            curve_.budget().spend(steps_a_try);
-            // Where the path goes into what the feature forbids. (E5)
-            const double t =
-                first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
-            if (t < hit.t) hit = {t, i, is_touching};
-        };
-        if (gather(path.x, max_t)) {
-            spend_on_list();
-            for (int i : list_) try_feature(i);
-        } else {
-            curve_.visit(
-                [&](const Box<2>& box) noexcept {
-                    return may_pass(path, std::min(max_t, hit.t), box);
-                },
-                try_feature);
-        }
-        return hit;
-    }
-    /// Whether the path up to `max_t` may come within R of a box. Of a circle it is enough to know
-    /// that it gets no further from its start than t.
-    bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
-        double from, to;
-        if (path.q == 0) return box.clip(path.x, path.T, max_t, R_, from, to);
-        for (int k = 0; k < 2; ++k) {
-            if (box.low.c[k] - R_ - path.x.c[k] > max_t) return false;
-            if (box.high.c[k] + R_ - path.x.c[k] < -max_t) return false;
-        }
-        return true;
-    }
-
-    /// Makes sure that the list holds all that a path from x up to `max_t` can meet, and gathers it
-    /// anew where it has to. False where the path is too long for a list.
-    bool gather(const Vec2& x, double max_t) noexcept {
-        if (is_gathered_ && norm(x - centre_) + max_t <= skin * R_) return true;
-        if (!(max_t <= skin * R_ / 2)) return false;
-        // CurveRule::list_reach tells other code how far this gathers.
-        list_.clear();
-        centre_ = x;
-        is_gathered_ = true;
-        curve_.around(x, R_ * (1 + skin) + 2 * band_, [&](int i) noexcept { list_.push_back(i); });
-        return true;
-    }
-
-    /// One inner step for each feature in the list.
-    void spend_on_list() const noexcept { curve_.budget().spend(list_.size()); }
-
-    Curve curve_;
-    RoundingLimits limits_;
-    double R_, band_;
-    std::vector<int> list_;  // features near centre_
-    Vec2 centre_;
-    bool is_gathered_ = false;
-};
-
 /// The direction along a feature that leads nearer to the HIP. `normal` leads from the feature to
 /// the proxy, and `to_hip` from the proxy to the HIP.
 inline Vec2 tangent_towards(const Vec2& normal, const Vec2& to_hip) noexcept {
@@ -338,54 +233,87 @@ inline bool is_full_hollow(const FeatureContact& contact, const RoundingLimits& 
     return -contact.curvature * limits.full_hollow > 1;
 }
 
-/// The features that touch the proxy where it stands, each of which may hold it from sliding along
-/// the others.
-struct HoldingFeatures {
-    static constexpr int max_features = 6;
-
-    int feature[max_features];
-    FeatureContact contact[max_features];
-    int count = 0;
-
-    /// Adds a feature, with how it touches a proxy at x. False where it is there already, or there
-    /// are too many. A hollow that the proxy fills pushes as its two ends do, so these are added
-    /// instead.
-    bool add(const FeatureQuery& query, int added, const Vec2& x) noexcept {
-        for (int j = 0; j < count; ++j)
-            if (feature[j] == added) return false;
-        const FeatureContact touch = query.curve()[added].contact(x);
-        if (is_full_hollow(touch, query.limits())) {
-            const EndNormal* ends = query.curve()[added].ends;
-            const bool first = add(query, ends[0].next, x);
-            const bool second = add(query, ends[1].next, x);
-            return first || second;
-        }
-        if (count == max_features) return false;
-        feature[count] = added;
-        contact[count] = touch;
-        ++count;
-        return true;
-    }
-    /// The index, into the two arrays, of the feature along which a step leads nearer to the HIP
-    /// and into none of the others. Of several it is the one that was met last. `none` where there
-    /// is no such feature.
-    int open_towards(const Vec2& to_hip) const noexcept {
-        for (int i = count - 1; i >= 0; --i) {
-            const Vec2 tangent = tangent_towards(contact[i].normal, to_hip);
-            bool is_open = dot(tangent, to_hip) > 0;
-            for (int j = 0; j < count && is_open; ++j)
-                is_open = j == i || dot(tangent, contact[j].normal) > -tuned::along_sine;
-            if (is_open) return i;
-        }
-        return none;
-    }
-};
-
-/// What a start may be inside of: all that lies nearer to the curve than R. WayOut
-/// (rules/start_inside.hpp) asks it for the way out.
-class InsideCurve {
+/// How the rule moves a proxy that is outside. `move_to_hip` has the parts of a tick in their
+/// order.
+class CurveMotion {
   public:
-    InsideCurve(const Curve& curve, double radius) noexcept : curve_(curve), R_(radius) {}
+    static constexpr int dimension = 2;
+    /// A proxy at rest stays there as long as the HIP does not move, so a tick with an unmoved HIP
+    /// gives the last answer again.
+    static constexpr bool rest_is_final = true;
+    /// The part of a path that is looked at first [R].
+    static constexpr double first_part = 0.1;
+    /// Inner steps that it takes to find where a path meets a feature.
+    static constexpr int steps_a_try = 10;
+    /// Iterations of a tick, each of which moves the proxy freely or along one feature.
+    static constexpr int max_iterations = 32;
+    /// Inner steps that a slide takes for each feature that it tries.
+    static constexpr int steps_a_slide = 30;
+    /// Inner steps after which a tick stops: half of max_tick_time.
+    static constexpr int max_steps = 30000;
+
+    CurveMotion(Curve curve, const Parameters& p)
+        : curve_(std::move(curve)),
+          // Three lengths, of which rules/constants.hpp gives the reasons: b / 1000, 3 b / 4 and
+          // b / 10.
+          limits_{.start_slack = tuned::start_slack * p.band,
+                  .max_sink = tuned::max_sink * p.band,
+                  .full_hollow = tuned::full_hollow * p.band},
+          R_(p.R()),
+          band_(p.band),
+          neighbourhood_(p.outer_radius + p.point_radius) {}
+
+    const Curve& curve() const noexcept { return curve_; }
+
+    // GuardedRule asks every motion for what follows, down to `contact`.
+
+    const CurveMotion& inside() const noexcept { return *this; }
+    void begin_tick() noexcept { curve_.budget().begin(max_steps); }
+    /// The proxy is put elsewhere: it touches nothing that is known.
+    void release() noexcept { current_ = none; }
+    void reset() noexcept { release(); }
+    /// Only a stall test asks for the iterations of the last motion, and this rule needs none: each
+    /// of its iterations brings the proxy nearer to the HIP (E6). NoStall ignores the number.
+    int iterations() const noexcept { return max_iterations; }
+
+    /// Whether a proxy that may be anywhere is outside.
+    bool is_clear(const Vec2& proxy) const noexcept { return curve_.distance(proxy) >= R_ - band_; }
+    /// The same after a motion. The distance is kept for `contact`.
+    bool is_outside(const Vec2& proxy) noexcept {
+        distance_ = curve_.distance(proxy);
+        return distance_ >= R_ - band_;
+    }
+
+    /// Moves the proxy towards the HIP.
+    MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
+        return move_to_hip(proxy, hip, nullptr);
+    }
+    /// As `move`, but no further than to the edge of the ball. The proxy moves so while it is
+    /// handed over to the rule after a start inside, because the force may change only slowly.
+    /// ((W3) of docs/robust.md)
+    MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
+        return move_to_hip(proxy, hip, &ball);
+    }
+
+    /// Which state the proxy is in, and the direction in which the curve pushes it. GuardedRule has
+    /// asked `is_outside` for the same place just before.
+    RuleAnswer<2> contact(const Vec2& proxy, const Vec2& hip) noexcept {
+        RuleAnswer<2> answer;
+        if (distance_ <= R_ + band_) {
+            answer.state = State::in_contact;
+            // Where it is not one feature that holds the proxy, the spring tells the direction.
+            if (current_ == none || outcome_ == Outcome::corner)
+                answer.normal = along(proxy - hip, 1);
+            else
+                answer.normal = curve_[current_].contact(proxy).normal;
+        } else if (distance_ < neighbourhood_) {
+            answer.state = State::free_motion;
+        }
+        return answer;
+    }
+
+    // What WayOut (rules/start_inside.hpp) asks of what a start may be inside of: all that lies
+    // nearer to the curve than R.
 
     /// Unit vector from the nearest place of the curve to x; 0 where x lies on it, or further than
     /// R.
@@ -415,88 +343,49 @@ class InsideCurve {
     }
 
   private:
-    const Curve& curve_;
-    double R_;
-};
+    /// The features that touch the proxy where it stands, each of which may hold it from sliding
+    /// along the others.
+    struct HoldingFeatures {
+        static constexpr int max_features = 6;
 
-/// How the rule moves a proxy that is outside. `move_to_hip` has the parts of a tick in their
-/// order.
-class CurveMotion {
-  public:
-    static constexpr int dimension = 2;
-    /// A proxy at rest stays there as long as the HIP does not move, so a tick with an unmoved HIP
-    /// gives the last answer again.
-    static constexpr bool rest_is_final = true;
-    /// Iterations of a tick, each of which moves the proxy freely or along one feature.
-    static constexpr int max_iterations = 32;
-    /// Inner steps that a slide takes for each feature that it tries.
-    static constexpr int steps_a_slide = 30;
-    /// Inner steps after which a tick stops: half of max_tick_time.
-    static constexpr int max_steps = 30000;
+        int feature[max_features];
+        FeatureContact contact[max_features];
+        int count = 0;
 
-    CurveMotion(Curve curve, const Parameters& p)
-        : query_(std::move(curve), p.R(), p.band),
-          R_(p.R()),
-          band_(p.band),
-          neighbourhood_(p.outer_radius + p.point_radius) {}
-
-    const Curve& curve() const noexcept { return query_.curve(); }
-    const FeatureQuery& query() const noexcept { return query_; }
-
-    // GuardedRule asks every motion for what follows, down to `contact`.
-
-    InsideCurve inside() const noexcept { return {curve(), R_}; }
-    void begin_tick() noexcept { curve().budget().begin(max_steps); }
-    /// The proxy is put elsewhere: it touches nothing that is known.
-    void release() noexcept { current_ = none; }
-    void reset() noexcept {
-        query_.forget();
-        release();
-    }
-    /// Only a stall test asks for the iterations of the last motion, and this rule needs none: each
-    /// of its iterations brings the proxy nearer to the HIP (E6). NoStall ignores the number.
-    int iterations() const noexcept { return max_iterations; }
-
-    /// Whether a proxy that may be anywhere is outside.
-    bool is_clear(const Vec2& proxy) const noexcept {
-        return curve().distance(proxy) >= R_ - band_;
-    }
-    /// The same after a motion, from the list. The distance is kept for `contact`.
-    bool is_outside(const Vec2& proxy) noexcept {
-        distance_ = query_.distance(proxy);
-        return distance_ >= R_ - band_;
-    }
-
-    /// Moves the proxy towards the HIP.
-    MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
-        return move_to_hip(proxy, hip, nullptr);
-    }
-    /// As `move`, but no further than to the edge of the ball. The proxy moves so while it is
-    /// handed over to the rule after a start inside, because the force may change only slowly.
-    /// ((W3) of docs/robust.md)
-    MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
-        return move_to_hip(proxy, hip, &ball);
-    }
-
-    /// Which state the proxy is in, and the direction in which the curve pushes it. GuardedRule has
-    /// asked `is_outside` for the same place just before.
-    RuleAnswer<2> contact(const Vec2& proxy, const Vec2& hip) noexcept {
-        RuleAnswer<2> answer;
-        if (distance_ <= R_ + band_) {
-            answer.state = State::in_contact;
-            // Where it is not one feature that holds the proxy, the spring tells the direction.
-            if (current_ == none || outcome_ == Outcome::corner)
-                answer.normal = along(proxy - hip, 1);
-            else
-                answer.normal = curve()[current_].contact(proxy).normal;
-        } else if (distance_ < neighbourhood_ || curve().distance(proxy) < neighbourhood_) {
-            // `distance_` is exact up to R + 2 b only, so a larger one is measured again.
-            answer.state = State::free_motion;
+        /// Adds a feature, with how it touches a proxy at x. False where it is there already, or
+        /// there are too many. A hollow that the proxy fills pushes as its two ends do, so these
+        /// are added instead.
+        bool add(const CurveMotion& motion, int added, const Vec2& x) noexcept {
+            for (int j = 0; j < count; ++j)
+                if (feature[j] == added) return false;
+            const FeatureContact touch = motion.curve_[added].contact(x);
+            if (is_full_hollow(touch, motion.limits_)) {
+                const EndNormal* ends = motion.curve_[added].ends;
+                const bool first = add(motion, ends[0].next, x);
+                const bool second = add(motion, ends[1].next, x);
+                return first || second;
+            }
+            if (count == max_features) return false;
+            feature[count] = added;
+            contact[count] = touch;
+            ++count;
+            return true;
         }
-        return answer;
-    }
+        /// The index, into the two arrays, of the feature along which a step leads nearer to the
+        /// HIP and into none of the others. Of several it is the one that was met last. `none`
+        /// where there is no such feature.
+        int open_towards(const Vec2& to_hip) const noexcept {
+            for (int i = count - 1; i >= 0; --i) {
+                const Vec2 tangent = tangent_towards(contact[i].normal, to_hip);
+                bool is_open = dot(tangent, to_hip) > 0;
+                for (int j = 0; j < count && is_open; ++j)
+                    is_open = j == i || dot(tangent, contact[j].normal) > -tuned::along_sine;
+                if (is_open) return i;
+            }
+            return none;
+        }
+    };
 
-  private:
     /// How a part of the motion ended.
     enum class Outcome {
         arrived,     ///< at the HIP
@@ -510,7 +399,45 @@ class CurveMotion {
     /// Features that a slide tries where the proxy stands, one after the other.
     static constexpr int max_features_tried = 12;
 
-    double start_slack() const noexcept { return query_.limits().start_slack; }
+    double start_slack() const noexcept { return limits_.start_slack; }
+
+    /// What the path meets first up to the parameter `max_t`, the feature `skip` left out. Looks at
+    /// a short part from the start, then at four times as much, and so on: most paths end soon.
+    /// Where the tick may look no further, `t` without a feature tells how much is free.
+    FeatureHit sweep(const ArcPath& path, double max_t, int skip) const noexcept {
+        for (double reach = first_part * R_;; reach *= 4) {
+            const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
+            if (hit.feature != none || !(reach < max_t)) return hit;
+            if (curve_.budget().is_spent()) return {.t = reach};
+        }
+    }
+
+    /// What the path meets first up to `max_t`, among the boxes that it may pass.
+    FeatureHit first_hit(const ArcPath& path, double max_t, int skip) const noexcept {
+        FeatureHit hit;
+        const auto try_feature = [&](int i) noexcept {
+            const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
+            if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
+            bool is_touching;
+            curve_.budget().spend(steps_a_try);
+            // Where the path goes into what the feature forbids. (E5)
+            const double t =
+                first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
+            if (t < hit.t) hit = {t, i, is_touching};
+        };
+        curve_.visit(
+            [&](const Box<2>& box) noexcept { return may_pass(path, std::min(max_t, hit.t), box); },
+            try_feature);
+        return hit;
+    }
+    /// Whether the path up to `max_t` may come within R of a box. Of a circle it is enough to know
+    /// that it gets no further from its start than t.
+    bool may_pass(const ArcPath& path, double max_t, const Box<2>& box) const noexcept {
+        double from, to;
+        if (path.q == 0) return box.clip(path.x, path.T, max_t, R_, from, to);
+        const double reach = R_ + max_t;
+        return box.distance2(path.x) <= reach * reach;
+    }
 
     MotionEnd move_to_hip(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         outcome_ = move_freely_and_slide(proxy, hip, ball);
@@ -523,7 +450,7 @@ class CurveMotion {
     /// iteration. `ball` is null except after a start inside, when the proxy may not leave it.
     Outcome move_freely_and_slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
         for (int i = 0; i < max_iterations; ++i) {
-            if (i > 0 && curve().budget().is_spent()) break;
+            if (i > 0 && curve_.budget().is_spent()) break;
             const Vec2 to_hip = hip - proxy;
             const double length = norm(to_hip);
             if (!(length > 0)) return Outcome::arrived;
@@ -538,8 +465,8 @@ class CurveMotion {
     /// Whether the feature that the proxy slid along last lies between it and the HIP, so that it
     /// need not first try to move freely.
     bool is_held(const Vec2& proxy, const Vec2& to_hip) const noexcept {
-        if (current_ == none || !curve()[current_].faces(proxy, start_slack())) return false;
-        const FeatureContact contact = curve()[current_].contact(proxy);
+        if (current_ == none || !curve_[current_].faces(proxy, start_slack())) return false;
+        const FeatureContact contact = curve_[current_].contact(proxy);
         const bool touches = contact.distance < R_ + start_slack();
         const double rounding = tuned::pressing_share * (R_ + norm(to_hip));
         return touches && dot(contact.normal, to_hip) < -rounding;
@@ -550,7 +477,7 @@ class CurveMotion {
     Outcome move_freely(Vec2& proxy, const Vec2& hip, const Vec2& to_hip, double length,
                         const ForceBall<2>* ball, int skip = none) noexcept {
         const ArcPath path(proxy, (1 / length) * to_hip, 0);
-        const FeatureHit hit = query_.sweep(path, length, skip);
+        const FeatureHit hit = sweep(path, length, skip);
         if (ball) {
             const double t = exit_from(*ball, path);
             if (t < std::min(hit.t, length)) {
@@ -564,7 +491,7 @@ class CurveMotion {
             proxy = hip;
             return Outcome::arrived;
         }
-        if (hit.is_immediate(query_.limits())) return Outcome::blocked;
+        if (hit.is_immediate(limits_)) return Outcome::blocked;
         proxy = path.at(hit.t);
         return Outcome::goes_on;
     }
@@ -586,11 +513,11 @@ class CurveMotion {
         lift_to_R(proxy);
         const Vec2 to_hip = hip - proxy;
         HoldingFeatures holding;
-        holding.add(query_, current_, proxy);
+        holding.add(*this, current_, proxy);
         Vec2 last_tangent;  // of the feature whose end the proxy stands at; 0 where at none
         for (int tried = 0; tried < max_features_tried; ++tried) {
-            if (tried > 0 && curve().budget().is_spent()) return Outcome::limit;
-            curve().budget().spend(steps_a_slide);
+            if (tried > 0 && curve_.budget().is_spent()) return Outcome::limit;
+            curve_.budget().spend(steps_a_slide);
             // Along which of them does a path lead towards the HIP and into none of the others?
             const int i = holding.open_towards(to_hip);
             if (i == none) return holding.count > 1 ? Outcome::corner : Outcome::rests;
@@ -607,9 +534,9 @@ class CurveMotion {
             if (end.next != feature && end.t < start_slack()) {
                 // The proxy stands at the end of this feature already: the one beyond takes its
                 // place, and is tried. A hollow that the proxy fills is added as its two ends.
-                const FeatureContact next = curve()[end.next].contact(proxy);
-                if (is_full_hollow(next, query_.limits())) {
-                    if (!holding.add(query_, end.next, proxy)) return Outcome::corner;
+                const FeatureContact next = curve_[end.next].contact(proxy);
+                if (is_full_hollow(next, limits_)) {
+                    if (!holding.add(*this, end.next, proxy)) return Outcome::corner;
                     last_tangent = {};
                 } else {
                     last_tangent = tangent;
@@ -625,16 +552,16 @@ class CurveMotion {
                 is_tangent(contact, to_hip)) {
                 const Outcome left = move_freely(proxy, hip, to_hip, norm(to_hip), ball, feature);
                 if (left != Outcome::blocked) return left;
-                if (!holding.add(query_, current_, proxy)) return Outcome::corner;
+                if (!holding.add(*this, current_, proxy)) return Outcome::corner;
                 last_tangent = {};
                 continue;
             }
 
             // Whether the path meets another feature before that. One that blocks it at its start
             // holds the proxy as well, and another feature is tried. (E5)
-            const FeatureHit hit = query_.sweep(path, end.t, feature);
-            if (hit.feature != none && hit.is_immediate(query_.limits())) {
-                if (!holding.add(query_, hit.feature, proxy)) return Outcome::corner;
+            const FeatureHit hit = sweep(path, end.t, feature);
+            if (hit.feature != none && hit.is_immediate(limits_)) {
+                if (!holding.add(*this, hit.feature, proxy)) return Outcome::corner;
                 last_tangent = {};
                 continue;
             }
@@ -676,7 +603,7 @@ class CurveMotion {
         if (contact.curvature > 0)
             end_sooner(path.in_sight(to_hip, contact.normal), feature);  // (E3)
         end_sooner(path.quarter(), feature);
-        for (const EndNormal& feature_end : curve()[feature].ends)
+        for (const EndNormal& feature_end : curve_[feature].ends)
             end_sooner(feature_end.passed_at(path), feature_end.next);  // (E4)
         return end;
     }
@@ -690,7 +617,7 @@ class CurveMotion {
                    const Vec2& hip) const noexcept {
         if (!hit.is_touching || current_ != hit.feature) return false;
         HoldingFeatures both;
-        return both.add(query_, feature, proxy) && both.add(query_, current_, proxy) &&
+        return both.add(*this, feature, proxy) && both.add(*this, current_, proxy) &&
                dot(both.contact[0].normal, both.contact[1].normal) > 0 &&
                both.open_towards(hip - proxy) == none;
     }
@@ -698,12 +625,12 @@ class CurveMotion {
     /// Lifts the proxy back to R from the current feature where roundings have let it sink by half
     /// of the band.
     void lift_to_R(Vec2& proxy) noexcept {
-        const FeatureContact contact = curve()[current_].contact(proxy);
+        const FeatureContact contact = curve_[current_].contact(proxy);
         const double up = R_ - contact.distance;
         if (up < band_ / 2) return;
         const ArcPath path(proxy, contact.normal, 0);
-        const FeatureHit hit = query_.sweep(path, up, current_);
-        if (!hit.is_immediate(query_.limits())) proxy = path.at(std::min(hit.t, up));
+        const FeatureHit hit = sweep(path, up, current_);
+        if (!hit.is_immediate(limits_)) proxy = path.at(std::min(hit.t, up));
     }
 
     /// Where the path comes out of the ball, which holds its start.
@@ -713,7 +640,8 @@ class CurveMotion {
         return (-path.quadratic_along(inside, w, 1)).first_descent();
     }
 
-    FeatureQuery query_;
+    Curve curve_;
+    RoundingLimits limits_;
     double R_, band_, neighbourhood_;
     int current_ = none;                  // the feature that the proxy has met or slid along last
     Outcome outcome_ = Outcome::arrived;  // of the last motion
@@ -729,10 +657,9 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     static constexpr int max_steps = CurveMotion::max_steps;
     /// Time of an inner step [s], on the machine of docs/engine.md.
     static constexpr double a_step = 5e-9;
-    /// How far away the features in the list lie at most [R]: R (1 + skin) + 2 band, with a band of
-    /// up to 2 `roundings` R. Strokes of coordinates beyond 9e4 R have a larger band, and their
-    /// list reaches further by as much.
-    static constexpr double list_reach = 1 + FeatureQuery::skin + 4 * roundings;
+    /// How far away the features lie that an iteration looks at [R]: on the first part of a path
+    /// and around where it ends.
+    static constexpr double list_reach = 1 + 2 * CurveMotion::first_part;
 
     /// The band b [m]: `roundings` R, or more where the strokes lie so far from the origin that
     /// their coordinates are rounded to more.
@@ -747,9 +674,7 @@ class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
     CurveRule(Curve curve, const Parameters& p)
         : GuardedRule(p.R(), p.band, p.pace(), std::move(curve), p) {}
 
-    std::size_t bytes() const noexcept {
-        return motion().curve().bytes() + motion().query().bytes();
-    }
+    std::size_t bytes() const noexcept { return motion().curve().bytes(); }
     std::size_t cells() const noexcept { return motion().curve().boxes(); }
     double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
 };

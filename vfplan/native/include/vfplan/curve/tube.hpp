@@ -5,6 +5,7 @@
 
 #include <numbers>
 
+#include "vfplan/base/bounds_tree.hpp"
 #include "vfplan/curve/pieces.hpp"
 
 namespace vfplan::inline v1 {
@@ -65,7 +66,22 @@ class Path {
         end(s);
     }
 
+    /// Makes the tree that finds near pieces, once all curves are added.
+    void finish() {
+        const auto box_of = [this](std::size_t first, std::size_t last) {
+            Box<3> box;
+            for (std::size_t i = first; i < last; ++i) {
+                const double half = 0.5 * pieces_[i].length;
+                const Vec3 middle = pieces_[i].ahead(half);
+                box.include({middle - filled<3>(half), middle + filled<3>(half)});
+            }
+            return box;
+        };
+        tree_.build(0, pieces_.size(), box_of, [](std::size_t, std::size_t) {});
+    }
+
     const std::vector<Strand>& strands() const noexcept { return strands_; }
+    const BoundsTree<Box<3>>& tree() const noexcept { return tree_; }
     const Piece& operator[](std::size_t i) const noexcept { return pieces_[i]; }
     std::size_t size() const noexcept { return pieces_.size(); }
 
@@ -107,35 +123,29 @@ class Path {
     };
     PathPlace nearest(const Vec3& x) const noexcept {
         PathPlace best;
-        std::size_t strand = 0;
-        for (const Ball& b : balls_) {
-            if (norm(x - b.middle) - b.radius >= best.distance) continue;
-            for (std::size_t i = b.first; i < b.last; ++i) {
+        tree_.visit_nearest(
+            best.distance,
+            [&](const Box<3>& box) noexcept { return box.distance2(x) * (1 - 1e-12); },
+            [&](std::uint32_t i) noexcept {
                 const Vec3 c = pieces_[i].nearest(x);
                 const double d = norm(x - c);
-                if (!(d < best.distance)) continue;
-                while (i < strands_[strand].first) --strand;
-                while (i >= strands_[strand].first + strands_[strand].count) ++strand;
-                best = {strand, i, c, d};
-            }
-        }
+                // Of places that are as near, the first.
+                if (d < best.distance || (d == best.distance && i < best.piece))
+                    best = {strand_of(i), i, c, d};
+            });
         return best;
     }
-
-    /// Pieces in a row that lie within a ball, so that those far off are passed over at once.
-    struct Ball {
-        std::size_t first, last;
-        Vec3 middle;
-        double radius = 0;
-    };
-    const std::vector<Ball>& balls() const noexcept { return balls_; }
+    /// The number of the strand that a piece is part of.
+    std::size_t strand_of(std::size_t piece) const noexcept {
+        std::size_t s = 0;
+        while (piece >= strands_[s].first + strands_[s].count) ++s;
+        return s;
+    }
     std::size_t bytes() const noexcept {
-        return pieces_.capacity() * sizeof(Piece) + balls_.capacity() * sizeof(Ball);
+        return pieces_.capacity() * sizeof(Piece) + tree_.bytes();
     }
 
   private:
-    /// Number of pieces in a ball. It costs or saves time and changes no answer.
-    static constexpr std::size_t block = 16;
     /// Into how many parts one stroke is cut at most.
     static constexpr double max_parts = 1e5;
 
@@ -143,8 +153,6 @@ class Path {
         s.count = pieces_.size() - s.first;
         if (s.count == 0) reject("a curve needs 2 points that differ, a closed one 3");
         strands_.push_back(s);
-        for (std::size_t i = s.first; i < pieces_.size(); i += block)
-            add_ball(i, s.first + s.count);
     }
     /// The unit tangent at each point, of the circle through it and its neighbours. It is 0 where
     /// the curve turns back on itself.
@@ -199,18 +207,10 @@ class Path {
         length += s.length;
         pieces_.push_back(s);
     }
-    void add_ball(std::size_t first, std::size_t end) {
-        Ball b{first, std::min(first + block, end), {}, 0};
-        for (std::size_t i = b.first; i < b.last; ++i)
-            b.middle = b.middle + (1.0 / double(b.last - b.first)) * pieces_[i].from;
-        for (std::size_t i = b.first; i < b.last; ++i)
-            b.radius = std::max(b.radius, norm(pieces_[i].from - b.middle) + pieces_[i].length);
-        balls_.push_back(b);
-    }
 
     std::vector<Piece> pieces_;
     std::vector<Strand> strands_;
-    std::vector<Ball> balls_;
+    BoundsTree<Box<3>> tree_;
 };
 
 // A tube around a curve may be so wide that it runs into itself, in a turn that is tighter than the
@@ -243,14 +243,14 @@ class TubeCheck {
     /// The narrowest turn or pair of strands in which the tube runs into itself.
     TubeObstacle first_obstacle() const {
         TubeObstacle worst = tight_turns(1);
-        const auto& balls = path_.balls();
-        for (std::size_t a = 0; a < balls.size(); ++a) {
-            for (std::size_t b = a; b < balls.size(); ++b) {
-                const double middles = norm(balls[a].middle - balls[b].middle);
-                if (middles - balls[a].radius - balls[b].radius < 2 * radius_)
-                    adjacent_strands(balls[a], balls[b], worst);
-            }
-        }
+        for (std::size_t i = 0; i < path_.size(); ++i)
+            path_.tree().visit(
+                [&](const Box<3>& box) {
+                    return box.distance2(path_[i].from) < 4 * radius_ * radius_;
+                },
+                [&](std::size_t j) {
+                    if (j > i) adjacent_strands(i, j, worst);
+                });
         return worst;
     }
 
@@ -296,19 +296,15 @@ class TubeCheck {
         }
     }
 
-    /// Looks for the places where two strands, or two parts of one that comes back, are nearest to
-    /// each other.
-    void adjacent_strands(const Path::Ball& a, const Path::Ball& b, TubeObstacle& worst) const {
-        for (std::size_t i = a.first; i < a.last; ++i)
-            for (std::size_t j = std::max(b.first, i + 1); j < b.last; ++j) {
-                const double d = distance(i, j);
-                if (!(d < 2 * radius_)) continue;
-                if (!is_far_along(i, j) || !is_local_minimum(i, j, d)) continue;
-                const double width = distance_around(i, j);
-                if (width <= crossing_distance || width >= 2 * radius_) continue;
-                const std::size_t s = strand(i);
-                keep_narrower(worst, {true, false, width, s, path_[i].start, path_[i].from});
-            }
+    /// Whether two strands, or two parts of one that comes back, are nearest to each other at the
+    /// beginnings of two pieces.
+    void adjacent_strands(std::size_t i, std::size_t j, TubeObstacle& worst) const {
+        const double d = distance(i, j);
+        if (!(d < 2 * radius_) || !is_far_along(i, j) || !is_local_minimum(i, j, d)) return;
+        const double width = distance_around(i, j);
+        if (width <= crossing_distance || width >= 2 * radius_) return;
+        keep_narrower(worst,
+                      {true, false, width, path_.strand_of(i), path_[i].start, path_[i].from});
     }
     /// Between the beginnings of two pieces [m].
     double distance(std::size_t i, std::size_t j) const {
@@ -316,24 +312,18 @@ class TubeCheck {
     }
     /// Whether two pieces are parts of two strands, or half a circle apart along the same one.
     bool is_far_along(std::size_t i, std::size_t j) const {
-        const std::size_t s = strand(i);
-        if (s != strand(j)) return true;
+        const std::size_t s = path_.strand_of(i);
+        if (s != path_.strand_of(j)) return true;
         const Strand& t = path_.strands()[s];
         double way = std::abs(path_[i].start - path_[j].start);
         if (t.closed) way = std::min(way, t.length - way);
         return way >= half_circle();
     }
-    /// The number of the strand that a piece is part of.
-    std::size_t strand(std::size_t piece) const {
-        std::size_t s = 0;
-        while (piece >= path_.strands()[s].first + path_.strands()[s].count) ++s;
-        return s;
-    }
     /// Whether no neighbour of the one is nearer to the other.
     bool is_local_minimum(std::size_t i, std::size_t j, double d) const {
         for (const int side : {-1, 1}) {
-            const std::size_t k = path_.next_piece(path_.strands()[strand(i)], i, side);
-            const std::size_t l = path_.next_piece(path_.strands()[strand(j)], j, side);
+            const std::size_t k = path_.next_piece(path_.strands()[path_.strand_of(i)], i, side);
+            const std::size_t l = path_.next_piece(path_.strands()[path_.strand_of(j)], j, side);
             if (k != Path::none && distance(k, j) < d) return false;
             if (l != Path::none && distance(i, l) < d) return false;
         }
@@ -349,7 +339,7 @@ class TubeCheck {
         return least;
     }
     std::array<std::size_t, 2> adjoining_pieces(std::size_t i) const {
-        return {i, path_.next_piece(path_.strands()[strand(i)], i, -1)};
+        return {i, path_.next_piece(path_.strands()[path_.strand_of(i)], i, -1)};
     }
     /// Distance of the chords of two pieces [m] (Ericson, "Real-Time Collision Detection", 5.1.9).
     static double between(const Piece& p, const Piece& q) {
