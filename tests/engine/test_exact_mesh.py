@@ -3,6 +3,7 @@
 `meshes.py` draws the cases and judges them.
 """
 
+import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,7 @@ import meshes
 import numpy as np
 import pytest
 from meshes import R
-from motion import drag, hold, play, unbroken
+from motion import NATIVE, compiled, drag, hold, play, unbroken
 from replays import meshed
 from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
@@ -164,6 +165,30 @@ def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
         engine.reset(hip)
         proxy = engine.run(np.tile(hip, (1500, 1))).proxy[-1:]
         assert meshes.winding(points[triangles], proxy)[0] == 0
+
+
+# Along which Mesh::winding looks.
+RAY = np.array([0.4317, 0.5713, 0.6980361])
+
+
+@pytest.mark.parametrize(
+    ("shape", "longest"), [(meshes.sphere(0.03, 2), None), (meshes.box(), 8e-3)]
+)
+def test_a_ray_through_corners_and_edges_tells_the_side(shape, longest, tmp_path):
+    points, triangles = shape if longest is None else refined(*shape, longest)
+    corners = points[triangles]
+    edges = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
+    on_skin = np.vstack([points, np.unique(edges, axis=0), corners.mean(axis=1)])
+    places = np.vstack([on_skin + way * RAY for way in (-0.05, -0.013, -0.004, -1e-3, 1e-3, 0.01)])
+    places = places[meshes.distance(corners, places) > 1e-6]
+    numbers = [len(points), len(triangles), len(places)]
+    for rows in (points, triangles, places):
+        numbers += rows.ravel().tolist()
+    program = compiled(tmp_path, NATIVE / "mesh_sides.cpp", "-O0", "-DVFPLAN_NARROW")
+    text = " ".join(map(repr, numbers))
+    found = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
+    assert np.array_equal(np.array(found.split(), int), meshes.winding(corners, places))
+    assert len(places) > 800
 
 
 @pytest.mark.parametrize("times", [0, 2])

@@ -265,6 +265,8 @@ class Mesh {
             triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
             faces_.push_back(i.rows);
         }
+        corners_.resize(1 + std::size_t(*std::max_element(s.triangles, s.triangles + 3 * s.k)));
+        for (std::uint32_t row = 0; row < corners_.size(); ++row) corners_[row] = corner_of(s, row);
     }
 
     const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
@@ -273,7 +275,8 @@ class Mesh {
     std::size_t size() const noexcept { return triangles_.size(); }
     std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
-        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) + tree_.bytes();
+        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) +
+               corners_.capacity() * sizeof(Vec3) + tree_.bytes();
     }
 
     /// Calls f(i) for every triangle in a disc of which `is_near(disc)` is true. Returns the inner
@@ -312,27 +315,47 @@ class Mesh {
     /// How often a closed surface winds around y: 0 outside, whichever way its triangles are
     /// turned. Adds the inner steps that it took.
     int winding(const Vec3& y, int& steps) const noexcept {
-        const Vec3 ray{0.4317, 0.5713, 0.6980361};  // along which no mesh is laid out
         int turns = 0;
+        const double roundings = 1e-14 * norm(y);
         steps += visit(
             [&](const Disc& disc) noexcept {
                 const Vec3 w = disc.middle - y;
                 const double ahead = dot(w, ray) / dot(ray, ray);
                 const Vec3 beside = w - std::max(ahead, 0.0) * ray;
-                return dot(beside, beside) <= disc.size() * disc.size() * (1 + 1e-9);
+                const double reach = (1 + 1e-9) * disc.size() + 1e-14 * norm(w) + roundings;
+                return dot(beside, beside) <= reach * reach;
             },
-            [&](std::uint32_t i) noexcept {
-                const Triangle& t = triangles_[i];
-                const Vec3 p = t.a - y, q = p + t.ab, r = p + t.ac;
-                const double a = dot(ray, cross(p, q)), b = dot(ray, cross(q, r)),
-                             c = dot(ray, cross(r, p)), ahead = dot(p, cross(t.ab, t.ac));
-                if (a > 0 && b > 0 && c > 0 && ahead > 0) ++turns;
-                if (a < 0 && b < 0 && c < 0 && ahead < 0) --turns;
-            });
+            [&](std::uint32_t i) noexcept { turns += crossing(faces_[i], y); });
         return turns;
     }
 
   private:
+    static constexpr Vec3 ray{{0.4317, 0.5713, 0.6980361}};  // along which no mesh is laid out
+
+    /// 1 or -1 where the ray from y passes through a triangle from its one side or its other, else
+    /// 0. Seen along the ray, y is the origin. An edge is looked at in the same way in both
+    /// triangles that have it, so that a ray that meets it, or a corner, passes through one of
+    /// them.
+    int crossing(const Face& face, const Vec3& y) const noexcept {
+        Vec3 p[3];
+        for (int k = 0; k < 3; ++k) {
+            const Vec3 w = corners_[face[k]] - y;
+            p[k] = {w[0] - ray[0] / ray[2] * w[2], w[1] - ray[1] / ray[2] * w[2], w[2]};
+        }
+        // Where the sides cross the plane p[1] = 0, one upwards and one downwards.
+        double across[2] = {}, ahead[2] = {};
+        for (int k = 0; k < 3; ++k) {
+            const Vec3 &from = p[k], &to = p[(k + 1) % 3];
+            if ((from[1] > 0) == (to[1] > 0)) continue;
+            const bool is_up = to[1] > 0;
+            const Vec3 &low = is_up ? from : to, &high = is_up ? to : from;
+            across[is_up] = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1]);
+            ahead[is_up] = (low[2] * high[1] - high[2] * low[1]) / (high[1] - low[1]);
+        }
+        if ((across[0] > 0) == (across[1] > 0)) return 0;
+        const int side = across[1] > 0 ? 1 : -1;
+        return side * (ahead[0] * across[1] - ahead[1] * across[0]) > 0 ? side : 0;
+    }
     struct Item {
         std::array<Vec3, 3> corner;
         Vec3 middle;
@@ -382,6 +405,7 @@ class Mesh {
 
     std::vector<Triangle> triangles_;
     std::vector<Face> faces_;
+    std::vector<Vec3> corners_;  // of all faces, by their rows
     BoundsTree<Disc> tree_;
 };
 
