@@ -21,7 +21,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.proxy import sampled
+from vfplan.engine.proxy import MAX_TICK_TIME, sampled
 from vfplan.errors import SceneError
 from vfplan.scenes import god_object
 
@@ -136,16 +136,19 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
 
 
+@pytest.mark.parametrize("rule", ["exact"])
 @pytest.mark.parametrize("turned", [False, True])
-def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
+def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned, rule):
     """Two balls 3 mm apart, nearer than the proxy fits; of one, facets may look inwards."""
     points, triangles = meshes.sphere(0.03, 3)
     points = np.vstack((points, points + np.array([0.063, 0, 0])))
     second = triangles + len(points) // 2
     corners = np.vstack((triangles, second[:, ::-1] if turned else second))
-    engine = vfplan.ProxyEngine.on(points, corners, R)
+    drawn = replace(meshed(points, corners), sample_radius=1e-3)
+    drawn = replace(drawn, rendering=replace(drawn.rendering, band=1.5e-4))
+    engine = vfplan.ProxyEngine.of(drawn, rule)
     rng = np.random.default_rng(4)
-    for depth in (1e-6, *rng.uniform(0, 0.95 * R, 6)):
+    for depth in (1e-6, *rng.uniform(0, 0.8 * R, 6)):
         away = rng.normal(size=3) if depth > 1e-3 else np.array([1, 0, 0])
         hip = away / np.linalg.norm(away) * (0.0295 - depth)
         engine.reset(hip)
@@ -167,7 +170,24 @@ def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
         assert meshes.winding(points[triangles], proxy)[0] == 0
 
 
-# Along which Mesh::winding looks.
+def test_a_search_for_the_body_stops_at_the_budget_of_a_tick():
+    """In the first of 1500 cubes, through all of which the search looks."""
+    points, triangles = meshes.box((0.02, 0.02, 0.02))
+    rows = np.arange(1500)[:, None, None]
+    points = (points + 0.03 * rows * RAY).reshape(-1, 3)
+    engine = vfplan.ProxyEngine.on(points, (triangles + 8 * rows).reshape(-1, 3), R)
+    hip = np.array([0.0085, 1e-3, 5e-4])
+    times = []
+    for _ in range(4):
+        engine.reset(hip)
+        trace, micros = engine.run_timed(np.tile(hip, (2000, 1)))
+        times.append(micros)
+    assert trace.status[-1] == 0
+    assert trace.proxy[-1] == pytest.approx(hip * [0, 1, 1] + [0.01 + R, 0, 0], abs=1e-6)
+    assert np.min(times, axis=0).max() < 1e6 * MAX_TICK_TIME
+
+
+# Along which the core looks for the body.
 RAY = np.array([0.4317, 0.5713, 0.6980361])
 
 

@@ -17,11 +17,16 @@ int main() {
     for (std::int32_t& row : triangles) std::cin >> row;
     const vfplan::mesh::TriangleQuery query(
         vfplan::mesh::Mesh({points.data(), n, triangles.data(), k}), 5e-3, 1e-6);
-    const vfplan::mesh::InsideMesh inside(query, 5e-3, true);
+    vfplan::mesh::BodySearch body;
+    const vfplan::mesh::InsideMesh inside(query, 5e-3, &body);
     for (std::size_t i = 0; i < places; ++i) {
         vfplan::Vec3 y;
         for (double& x : y.c) std::cin >> x;
-        query.budget().begin(1'000'000);
-        std::cout << inside.is_in_body(y) << '\n';
+        std::optional<bool> is_in;
+        while (!is_in) {
+            query.budget().begin(100);
+            is_in = inside.is_in_body(y, 0);
+        }
+        std::cout << *is_in << '\n';
     }
 }

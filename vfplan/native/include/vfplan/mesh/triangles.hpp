@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "vfplan/base/bounds_tree.hpp"
+#include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::inline v1::mesh {
@@ -312,21 +313,34 @@ class Mesh {
         return least;
     }
 
-    /// How often a closed surface winds around y: 0 outside, whichever way its triangles are
-    /// turned. Adds the inner steps that it took.
-    int winding(const Vec3& y, int& steps) const noexcept {
-        int turns = 0;
-        const double roundings = 1e-14 * norm(y);
-        steps += visit(
+    /// Goes on counting at a node of the tree, from 0 to boxes(), how often a closed surface winds
+    /// around y: 0 outside, whichever way its triangles are turned. Returns its inner steps.
+    int count_turns(const Vec3& y, std::uint32_t& node, int& turns) const noexcept {
+        return tree_.visit_node(
+            node,
             [&](const Disc& disc) noexcept {
                 const Vec3 w = disc.middle - y;
                 const double ahead = dot(w, ray) / dot(ray, ray);
                 const Vec3 beside = w - std::max(ahead, 0.0) * ray;
-                const double reach = (1 + 1e-9) * disc.size() + 1e-14 * norm(w) + roundings;
+                const double reach =
+                    (1 + 1e-9) * disc.size() + 1e-14 * (norm(w) + norm(disc.middle));
                 return dot(beside, beside) <= reach * reach;
             },
             [&](std::uint32_t i) noexcept { turns += crossing(faces_[i], y); });
-        return turns;
+    }
+    /// Whether each side is one of two triangles that have the same side up.
+    bool is_closed() const {
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> sides, back;
+        for (const Face& face : faces_)
+            for (std::size_t k = 0; k < 3; ++k) {
+                const std::uint32_t from = face[k], to = face[(k + 1) % 3];
+                if (from == to) return false;
+                sides.emplace_back(from, to);
+                back.emplace_back(to, from);
+            }
+        std::sort(sides.begin(), sides.end());
+        std::sort(back.begin(), back.end());
+        return sides == back && std::adjacent_find(sides.begin(), sides.end()) == sides.end();
     }
 
   private:
@@ -407,6 +421,32 @@ class Mesh {
     std::vector<Face> faces_;
     std::vector<Vec3> corners_;  // of all faces, by their rows
     BoundsTree<Disc> tree_;
+};
+
+/// Whether places lie in the body of which a closed mesh is the skin. It looks as far as a tick's
+/// budget lets it, and goes on in the next tick.
+class BodySearch {
+  public:
+    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y.
+    /// `step` is what an inner step costs.
+    std::optional<bool> is_inside(const Mesh& mesh, const Vec3& y, double clear, WorkBudget& budget,
+                                  int step = 1) noexcept {
+        if (!(norm(y - at_) <= clear_)) *this = {y, clear};
+        while (node_ < mesh.boxes()) {
+            if (budget.is_spent()) return std::nullopt;
+            budget.spend(step * mesh.count_turns(at_, node_, turns_));
+        }
+        return turns_ != 0;
+    }
+    BodySearch() noexcept = default;
+
+  private:
+    BodySearch(const Vec3& at, double clear) noexcept : at_(at), clear_(clear) {}
+
+    Vec3 at_;
+    double clear_ = -1;  // nothing is looked for yet
+    std::uint32_t node_ = 0;
+    int turns_ = 0;
 };
 
 }  // namespace vfplan::inline v1::mesh
