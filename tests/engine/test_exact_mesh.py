@@ -136,7 +136,7 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
 
 
-@pytest.mark.parametrize("rule", ["exact"])
+@pytest.mark.parametrize("rule", ["exact", "robust"])
 @pytest.mark.parametrize("turned", [False, True])
 def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned, rule):
     """Two balls 3 mm apart, nearer than the proxy fits; of one, facets may look inwards."""

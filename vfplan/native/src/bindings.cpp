@@ -317,6 +317,13 @@ NB_MODULE(_core, m) {
                 });
             },
             "hips"_a, "timed"_a = false)
+        .def(
+            "set_skin",
+            [](Engine& e, const Rows& points, const Triples& triangles) {
+                const EngineUse turn(e);
+                e.set_skin(surface(points, triangles));
+            },
+            "points"_a, "triangles"_a, "the mesh of which its points are samples")
         .def("exchange", &exchange, "other"_a)
         .def("edit", &edit, "remove"_a.none(), "add"_a.none())
         .def("remake",

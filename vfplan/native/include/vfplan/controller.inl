@@ -68,9 +68,10 @@ class Rendered {
         : parameters(p), fixture_(fixture) {
         if (use == Use::real_time) bundle::check_work(fixture, p);
         const std::vector<double> forbidden = fixture.forbidden();
-        if (p.rule == Rule::exact)
-            region.emplace(fixture.guidance ? Engine(fixture.pieces_of(false), p)
-                                            : bundle::make_engine(fixture, p, Use::replay));
+        if (!fixture.guidance)
+            region.emplace(bundle::make_engine(fixture, p, Use::replay));
+        else if (p.rule == Rule::exact)
+            region.emplace(fixture.pieces_of(false), p);
         else if (!forbidden.empty())
             region.emplace(forbidden.data(), forbidden.size() / 3, p);
         if (fixture.guidance) guide.emplace(bundle::make_guide(fixture, p.period));

@@ -74,6 +74,13 @@ class Engine {
     explicit Engine(const bundle::Fixture& fixture, std::optional<Rule> rule = std::nullopt,
                     Use use = Use::real_time);
 
+    /// Of rule robust in space, before the first tick: its points are samples of this mesh. Where
+    /// that is closed, a start under its skin is led out of the body, until an edit.
+    void set_skin(const mesh::Surface& surface) {
+        mesh::check(surface);
+        if (impl_) impl_->set_skin(surface);
+    }
+
     Engine(Engine&& other) noexcept { *this = std::move(other); }
     /// Of two engines that no loop steps.
     Engine& operator=(Engine&& other) noexcept {

@@ -97,17 +97,29 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
           all_(std::move(all)) {}
 
     void remove(std::size_t id) noexcept override {
-        if constexpr (is_editable) this->rule_.point_changed(index().remove(id), false);
+        if constexpr (is_editable) {
+            this->rule_.set_skin(nullptr);
+            this->rule_.point_changed(index().remove(id), false);
+        }
     }
     void add(const Vec3& point) noexcept override {
         if constexpr (is_editable) {
             const Vec<D> p = this->space_.project(point);
             index().add(p);
+            this->rule_.set_skin(nullptr);
             this->rule_.point_changed(p, true);
         }
     }
+    void set_skin(const mesh::Surface& surface) override {
+        if constexpr (is_editable && D == 3) {
+            skin_ = std::make_unique<mesh::Mesh>(surface);
+            if (!skin_->is_closed()) skin_.reset();
+            this->rule_.set_skin(skin_.get());
+        }
+    }
     std::size_t bytes() noexcept override {
-        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0);
+        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0) +
+               (skin_ ? skin_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return index().cells(); }
     double distance_within(const Vec3& x, double reach) noexcept override {
@@ -125,6 +137,7 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
 
     Kernels<D> kernels_;
     std::unique_ptr<PointIndex<D>> all_;
+    std::unique_ptr<mesh::Mesh> skin_;
 };
 
 /// A rule among lines and arcs, or triangles.

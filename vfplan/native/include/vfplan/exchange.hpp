@@ -32,6 +32,8 @@ struct EngineImpl {
     virtual void set_stiffness(const Vec3& k) noexcept = 0;
     virtual void remove(std::size_t) noexcept {}
     virtual void add(const Vec3&) noexcept {}
+    /// The points are samples of this mesh.
+    virtual void set_skin(const mesh::Surface&) {}
     virtual std::size_t bytes() noexcept = 0;
     virtual std::size_t cells() noexcept = 0;
     virtual bool planar() noexcept = 0;
