@@ -17,8 +17,8 @@ int main() {
     for (std::int32_t& row : triangles) std::cin >> row;
     const vfplan::mesh::TriangleQuery query(
         vfplan::mesh::Mesh({points.data(), n, triangles.data(), k}), 5e-3, 1e-6);
-    vfplan::mesh::BodySearch body;
-    const vfplan::mesh::InsideMesh inside(query, 5e-3, &body);
+    vfplan::mesh::BodySearch body(&query.mesh());
+    const vfplan::mesh::InsideMesh inside(query, 5e-3, body);
     for (std::size_t i = 0; i < places; ++i) {
         vfplan::Vec3 y;
         for (double& x : y.c) std::cin >> x;

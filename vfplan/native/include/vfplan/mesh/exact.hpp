@@ -16,8 +16,7 @@ namespace vfplan::inline v1::mesh {
 /// What a start may be inside of: all that lies nearer to the mesh than R.
 class InsideMesh {
   public:
-    /// `body`: null where the mesh is not closed.
-    InsideMesh(const TriangleQuery& query, double radius, BodySearch* body) noexcept
+    InsideMesh(const TriangleQuery& query, double radius, BodySearch& body) noexcept
         : query_(query), R_(radius), body_(body) {}
 
     Vec3 from_nearest(const Vec3& x) const noexcept {
@@ -47,14 +46,13 @@ class InsideMesh {
     }
     /// Whether y lies in the body; nothing where this tick may look no further.
     std::optional<bool> is_in_body(const Vec3& y, double clear) const noexcept {
-        if (!body_) return false;
-        return body_->is_inside(query_.mesh(), y, clear, query_.budget());
+        return body_.is_inside(y, clear, query_.budget());
     }
 
   private:
     const TriangleQuery& query_;
     double R_;
-    BodySearch* body_;
+    BodySearch& body_;
 };
 
 /// How the rule moves a proxy that is outside.
@@ -73,12 +71,12 @@ class MeshMotion {
           neighbourhood_(p.outer_radius + p.point_radius),
           query_(std::move(mesh), R_, band_),
           planes_(R_, band_),
-          is_closed_(query_.mesh().is_closed()),
+          body_search_(query_.mesh().is_closed() ? &query_.mesh() : nullptr),
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
-    InsideMesh inside() noexcept { return {query_, R_, is_closed_ ? &body_search_ : nullptr}; }
+    InsideMesh inside() noexcept { return {query_, R_, body_search_}; }
     void begin_tick() noexcept { query_.budget().begin(max_steps); }
     void release() noexcept { planes_.clear(); }
     void reset() noexcept {
@@ -229,7 +227,6 @@ class MeshMotion {
     double R_, band_, neighbourhood_;
     TriangleQuery query_;
     ContactPlanes planes_;  // of the last step
-    bool is_closed_;
     BodySearch body_search_;
     SmoothContact body_;
     double distance_ = infinity;  // from the mesh, where the proxy was checked last [m]

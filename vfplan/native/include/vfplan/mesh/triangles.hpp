@@ -427,22 +427,29 @@ class Mesh {
 /// budget lets it, and goes on in the next tick.
 class BodySearch {
   public:
+    /// `skin`: stays where it is; null where there is no closed mesh.
+    explicit BodySearch(const Mesh* skin = nullptr) noexcept : skin_(skin) {}
+
     /// Nothing while it is not known. What lies within `clear` of y is on the same side as y.
     /// `step` is what an inner step costs.
-    std::optional<bool> is_inside(const Mesh& mesh, const Vec3& y, double clear, WorkBudget& budget,
+    std::optional<bool> is_inside(const Vec3& y, double clear, WorkBudget& budget,
                                   int step = 1) noexcept {
-        if (!(norm(y - at_) <= clear_)) *this = {y, clear};
-        while (node_ < mesh.boxes()) {
+        if (!skin_) return false;
+        if (!(norm(y - at_) <= clear_)) {
+            at_ = y;
+            clear_ = clear;
+            node_ = 0;
+            turns_ = 0;
+        }
+        while (node_ < skin_->boxes()) {
             if (budget.is_spent()) return std::nullopt;
-            budget.spend(step * mesh.count_turns(at_, node_, turns_));
+            budget.spend(step * skin_->count_turns(at_, node_, turns_));
         }
         return turns_ != 0;
     }
-    BodySearch() noexcept = default;
 
   private:
-    BodySearch(const Vec3& at, double clear) noexcept : at_(at), clear_(clear) {}
-
+    const Mesh* skin_;
     Vec3 at_;
     double clear_ = -1;  // nothing is looked for yet
     std::uint32_t node_ = 0;

@@ -147,7 +147,7 @@ class RobustMotion {
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
     InsideCloud<D> inside() noexcept { return {neighbours_.index(), kernels_, R_, body_}; }
-    void set_skin(const mesh::Mesh* skin) noexcept { body_ = {skin, {}}; }
+    void set_skin(const mesh::Mesh* skin) noexcept { body_ = mesh::BodySearch(skin); }
     /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
     /// is put elsewhere: what it keeps, it keeps with the place it was found for.
     void begin_tick() noexcept { budget().begin(work::way_out); }
@@ -476,7 +476,7 @@ class RobustMotion {
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
     Sweep<D> sweep_;
-    SampledBody body_;
+    mesh::BodySearch body_;
     double distance_limit_ = 0;  // |proxy - HIP| with which this tick may end at most [m]
     double nearest2_ = 0;        // of the place that is_outside was asked for last [m^2]
     int iterations_ = 0;         // of this tick

@@ -40,19 +40,13 @@ class FreeBefore {
     ~FreeBefore() = default;
 };
 
-/// The closed mesh of which a cloud's points are samples, if it is known, and what is looked for in
-/// it.
-struct SampledBody {
-    const mesh::Mesh* skin = nullptr;
-    mesh::BodySearch search;
-};
-
-/// What a start may be inside of: the balls of radius R around the points of a cloud, and the body.
+/// What a start may be inside of: the balls of radius R around the points of a cloud, and the body
+/// of whose skin they are samples, if it is known.
 template <int D>
 class InsideCloud {
   public:
     InsideCloud(const PointIndex<D>& points, const Kernels<D>& kernels, double radius,
-                SampledBody& body) noexcept
+                mesh::BodySearch& body) noexcept
         : points_(points), kernels_(kernels), R_(radius), body_(body) {}
 
     /// From the nearest point within R to x; 0 where there is none but at x itself.
@@ -88,15 +82,14 @@ class InsideCloud {
     std::optional<bool> is_in_body(const Vec<D>& y, double clear) const noexcept
         requires(D == 3)
     {
-        if (!body_.skin) return false;
-        return body_.search.is_inside(*body_.skin, y, clear, points_.budget(), work::triangle);
+        return body_.is_inside(y, clear, points_.budget(), work::triangle);
     }
 
   private:
     const PointIndex<D>& points_;
     Kernels<D> kernels_;
     double R_;
-    SampledBody& body_;
+    mesh::BodySearch& body_;
 };
 
 /// The way out of what a start is inside of. `Geometry` is InsideCloud, or the same for a curve or
