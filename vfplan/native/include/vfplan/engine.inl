@@ -46,6 +46,14 @@ class RuleInSpace : public EngineImpl {
         rule_.continue_from(previous ? &previous_ : nullptr);
     }
 
+    std::optional<Vec3> end_of_way() noexcept final {
+        if constexpr (requires { rule_.end_of_way(proxy_); }) {
+            const std::optional<Vec<D>> end = rule_.end_of_way(proxy_);
+            if (!end) return std::nullopt;
+            return space_.place(*end, last_.proxy, proxy_);
+        }
+        return last_.proxy;
+    }
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
             Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN

@@ -113,6 +113,12 @@ class WayOut {
         if (leads_to_other_side_) return Status::inside | Status::other_side;
         return Status::inside;
     }
+    /// Where it leads a proxy at x that does not go with the HIP; nothing while that is not known.
+    std::optional<Vec<D>> end(const Vec<D>& x) const noexcept {
+        if (!is_active_ || leads_to_other_side_) return x;
+        if (ticks_to_choose_ > 0) return std::nullopt;
+        return shortest_ < infinity ? start_ + shortest_ * direction_ : x;
+    }
     void stop() noexcept {
         is_active_ = false;
         leads_to_other_side_ = false;
@@ -354,6 +360,10 @@ class StartInside {
             keeps_place_ = false;
         }
         return false;
+    }
+    /// Where a proxy at x that was led out from where it was before an exchange comes out.
+    std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept {
+        return keeps_place_ ? way_out_.end(x) : x;
     }
     /// What a tick on the way out answers.
     RuleAnswer<D> answer() const noexcept {
