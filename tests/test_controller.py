@@ -291,3 +291,32 @@ def test_an_arm_that_takes_torques_is_let_go_when_its_jacobian_stays_away(tmp_pa
     assert answers[-1].stop
     assert not controller.torque_nm.any()
     assert answers[-1].stopping == 256 * GovernorStatus.BAD_JACOBIAN
+
+
+def test_a_moving_fixture_keeps_the_place_of_a_reset_and_a_clock_may_begin_anew(tmp_path):
+    """Before its first pose a jump is told; after a reset an earlier time is the new clock."""
+    path = stored(tmp_path / "a.h5")
+    controller = Controller(path, **ANY, moving=(0.1, 0.25, 1.0))
+    controller.reset(ABOVE)
+    controller.pose(100.0, np.eye(4))
+    assert controller.step(1000 * ABOVE, 100.001).status == Status.JUMPED
+    assert controller.step(ABOVE, 100.002).status == Status.OK
+    for begin in (50.0, 0.0):
+        controller.reset(ABOVE)
+        assert controller.step(ABOVE, begin).status == Status.STALE
+        for tick in range(1, 6):
+            controller.pose(begin + 1e-3 * tick, np.eye(4))
+            out = controller.step(ABOVE, begin + 1e-3 * tick)
+        assert out.status == Status.OK
+    controller = Controller(path, **ANY, moving=(0.1, 0.25, 1.0))
+    controller.reset(ABOVE)
+    controller.pose(0.0, np.eye(4))
+    out = controller.step(DEEP, 0.001)
+    assert out.status == Status.OK
+    assert out.proxy[1] > 4.9e-3
+
+
+@pytest.mark.parametrize("value", [np.inf, np.nan, -1.0])
+def test_what_is_wrong_with_the_largest_stiffness_is_said_of_it(value, tmp_path):
+    with pytest.raises(SettingError, match="max_stiffness"):
+        Controller(stored(tmp_path / "a.h5"), **ANY, max_stiffness_n_per_m=value)

@@ -157,6 +157,23 @@ def test_a_plan_moved_over_the_proxy_pushes_it_out_on_its_own_side(seed):
     assert past >= 2
 
 
+@pytest.mark.parametrize("ticks", [2, 5, 40])
+@pytest.mark.parametrize("kind", range(3))
+def test_walls_exchanged_in_quick_succession_keep_the_side(kind, ticks):
+    """6, 3 and 3 mm on: the last lies beyond the proxy that the others push out."""
+    e, up, hip = wall(kind, np.eye(3), 0), np.array([0, 0, 1.0]), np.array([0, 0, -1e-3])
+    e.run(np.linspace(8e-3, -1e-3, 100)[:, None] * up)
+    last = e.step(hip).force
+    for height in (6e-3, 9e-3, 12e-3):
+        e.exchange(wall(kind, np.eye(3), height))
+        _, rest = led(e, np.tile(hip, (ticks, 1)), last)
+        assert not (rest.status & Status.CROSSED).any()
+        last = rest.force[-1]
+    _, rest = led(e, np.tile(hip, (2000, 1)), last)
+    assert not rest.status[-1]
+    assert rest.proxy[-1, 2] == pytest.approx(12e-3 + R, abs=2 * BAND)
+
+
 def test_where_no_free_way_is_left_it_is_told():
     """A room that is filled: out through what was its wall."""
     g, side = np.linspace(-9e-3, 9e-3, 37), np.full(37, 9e-3)

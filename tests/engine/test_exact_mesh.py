@@ -3,6 +3,7 @@
 `meshes.py` draws the cases and judges them.
 """
 
+import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -11,7 +12,7 @@ import meshes
 import numpy as np
 import pytest
 from meshes import R
-from motion import drag, hold, play, unbroken
+from motion import NATIVE, compiled, drag, hold, play, unbroken
 from replays import meshed
 from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
@@ -20,7 +21,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.proxy import sampled
+from vfplan.engine.proxy import MAX_TICK_TIME, sampled
 from vfplan.errors import SceneError
 from vfplan.scenes import god_object
 
@@ -135,16 +136,19 @@ def test_a_sphere_of_many_triangles_is_the_sphere():
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
 
 
+@pytest.mark.parametrize("rule", ["exact", "robust"])
 @pytest.mark.parametrize("turned", [False, True])
-def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned):
+def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned, rule):
     """Two balls 3 mm apart, nearer than the proxy fits; of one, facets may look inwards."""
     points, triangles = meshes.sphere(0.03, 3)
     points = np.vstack((points, points + np.array([0.063, 0, 0])))
     second = triangles + len(points) // 2
     corners = np.vstack((triangles, second[:, ::-1] if turned else second))
-    engine = vfplan.ProxyEngine.on(points, corners, R)
+    drawn = replace(meshed(points, corners), sample_radius=1e-3)
+    drawn = replace(drawn, rendering=replace(drawn.rendering, band=1.5e-4))
+    engine = vfplan.ProxyEngine.of(drawn, rule)
     rng = np.random.default_rng(4)
-    for depth in (1e-6, *rng.uniform(0, 0.95 * R, 6)):
+    for depth in (1e-6, *rng.uniform(0, 0.8 * R, 6)):
         away = rng.normal(size=3) if depth > 1e-3 else np.array([1, 0, 0])
         hip = away / np.linalg.norm(away) * (0.0295 - depth)
         engine.reset(hip)
@@ -164,6 +168,47 @@ def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
         engine.reset(hip)
         proxy = engine.run(np.tile(hip, (1500, 1))).proxy[-1:]
         assert meshes.winding(points[triangles], proxy)[0] == 0
+
+
+def test_a_search_for_the_body_stops_at_the_budget_of_a_tick():
+    """In the first of 1500 cubes, through all of which the search looks."""
+    points, triangles = meshes.box((0.02, 0.02, 0.02))
+    rows = np.arange(1500)[:, None, None]
+    points = (points + 0.03 * rows * RAY).reshape(-1, 3)
+    engine = vfplan.ProxyEngine.on(points, (triangles + 8 * rows).reshape(-1, 3), R)
+    hip = np.array([0.0085, 1e-3, 5e-4])
+    times = []
+    for _ in range(4):
+        engine.reset(hip)
+        trace, micros = engine.run_timed(np.tile(hip, (2000, 1)))
+        times.append(micros)
+    assert trace.status[-1] == 0
+    assert trace.proxy[-1] == pytest.approx(hip * [0, 1, 1] + [0.01 + R, 0, 0], abs=1e-6)
+    assert np.min(times, axis=0).max() < 1e6 * MAX_TICK_TIME
+
+
+# Along which the core looks for the body.
+RAY = np.array([0.4317, 0.5713, 0.6980361])
+
+
+@pytest.mark.parametrize(
+    ("shape", "longest"), [(meshes.sphere(0.03, 2), None), (meshes.box(), 8e-3)]
+)
+def test_a_ray_through_corners_and_edges_tells_the_side(shape, longest, tmp_path):
+    points, triangles = shape if longest is None else refined(*shape, longest)
+    corners = points[triangles]
+    edges = (corners + np.roll(corners, 1, axis=1)).reshape(-1, 3) / 2
+    on_skin = np.vstack([points, np.unique(edges, axis=0), corners.mean(axis=1)])
+    places = np.vstack([on_skin + way * RAY for way in (-0.05, -0.013, -0.004, -1e-3, 1e-3, 0.01)])
+    places = places[meshes.distance(corners, places) > 1e-6]
+    numbers = [len(points), len(triangles), len(places)]
+    for rows in (points, triangles, places):
+        numbers += rows.ravel().tolist()
+    program = compiled(tmp_path, NATIVE / "mesh_sides.cpp", "-O0", "-DVFPLAN_NARROW")
+    text = " ".join(map(repr, numbers))
+    found = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
+    assert np.array_equal(np.array(found.split(), int), meshes.winding(corners, places))
+    assert len(places) > 800
 
 
 @pytest.mark.parametrize("times", [0, 2])

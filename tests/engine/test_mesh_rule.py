@@ -38,6 +38,21 @@ def test_ticks_too_long_for_its_triangles_leave_its_points():
     assert best_rule(heap) == "robust"
 
 
+def test_of_a_ball_of_many_triangles_a_controller_leads_a_start_out_with_the_same_bits(tmp_path):
+    fixture, hip = meshed(*meshes.sphere(0.01, 6)), np.array([6e-3, 1e-3, 2e-3])
+    vfplan.write_fixture(fixture, tmp_path / "a.h5")
+    engine = vfplan.ProxyEngine.of(fixture)
+    controller = vfplan.Controller(tmp_path / "a.h5", accept_unsigned=True, accept_unreviewed=True)
+    assert engine.rule == controller.rule == "robust"
+    for made in (engine, controller):
+        made.reset(hip)
+    for _ in range(1000):
+        step = engine.step(hip)
+        assert np.array_equal(step.proxy, controller.step(hip).proxy)
+    assert step.status == 0
+    assert np.linalg.norm(step.proxy) == pytest.approx(0.015, abs=5e-5)
+
+
 def test_replay_gate_and_probes_stand_on_the_triangles():
     """A box of 12 triangles has no point near the middle of its sides."""
     fixture, s = meshed(*refined(*meshes.box(), 12e-3)), np.linspace(0, 1, 400)[:, None]

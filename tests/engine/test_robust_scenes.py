@@ -138,40 +138,6 @@ def test_flat_sheet_has_no_lag_and_no_cogging(speed, spacing):
     assert np.ptp(trace.proxy[hips[:, 1] <= 2e-3 + 1e-12, 1]) <= 2 * engine.parameters.band
 
 
-# -- 5. bounded, 7. deterministic -----------------------------------------------------------------
-
-
-def parting(points, rng):
-    """Distance (T,) of the proxies that a grid and a look through all points give [m]."""
-    goals = points[rng.integers(len(points), size=6)] + rng.normal(size=(6, 3)) * 0.7 * R
-    far = points.mean(axis=0) + np.array([1, 0.3, 0.2]) * (np.ptp(points) + 4 * R)
-    hips = scenes.travel(np.vstack([far, goals]), 10 ** rng.uniform(-1, 0))
-    engines = (vfplan.ProxyEngine(points, search=search) for search in ("grid", "brute"))
-    one, other = (play(engine, hips).proxy for engine in engines)
-    return np.linalg.norm(one - other, axis=1)
-
-
-# Clouds, and how many of 12 paths may part.
-@pytest.mark.parametrize(("name", "cloud", "most"), [
-    ("ball", lambda rng: scenes.Sphere(spacing=2e-3, radius=0.015).points, 0),
-    ("sparse dust", lambda rng: rng.uniform(-0.025, 0.025, (300, 3)), 3),
-    ("dense dust", lambda rng: rng.uniform(-0.01, 0.01, (1000, 3)), 12)])  # fmt: skip
-def test_order_of_the_points_decides_nothing(name, cloud, most):
-    """Grid and brute force add in another order: proxies part by roundings that a path among dust
-    may magnify, as a ball among pins does, but never at a stroke."""
-    parted = late = ticks = 0
-    for seed in range(12):
-        rng = np.random.default_rng(seed)
-        apart = parting(cloud(rng), rng)
-        first = np.argmax(apart > 1e-6)
-        parted += first > 0
-        late, ticks = late + (apart > 1e-6).sum(), ticks + len(apart)
-        assert first == 0 or apart[first - 1] > 1e-12
-    share = 100 * late / ticks
-    print(f"{name}: {parted} of 12 paths part, {share:.1f} % of {ticks} ticks by > 1 um")
-    assert parted <= most
-
-
 # -- the field's other traps ----------------------------------------------------------------------
 
 

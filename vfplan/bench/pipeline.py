@@ -43,7 +43,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan import _core
 from vfplan.bench.peers import Peer
 from vfplan.bench.proxy import Elbow, R, elbow_truth, proxy_scenes
 from vfplan.bench.record import (
@@ -64,6 +63,7 @@ from vfplan.bench.record import (
 )
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
+from vfplan.fixture import Pieces
 from vfplan.geometry.lines import normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
@@ -179,8 +179,8 @@ def grey_slice(shape: tuple[int, int], scale: float) -> Array:
 def score_points(points_px: Array, truth: Array, scale: float) -> Record:
     """Distances of extracted points from the true line, and of the line from them [px]."""
     points, count = from_pixels(points_px, scale), len(truth)
-    line = in_space(truth), np.zeros(count), np.zeros(count, np.int32), np.zeros(1, np.uint8)
-    distances = _core.distance_to_pieces(*line, np.eye(3)[2], in_space(points))
+    line = Pieces(in_space(truth), np.zeros(count), np.zeros(count, np.int32), np.zeros(1, bool))
+    distances = ProxyEngine.along(line).distance(in_space(points))
     uncovered, _ = cKDTree(points).query(truth[::5])
     return errors_of(distances, uncovered_px=float(uncovered.max()), points=len(points))
 

@@ -57,7 +57,7 @@ def _region(fixture: Fixture, rule: Rule) -> dict[str, Any]:
     ]  # fmt: skip
     if rule != "exact":
         points = check_points(as_rendered(fixture, rule).points)
-        return _body("points", parameters, points, ())
+        return _body("points", parameters, points, () if fixture.mesh is None else fixture.mesh)
     if exact_shape(fixture) == "curve":
         return _strokes("pieces", parameters, *check_pieces(fixture.pieces))
     return _body("mesh", parameters, *check_triangles(fixture.points, fixture.mesh))

@@ -192,12 +192,8 @@ class Governor:
         SceneError
             Arrays of another shape, or no Jacobian though torques are limited.
         """
-        wanted = check_hip(force, "force")
-        matrix = () if jacobian is None else (real_array(jacobian, "jacobian"),)
-        self._check_joints(matrix[0].shape if matrix else None)
-        row, self.held_back_n, status = self._governor.step(wanted, *matrix)
-        self.status = GovernorStatus(status)
-        return row.reshape(3)
+        matrices = None if jacobian is None else real_array(jacobian, "jacobian")[None]
+        return self.trace(check_hip(force, "force")[None], matrices).force[0]
 
     def run(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Vector:
         """One tick a row: (T, 3) [N], from (T, 3) [N] and Jacobians (T, 3, n) [m]."""

@@ -369,7 +369,7 @@ class ProxyEngine:
                 "rule 'exact' needs a curve of pieces and an axis, or a mesh without one. Take "
                 "rule 'robust' for this fixture."
             )
-        fixture = as_rendered(fixture, rule)
+        drawn, fixture = fixture, as_rendered(fixture, rule)
         if not offline and (slow := slow_tick_text(fixture, rule)):
             raise SceneError(slow)
         settings = settings_of(fixture) | {"max_hip_step": max_hip_step}
@@ -379,6 +379,8 @@ class ProxyEngine:
                 max_iterations=fixture.max_iterations, **settings,
             )  # fmt: skip
             engine._real_time = not offline
+            if drawn.mesh is not None:
+                engine._engine.set_skin(*check_triangles(drawn.points, drawn.mesh))
         elif shape == "curve":
             engine = cls.along(fixture.pieces, **settings)
         else:

@@ -22,9 +22,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfplan import _core, fixture
+from vfplan import fixture
 from vfplan.engine.parameters import Vector, check_stiffness
-from vfplan.engine.proxy import check_path
+from vfplan.engine.proxy import ProxyEngine, check_path
 from vfplan.scenes import god_object, outline
 from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres, in_space
 
@@ -148,9 +148,7 @@ class Drawn(Scene):
 
     def clearance(self, x: Vector) -> Vector:
         """See `Scene.clearance`; all positions at once."""
-        exact = self.lines_and_arcs
-        curve = exact.vertices, exact.bulges, exact.stroke, exact.closed.view(np.uint8)
-        return _core.distance_to_pieces(*curve, np.eye(3)[2], np.ascontiguousarray(x))
+        return ProxyEngine.along(self.lines_and_arcs).distance(x)
 
     @property
     def ignore_axis(self) -> str | None:

@@ -64,14 +64,6 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
         names..., "parameters"_a);
 }
 
-template <int D>
-nb::tuple rows(const vfplan::Thinned<D>& thinned) {
-    auto out = array<double>(thinned.cloud.size(), D);
-    for (std::size_t i = 0; i < thinned.cloud.size(); ++i)
-        std::copy_n(thinned.cloud[i].c, D, out.data() + D * i);
-    return nb::make_tuple(out, thinned.lent);
-}
-
 // False where the loop takes up nothing.
 bool edit(Engine& engine, const std::optional<Numbers32>& remove, const std::optional<Rows>& add) {
     const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
@@ -84,24 +76,6 @@ bool exchange(Engine& engine, Engine& other) {
     const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
     const EngineUse theirs(other);
     return engine.exchange(std::move(other));
-}
-
-// Distances (T,) of points (T, 3) from lines and arcs, across an axis.
-nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
-                              const Flags& closed, const Row& axis, const Rows& points) {
-    const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
-    const vfplan::Slice space(vec(axis));
-    const std::size_t n = points.shape(0);
-    auto out = array<double>(n, 1);
-    {
-        nb::gil_scoped_release release;
-        vfplan::check(all);
-        const vfplan::curve::Curve curve(all, space, 1);
-        const double* x = points.data();
-        for (std::size_t i = 0; i < n; ++i)
-            out.data()[i] = curve.distance(space.project(vfplan::point_at(x, i)));
-    }
-    return nb::cast(out);
 }
 
 nb::object distance(Engine& engine, const Rows& points) {
@@ -233,16 +207,6 @@ NB_MODULE(_core, m) {
         "points"_a, "parameters"_a,
         "the band that a cloud asks for; of rule exact, what roundings need [m]");
     m.def(
-        "thinned",
-        [](const Rows& points, const Parameters& p) {
-            using namespace vfplan;
-            return p.ignore_axis
-                       ? rows(thinned(
-                             make_cloud(Slice(*p.ignore_axis), points.data(), points.shape(0)), p))
-                       : rows(thinned(make_cloud(Space{}, points.data(), points.shape(0)), p));
-        },
-        "points"_a, "parameters"_a, "what rule robust looks at, and what it lends of the band [m]");
-    m.def(
         "tick_time_bound",
         [](const Rows& points, const Parameters& p) {
             nb::gil_scoped_release release;
@@ -281,9 +245,6 @@ NB_MODULE(_core, m) {
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
 
-    m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
-          "closed"_a, "axis"_a, "points"_a, "distances from lines and arcs [m]");
-
     nb::class_<Engine> engine(m, "Engine");
     engine
         .def(
@@ -317,6 +278,13 @@ NB_MODULE(_core, m) {
                 });
             },
             "hips"_a, "timed"_a = false)
+        .def(
+            "set_skin",
+            [](Engine& e, const Rows& points, const Triples& triangles) {
+                const EngineUse turn(e);
+                e.set_skin(surface(points, triangles));
+            },
+            "points"_a, "triangles"_a, "the mesh of which its points are samples")
         .def("exchange", &exchange, "other"_a)
         .def("edit", &edit, "remove"_a.none(), "add"_a.none())
         .def("remake",

@@ -15,7 +15,7 @@ using vfplan::Vec3;
 
 /// What `rows` are, three float64 each, and what `ties` say of them.
 enum class Shape {
-    points,        ///< a cloud; no ties
+    points,        ///< a cloud; ties as of a mesh, where its rows begin with one's corners
     pieces,        ///< lines and arcs; ties: bulge and stroke a row, then `closed` a stroke
     mesh,          ///< its corners; ties: three rows a triangle
     guide_points,  ///< curves that guide; ties as of pieces, without bulges
@@ -107,10 +107,13 @@ std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, 
     const vfplan::Parameters p = engine_parameters(parameters);
     const std::size_t n = rows.numbers.size() / 3;
     if (shape == Shape::pieces) return std::make_unique<vfplan::Engine>(strokes(rows, ties), p);
-    if (shape == Shape::points) return std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
     const std::vector<std::int32_t> triangles(ties.numbers.begin(), ties.numbers.end());
-    return std::make_unique<vfplan::Engine>(
-        vfplan::mesh::Surface{rows.numbers.data(), n, triangles.data(), triangles.size() / 3}, p);
+    const vfplan::mesh::Surface surface{rows.numbers.data(), n, triangles.data(),
+                                        triangles.size() / 3};
+    if (shape == Shape::mesh) return std::make_unique<vfplan::Engine>(surface, p);
+    auto engine = std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
+    if (surface.k > 0) engine->set_skin(surface);
+    return engine;
 }
 
 }  // namespace

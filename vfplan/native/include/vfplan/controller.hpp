@@ -141,7 +141,8 @@ class Controller {
     Rule rule(std::size_t which = 0) const;
     /// Number of different fixtures.
     std::size_t size() const noexcept;
-    /// The engine of a fixture, to edit it; null where it only guides.
+    /// The engine of a fixture, to edit it; null where it only guides. Neither the demands nor the
+    /// bound on K hold for what is exchanged or changed by it.
     Engine* region(std::size_t which = 0);
     /// The frame of a fixture that moves, or null.
     MovingFrame* frame() noexcept;

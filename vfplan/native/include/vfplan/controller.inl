@@ -67,13 +67,15 @@ class Rendered {
     Rendered(const bundle::Fixture& fixture, const Parameters& p, Use use)
         : parameters(p), fixture_(fixture) {
         if (use == Use::real_time) bundle::check_work(fixture, p);
-        const std::vector<double> forbidden = fixture.forbidden();
+        if (!fixture.guidance) {
+            region.emplace(bundle::make_engine(fixture, p, Use::replay));
+            return;
+        }
         if (p.rule == Rule::exact)
-            region.emplace(fixture.guidance ? Engine(fixture.pieces_of(false), p)
-                                            : bundle::make_engine(fixture, p, Use::replay));
-        else if (!forbidden.empty())
-            region.emplace(forbidden.data(), forbidden.size() / 3, p);
-        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture, p.period));
+            region.emplace(fixture.pieces_of(false), p);
+        else if (const std::vector<double> points = fixture.forbidden(); !points.empty())
+            region.emplace(points.data(), points.size() / 3, p);
+        guide.emplace(bundle::make_guide(fixture, p.period));
     }
 
     /// Of both springs together, at most [N/m].
@@ -209,19 +211,23 @@ struct ControllerImpl {
     ControllerImpl(const bundle::Fixture& fixture, const Demand& demand,
                    const ControllerSettings& settings)
         : demand(demand),
-          settings(settings),
+          settings(checked(settings)),
           all(make(fixture), settings.max_hip_step),
           governor(governor_of(stiffness())) {
+        if (settings.moving) frame = std::make_unique<MovingFrame>(*settings.moving);
+    }
+
+    static const ControllerSettings& checked(const ControllerSettings& settings) {
         check_from("hold_time", settings.hold_time, 0, 1, " s");
-        check_from("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
+        if (settings.max_stiffness != 0)
+            check_above("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
         check_hip_step(settings.max_hip_step);
         if ((settings.stop_at & no_position) != no_position || settings.stop_at & Status::capped)
             reject(
                 "stop_at lacks bad_hip or jumped, at which every loop stops, or has capped, at "
                 "which none does");
-        if (settings.moving) frame = std::make_unique<MovingFrame>(*settings.moving);
+        return settings;
     }
-
     Parameters parameters(const bundle::Fixture& fixture) const {
         Parameters p = bundle::parameters(fixture, settings.rule);
         p.max_hip_step = 0;  // the gate has looked at it
@@ -260,11 +266,12 @@ struct ControllerImpl {
     void reset(const Vec3& given) noexcept {
         const Vec3 tip = checked(given);
         if (!is_within_range(tip)) return;  // what stopped has not begun anew
-        // A moving fixture begins at its first pose.
-        if (frame && !frame->placed())
-            all.reset(HipGate::nowhere);
+        waiting.reset(tip);
+        has_waited = false;
+        if (frame)
+            frame->restart();
         else
-            all.reset(frame ? frame->now().in(tip) : tip);
+            all.reset(tip);
         governor.reset();
         stopping = 0;
         bad_ticks = 0;
@@ -275,6 +282,7 @@ struct ControllerImpl {
     Command step(const Vec3& tip, const std::optional<double>& time_s, const F& govern) noexcept {
         time = time_s ? *time_s : time + settings.governor.period;
         const Vec3 hip = checked(tip);
+        if (frame && waiting.has_last) begin_at_pose(hip);
         const Step s = frame ? frame->step(all, time, hip) : all.step(hip);
         note_stops(s.status);
         const Governed governed = govern(stopping ? Vec3{} : s.force);
@@ -285,6 +293,16 @@ struct ControllerImpl {
                     status,         governed.status, stopping, false};
         out.stop = stopping && governed.force == Vec3{} && !(joints && has_torque_left());
         return out;
+    }
+    /// A fixture that moves begins at its first pose: with the tip where the reset was, or where it
+    /// has gone since in ticks that rendered nothing.
+    void begin_at_pose(const Vec3& hip) noexcept {
+        frame->at(time);
+        const bool is_good = is_within_range(hip) && !waiting.refuses(hip, settings.max_hip_step);
+        if (std::exchange(has_waited, true) && is_good) waiting.last = hip;
+        if (!frame->placed()) return;
+        all.reset(frame->now().in(waiting.last));
+        waiting.has_last = false;
     }
     void note_stops(std::uint8_t status) noexcept {
         const std::uint8_t bits = status & settings.stop_at;
@@ -312,6 +330,8 @@ struct ControllerImpl {
     ControllerSettings settings;
     AllRendered all;
     std::unique_ptr<MovingFrame> frame;
+    HipGate waiting;          // since a reset, for a pose of the frame
+    bool has_waited = false;  // for a tick
     Governor governor;
     std::atomic<bool> is_asked{false};
     double time = 0;             // [s]

@@ -47,7 +47,6 @@ enum class Use { real_time, replay, offline = replay };
 
 class Engine {
   public:
-    static constexpr std::size_t small_cloud = vfplan::small_cloud;
     /// An edit of more points makes the engine anew.
     static constexpr std::size_t max_edit_in_place = detail::PendingChanges::capacity / 2;
 
@@ -74,6 +73,13 @@ class Engine {
     explicit Engine(const bundle::Fixture& fixture, std::optional<Rule> rule = std::nullopt,
                     Use use = Use::real_time);
 
+    /// Of rule robust in space, before the first tick: its points are samples of this mesh. Where
+    /// that is closed, a start under its skin is led out of the body, until an edit.
+    void set_skin(const mesh::Surface& surface) {
+        mesh::check(surface);
+        if (impl_) impl_->set_skin(surface);
+    }
+
     Engine(Engine&& other) noexcept { *this = std::move(other); }
     /// Of two engines that no loop steps.
     Engine& operator=(Engine&& other) noexcept {
@@ -98,7 +104,7 @@ class Engine {
         last_ = {};
         gate_.reset(hip);
         if (auto* changes = changes_.load(std::memory_order_acquire)) {
-            while (apply_next(*changes)) continue;
+            while (apply_next(*changes, true)) continue;
             changes->force_ramp.stop();
             if (previous_) changes->retire(previous_.release());
         }
@@ -135,7 +141,7 @@ class Engine {
         auto& c = changes();
         if (c.queue.free_slots() == 0) return false;
         if (auto* theirs = other.changes_.load())
-            while (other.apply_next(*theirs)) continue;
+            while (other.apply_next(*theirs, true)) continue;
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
         width_ = other.width_;
@@ -243,18 +249,27 @@ class Engine {
         return *changes;
     }
 
-    /// The loop's: takes up the oldest change; false when there is none.
-    bool apply_next(detail::PendingChanges& changes) noexcept {
+    /// The loop's: takes up the oldest change; false when there is none, or it waits: unless it is
+    /// to come `at_once`, an exchange may do so until the way out that one before began is known.
+    bool apply_next(detail::PendingChanges& changes, bool at_once = false) noexcept {
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
         const double stiffness = impl_->stiffness;
         switch (change->what) {
             case detail::PendingChange::exchange:
-                // While the proxy is on its way out, its side is the one that it had before.
-                if (previous_)
+                // While the proxy is on its way out, its side is the one that it had before. Where
+                // what comes next has gone beyond it, it goes on from where it would come out.
+                if (previous_) {
+                    detail::EngineImpl& next = *change->engine;
+                    if (next.is_outside(last_.proxy)) {
+                        const std::optional<Vec3> end = impl_->end_of_way();
+                        if (!end && !at_once) return false;
+                        if (end && !next.is_outside(*end)) last_.proxy = *end;
+                    }
                     changes.retire(impl_.release());
-                else
+                } else {
                     previous_ = std::move(impl_);
+                }
                 impl_.reset(change->engine);
                 if (last_.is_placed) impl_->continue_from(last_.proxy, previous_.get());
                 break;

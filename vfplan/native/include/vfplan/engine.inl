@@ -46,6 +46,14 @@ class RuleInSpace : public EngineImpl {
         rule_.continue_from(previous ? &previous_ : nullptr);
     }
 
+    std::optional<Vec3> end_of_way() noexcept final {
+        if constexpr (requires { rule_.end_of_way(proxy_); }) {
+            const std::optional<Vec<D>> end = rule_.end_of_way(proxy_);
+            if (!end) return std::nullopt;
+            return space_.place(*end, last_.proxy, proxy_);
+        }
+        return last_.proxy;
+    }
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
             Step s = last_;  // all 0 before there was any proxy: a controller is never given a NaN
@@ -97,17 +105,29 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
           all_(std::move(all)) {}
 
     void remove(std::size_t id) noexcept override {
-        if constexpr (is_editable) this->rule_.point_changed(index().remove(id), false);
+        if constexpr (is_editable) {
+            this->rule_.set_skin(nullptr);
+            this->rule_.point_changed(index().remove(id), false);
+        }
     }
     void add(const Vec3& point) noexcept override {
         if constexpr (is_editable) {
             const Vec<D> p = this->space_.project(point);
             index().add(p);
+            this->rule_.set_skin(nullptr);
             this->rule_.point_changed(p, true);
         }
     }
+    void set_skin(const mesh::Surface& surface) override {
+        if constexpr (is_editable && D == 3) {
+            skin_ = std::make_unique<mesh::Mesh>(surface);
+            if (!skin_->is_closed()) skin_.reset();
+            this->rule_.set_skin(skin_.get());
+        }
+    }
     std::size_t bytes() noexcept override {
-        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0);
+        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0) +
+               (skin_ ? skin_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return index().cells(); }
     double distance_within(const Vec3& x, double reach) noexcept override {
@@ -125,6 +145,7 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
 
     Kernels<D> kernels_;
     std::unique_ptr<PointIndex<D>> all_;
+    std::unique_ptr<mesh::Mesh> skin_;
 };
 
 /// A rule among lines and arcs, or triangles.

@@ -28,10 +28,15 @@ struct EngineImpl {
     virtual void reset(const Vec3& hip) noexcept = 0;
     /// The next tick starts with the proxy of another engine, which was outside of `previous`.
     virtual void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept = 0;
+    /// Where the proxy is, or comes out if it is led out since an exchange; nothing while that is
+    /// not known.
+    virtual std::optional<Vec3> end_of_way() noexcept = 0;
     virtual Step step(const Vec3& hip) noexcept = 0;
     virtual void set_stiffness(const Vec3& k) noexcept = 0;
     virtual void remove(std::size_t) noexcept {}
     virtual void add(const Vec3&) noexcept {}
+    /// The points are samples of this mesh.
+    virtual void set_skin(const mesh::Surface&) {}
     virtual std::size_t bytes() noexcept = 0;
     virtual std::size_t cells() noexcept = 0;
     virtual bool planar() noexcept = 0;
@@ -39,6 +44,9 @@ struct EngineImpl {
     virtual double distance(const Vec3& x) noexcept = 0;
     /// The same, or `reach` where that is less [m].
     virtual double distance_within(const Vec3& x, double reach) noexcept = 0;
+    bool is_outside(const Vec3& x) noexcept {
+        return distance_within(x, radius) >= radius - 2 * band;
+    }
 
     double stiffness;            ///< the largest of K [N/m]
     double radius;               ///< R [m]

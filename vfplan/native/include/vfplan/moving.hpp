@@ -146,6 +146,10 @@ class MovingFrame {
     /// The frame at t [s]; for the loop, as all that follows. At a t that goes back or is not
     /// finite the frame stays where it is, and is stale.
     const Pose& at(double t) noexcept {
+        if (std::exchange(may_go_back_, false) && t < t_) {
+            t_ = stepped_at_ = -infinity;
+            is_placed_ = false;
+        }
         is_clock_bad_ = !std::isfinite(t) || t < t_;
         if (!std::isfinite(t)) t = t_;
         if (is_placed_ && t > t_) advance(std::min(t - t_, limits_.max_age), t);
@@ -163,6 +167,9 @@ class MovingFrame {
         return now_;
     }
     const Pose& now() const noexcept { return now_; }
+    /// The loop begins anew; for the loop. Where its clock has gone back at the next tick, the
+    /// frame waits for the first pose of the new time, and forgets those of the old one.
+    void restart() noexcept { may_go_back_ = true; }
     /// There was no pose and no tick; while neither thread uses it.
     void reset() noexcept {
         while (poses_.front()) poses_.pop();
@@ -294,6 +301,7 @@ class MovingFrame {
     double stamp_ = 0;               // of goal_ [s]
     double arrives_at_ = 0;          // goal_, where the next pose is due [s]
     bool is_placed_ = false;
+    bool may_go_back_ = false;            // the clock, at the next tick
     bool is_clock_ahead_ = false;         // the tracker's
     bool is_clock_bad_ = false;           // the loop's
     std::uint64_t taken_ = 0, seen_ = 0;  // number of poses

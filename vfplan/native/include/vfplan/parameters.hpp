@@ -108,6 +108,8 @@ inline void check(const Parameters& p) {
     if (p.ignore_axis) check_axis(*p.ignore_axis);
     check_hip_step(p.max_hip_step);
     check_from("period", p.period, 1e-6, 1, " s");
+    check_from("rule", int(p.rule), 0, int(Rule::exact), "", "robust, paper or exact");
+    check_from("search", int(p.search), 0, int(Search::editable), "");
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 

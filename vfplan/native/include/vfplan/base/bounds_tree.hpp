@@ -44,16 +44,20 @@ class BoundsTree {
     template <class IsNear, class F>
     int visit(IsNear&& is_near, F&& f) const noexcept {
         int steps = 0;
-        for (std::uint32_t k = 0; k < nodes_.size(); ++steps) {
-            const Node& node = nodes_[k];
-            if (!is_near(node.bounds)) {
-                k = node.skip;
-                continue;
-            }
-            for (std::uint32_t i = node.first; i < node.last; ++i, steps += 3) f(i);
-            ++k;
-        }
+        for (std::uint32_t k = 0; k < nodes_.size();) steps += visit_node(k, is_near, f);
         return steps;
+    }
+    /// The part of a visit that looks at node k, which becomes the next one; it ends at `size()`.
+    template <class IsNear, class F>
+    int visit_node(std::uint32_t& k, IsNear&& is_near, F&& f) const noexcept {
+        const Node& node = nodes_[k];
+        if (!is_near(node.bounds)) {
+            k = node.skip;
+            return 1;
+        }
+        for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
+        ++k;
+        return 1 + 3 * static_cast<int>(node.last - node.first);
     }
 
     /// Calls f(i) for every item under bounds that lie within `reach`, the nearer of two halves

@@ -94,7 +94,9 @@ VFPLAN_COMPILED_ONCE Engine make_engine(const Fixture& fixture, const Parameters
     if (use == Use::real_time) check_work(fixture, p);
     if (p.rule != Rule::exact) {
         const std::vector<double> points = fixture.forbidden();
-        return {points.data(), points.size() / 3, p};
+        Engine engine(points.data(), points.size() / 3, p);
+        if (!fixture.mesh.empty()) engine.set_skin(fixture.surface());
+        return engine;
     }
     if (!fixture.mesh.empty()) return {fixture.surface(), p};
     return {fixture.pieces, p};

@@ -157,6 +157,7 @@ inline constexpr std::size_t row = 32;          // of cells, walked to find poin
 inline constexpr std::size_t span = 32;         // of points, looked through by one loop
 inline constexpr std::size_t contact = 32;      // a point that touches the proxy
 inline constexpr std::size_t fit = 128;         // a plane fitted to such points
+inline constexpr int triangle = 12;             // an inner step among triangles
 inline constexpr std::size_t choice = 64;       // of planes, tried for a step that keeps to them
 // What a tick may do, of the 300,000 that max_tick_time has room for.
 inline constexpr std::int64_t motion = 180000;

@@ -16,8 +16,8 @@ namespace vfplan::inline v1::mesh {
 /// What a start may be inside of: all that lies nearer to the mesh than R.
 class InsideMesh {
   public:
-    InsideMesh(const TriangleQuery& query, double radius, bool is_closed) noexcept
-        : query_(query), R_(radius), is_closed_(is_closed) {}
+    InsideMesh(const TriangleQuery& query, double radius, BodySearch& body) noexcept
+        : query_(query), R_(radius), body_(body) {}
 
     Vec3 from_nearest(const Vec3& x) const noexcept {
         double distance = R_ * (1 + 1e-6);
@@ -44,18 +44,15 @@ class InsideMesh {
         }
         return std::max(s, 0.0);
     }
-    /// Whether y lies in the closed body of which the mesh is the skin.
-    bool is_in_body(const Vec3& y) const noexcept {
-        int steps = 0;
-        const bool is_in = is_closed_ && query_.mesh().winding(y, steps) != 0;
-        query_.budget().spend(steps);
-        return is_in;
+    /// Whether y lies in the body; nothing where this tick may look no further.
+    std::optional<bool> is_in_body(const Vec3& y, double clear) const noexcept {
+        return body_.is_inside(y, clear, query_.budget());
     }
 
   private:
     const TriangleQuery& query_;
     double R_;
-    bool is_closed_;
+    BodySearch& body_;
 };
 
 /// How the rule moves a proxy that is outside.
@@ -74,12 +71,12 @@ class MeshMotion {
           neighbourhood_(p.outer_radius + p.point_radius),
           query_(std::move(mesh), R_, band_),
           planes_(R_, band_),
-          is_closed_(body.is_closed()),
+          body_search_(query_.mesh().is_closed() ? &query_.mesh() : nullptr),
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
-    InsideMesh inside() const noexcept { return {query_, R_, is_closed_}; }
+    InsideMesh inside() noexcept { return {query_, R_, body_search_}; }
     void begin_tick() noexcept { query_.budget().begin(max_steps); }
     void release() noexcept { planes_.clear(); }
     void reset() noexcept {
@@ -230,7 +227,7 @@ class MeshMotion {
     double R_, band_, neighbourhood_;
     TriangleQuery query_;
     ContactPlanes planes_;  // of the last step
-    bool is_closed_;
+    BodySearch body_search_;
     SmoothContact body_;
     double distance_ = infinity;  // from the mesh, where the proxy was checked last [m]
     std::uint32_t near_triangle_ = Mesh::none;  // lay near a free proxy in the last tick

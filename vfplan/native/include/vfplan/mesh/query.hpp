@@ -6,7 +6,6 @@
 // the two. A triangle behind a plane needs none of its own, so that coplanar neighbours are one.
 #pragma once
 
-#include "vfplan/base/work.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #include "vfplan/rules/half_spaces.hpp"
 

@@ -44,8 +44,6 @@ class SmoothBody {
     /// How far the body would be from the coarsest of them [m]; 0 where there is none.
     double coarsest_sagitta() const noexcept { return coarsest_sagitta_; }
     std::size_t bytes() const noexcept { return facets_.capacity() * sizeof(FacetShape); }
-    /// Whether each side is one of two triangles that have the same side up.
-    bool is_closed() const noexcept { return is_closed_; }
     /// Whether two triangles meet in a corner at which the body is smooth.
     bool touch(std::uint32_t i, std::uint32_t j) const noexcept {
         for (const std::uint32_t a : facets_[i].fan)
@@ -157,7 +155,6 @@ class SmoothBody {
                            sides[last].key()[1] == s.key()[1];)
                 ++last;
             const bool is_shared = last - j == 2 && s.from == t.to && s.to != s.from;
-            is_closed_ = is_closed_ && is_shared;
             if (is_shared && is_smooth_edge(mesh, s.i, t.i)) {
                 facets_[s.i].beside[s.k] = t.i;
                 facets_[t.i].beside[t.k] = s.i;
@@ -262,7 +259,6 @@ class SmoothBody {
 
     std::vector<FacetShape> facets_;
     double max_rise_, rise_ = 0;
-    bool is_closed_ = true;
     std::size_t coarse_facets_ = 0;
     double coarsest_sagitta_ = 0;
 };

@@ -7,6 +7,7 @@
 #include <unordered_map>
 
 #include "vfplan/base/bounds_tree.hpp"
+#include "vfplan/base/work.hpp"
 #include "vfplan/cloud/points.hpp"
 
 namespace vfplan::inline v1::mesh {
@@ -265,6 +266,8 @@ class Mesh {
             triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
             faces_.push_back(i.rows);
         }
+        corners_.resize(1 + std::size_t(*std::max_element(s.triangles, s.triangles + 3 * s.k)));
+        for (std::uint32_t row = 0; row < corners_.size(); ++row) corners_[row] = corner_of(s, row);
     }
 
     const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
@@ -273,7 +276,8 @@ class Mesh {
     std::size_t size() const noexcept { return triangles_.size(); }
     std::size_t boxes() const noexcept { return tree_.size(); }
     std::size_t bytes() const noexcept {
-        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) + tree_.bytes();
+        return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) +
+               corners_.capacity() * sizeof(Vec3) + tree_.bytes();
     }
 
     /// Calls f(i) for every triangle in a disc of which `is_near(disc)` is true. Returns the inner
@@ -309,30 +313,63 @@ class Mesh {
         return least;
     }
 
-    /// How often a closed surface winds around y: 0 outside, whichever way its triangles are
-    /// turned. Adds the inner steps that it took.
-    int winding(const Vec3& y, int& steps) const noexcept {
-        const Vec3 ray{0.4317, 0.5713, 0.6980361};  // along which no mesh is laid out
-        int turns = 0;
-        steps += visit(
+    /// Goes on counting at a node of the tree, from 0 to boxes(), how often a closed surface winds
+    /// around y: 0 outside, whichever way its triangles are turned. Returns its inner steps.
+    int count_turns(const Vec3& y, std::uint32_t& node, int& turns) const noexcept {
+        return tree_.visit_node(
+            node,
             [&](const Disc& disc) noexcept {
                 const Vec3 w = disc.middle - y;
                 const double ahead = dot(w, ray) / dot(ray, ray);
                 const Vec3 beside = w - std::max(ahead, 0.0) * ray;
-                return dot(beside, beside) <= disc.size() * disc.size() * (1 + 1e-9);
+                const double reach =
+                    (1 + 1e-9) * disc.size() + 1e-14 * (norm(w) + norm(disc.middle));
+                return dot(beside, beside) <= reach * reach;
             },
-            [&](std::uint32_t i) noexcept {
-                const Triangle& t = triangles_[i];
-                const Vec3 p = t.a - y, q = p + t.ab, r = p + t.ac;
-                const double a = dot(ray, cross(p, q)), b = dot(ray, cross(q, r)),
-                             c = dot(ray, cross(r, p)), ahead = dot(p, cross(t.ab, t.ac));
-                if (a > 0 && b > 0 && c > 0 && ahead > 0) ++turns;
-                if (a < 0 && b < 0 && c < 0 && ahead < 0) --turns;
-            });
-        return turns;
+            [&](std::uint32_t i) noexcept { turns += crossing(faces_[i], y); });
+    }
+    /// Whether each side is one of two triangles that have the same side up.
+    bool is_closed() const {
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> sides, back;
+        for (const Face& face : faces_)
+            for (std::size_t k = 0; k < 3; ++k) {
+                const std::uint32_t from = face[k], to = face[(k + 1) % 3];
+                if (from == to) return false;
+                sides.emplace_back(from, to);
+                back.emplace_back(to, from);
+            }
+        std::sort(sides.begin(), sides.end());
+        std::sort(back.begin(), back.end());
+        return sides == back && std::adjacent_find(sides.begin(), sides.end()) == sides.end();
     }
 
   private:
+    static constexpr Vec3 ray{{0.4317, 0.5713, 0.6980361}};  // along which no mesh is laid out
+
+    /// 1 or -1 where the ray from y passes through a triangle from its one side or its other, else
+    /// 0. Seen along the ray, y is the origin. An edge is looked at in the same way in both
+    /// triangles that have it, so that a ray that meets it, or a corner, passes through one of
+    /// them.
+    int crossing(const Face& face, const Vec3& y) const noexcept {
+        Vec3 p[3];
+        for (int k = 0; k < 3; ++k) {
+            const Vec3 w = corners_[face[k]] - y;
+            p[k] = {w[0] - ray[0] / ray[2] * w[2], w[1] - ray[1] / ray[2] * w[2], w[2]};
+        }
+        // Where the sides cross the plane p[1] = 0, one upwards and one downwards.
+        double across[2] = {}, ahead[2] = {};
+        for (int k = 0; k < 3; ++k) {
+            const Vec3 &from = p[k], &to = p[(k + 1) % 3];
+            if ((from[1] > 0) == (to[1] > 0)) continue;
+            const bool is_up = to[1] > 0;
+            const Vec3 &low = is_up ? from : to, &high = is_up ? to : from;
+            across[is_up] = (low[0] * high[1] - high[0] * low[1]) / (high[1] - low[1]);
+            ahead[is_up] = (low[2] * high[1] - high[2] * low[1]) / (high[1] - low[1]);
+        }
+        if ((across[0] > 0) == (across[1] > 0)) return 0;
+        const int side = across[1] > 0 ? 1 : -1;
+        return side * (ahead[0] * across[1] - ahead[1] * across[0]) > 0 ? side : 0;
+    }
     struct Item {
         std::array<Vec3, 3> corner;
         Vec3 middle;
@@ -382,7 +419,41 @@ class Mesh {
 
     std::vector<Triangle> triangles_;
     std::vector<Face> faces_;
+    std::vector<Vec3> corners_;  // of all faces, by their rows
     BoundsTree<Disc> tree_;
+};
+
+/// Whether places lie in the body of which a closed mesh is the skin. It looks as far as a tick's
+/// budget lets it, and goes on in the next tick.
+class BodySearch {
+  public:
+    /// `skin`: stays where it is; null where there is no closed mesh.
+    explicit BodySearch(const Mesh* skin = nullptr) noexcept : skin_(skin) {}
+
+    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y.
+    /// `step` is what an inner step costs.
+    std::optional<bool> is_inside(const Vec3& y, double clear, WorkBudget& budget,
+                                  int step = 1) noexcept {
+        if (!skin_) return false;
+        if (!(norm(y - at_) <= clear_)) {
+            at_ = y;
+            clear_ = clear;
+            node_ = 0;
+            turns_ = 0;
+        }
+        while (node_ < skin_->boxes()) {
+            if (budget.is_spent()) return std::nullopt;
+            budget.spend(step * skin_->count_turns(at_, node_, turns_));
+        }
+        return turns_ != 0;
+    }
+
+  private:
+    const Mesh* skin_;
+    Vec3 at_;
+    double clear_ = -1;  // nothing is looked for yet
+    std::uint32_t node_ = 0;
+    int turns_ = 0;
 };
 
 }  // namespace vfplan::inline v1::mesh

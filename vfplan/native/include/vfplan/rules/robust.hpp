@@ -146,7 +146,8 @@ class RobustMotion {
           sweep_(kernels, R_) {}
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
-    InsideCloud<D> inside() const noexcept { return {neighbours_.index(), kernels_, R_}; }
+    InsideCloud<D> inside() noexcept { return {neighbours_.index(), kernels_, R_, body_}; }
+    void set_skin(const mesh::Mesh* skin) noexcept { body_ = mesh::BodySearch(skin); }
     /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
     /// is put elsewhere: what it keeps, it keeps with the place it was found for.
     void begin_tick() noexcept { budget().begin(work::way_out); }
@@ -475,6 +476,7 @@ class RobustMotion {
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
     Sweep<D> sweep_;
+    mesh::BodySearch body_;
     double distance_limit_ = 0;  // |proxy - HIP| with which this tick may end at most [m]
     double nearest2_ = 0;        // of the place that is_outside was asked for last [m^2]
     int iterations_ = 0;         // of this tick
@@ -492,6 +494,8 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
         : Guarded(p.R(), p.band, p.pace(), thinned, p, kernels) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
+    /// The points are samples of this closed mesh, or of none.
+    void set_skin(const mesh::Mesh* skin) noexcept { this->motion().set_skin(skin); }
     /// A point at p came or went, by an edit of the cloud.
     void point_changed(const Vec<D>& p, bool came) noexcept {
         this->drop_plan();

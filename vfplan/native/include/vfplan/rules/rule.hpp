@@ -176,6 +176,12 @@ class GuardedRule {
         start_inside_.continue_from(free_before);
     }
 
+    /// Where a proxy at x is led to that was inside after an exchange, else x; nothing while that
+    /// is not known.
+    std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept {
+        return start_inside_.end_of_way(x);
+    }
+
     /// One servo tick.
     RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         motion_.begin_tick();

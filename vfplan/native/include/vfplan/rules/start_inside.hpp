@@ -6,6 +6,7 @@
 #pragma once
 
 #include "vfplan/cloud/grid.hpp"
+#include "vfplan/mesh/triangles.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -39,12 +40,14 @@ class FreeBefore {
     ~FreeBefore() = default;
 };
 
-/// What a start may be inside of: the balls of radius R around the points of a cloud.
+/// What a start may be inside of: the balls of radius R around the points of a cloud, and the body
+/// of whose skin they are samples, if it is known.
 template <int D>
 class InsideCloud {
   public:
-    InsideCloud(const PointIndex<D>& points, const Kernels<D>& kernels, double radius) noexcept
-        : points_(points), kernels_(kernels), R_(radius) {}
+    InsideCloud(const PointIndex<D>& points, const Kernels<D>& kernels, double radius,
+                mesh::BodySearch& body) noexcept
+        : points_(points), kernels_(kernels), R_(radius), body_(body) {}
 
     /// From the nearest point within R to x; 0 where there is none but at x itself.
     Vec<D> from_nearest(const Vec<D>& x) const noexcept {
@@ -75,11 +78,18 @@ class InsideCloud {
         });
         return distance;
     }
+    /// Whether y lies in the body; nothing where this tick may look no further.
+    std::optional<bool> is_in_body(const Vec<D>& y, double clear) const noexcept
+        requires(D == 3)
+    {
+        return body_.is_inside(y, clear, points_.budget(), work::triangle);
+    }
 
   private:
     const PointIndex<D>& points_;
     Kernels<D> kernels_;
     double R_;
+    mesh::BodySearch& body_;
 };
 
 /// The way out of what a start is inside of. `Geometry` is InsideCloud, or the same for a curve or
@@ -103,6 +113,12 @@ class WayOut {
         if (leads_to_other_side_) return Status::inside | Status::other_side;
         return Status::inside;
     }
+    /// Where it leads a proxy at x that does not go with the HIP; nothing while that is not known.
+    std::optional<Vec<D>> end(const Vec<D>& x) const noexcept {
+        if (!is_active_ || leads_to_other_side_) return x;
+        if (ticks_to_choose_ > 0) return std::nullopt;
+        return shortest_ < infinity ? start_ + shortest_ * direction_ : x;
+    }
     void stop() noexcept {
         is_active_ = false;
         leads_to_other_side_ = false;
@@ -125,16 +141,17 @@ class WayOut {
         ticks_to_choose_ = max_ticks_to_choose;
         leads_to_other_side_ = false;
         keeps_out_ = !free_before_;
-        if (keeps_out_ && is_in_body(geometry, hip)) direction_ = nearest_ = -nearest_;
+        if (keeps_out_ && is_in_body(geometry, hip, 0) == true) direction_ = nearest_ = -nearest_;
     }
 
     /// One tick; true once the proxy has reached the free space.
     template <class Geometry>
     bool step(const Geometry& geometry, const Vec<D>& hip, Vec<D>& proxy) noexcept {
         bool is_out;
+        is_cut_short_ = false;
         if (ticks_to_choose_ > 0 && !choose_direction(geometry)) {
             // No force before there is a way.
-            --ticks_to_choose_;
+            if (!is_cut_short_) --ticks_to_choose_;
             is_out = hop(geometry, hip, direction_) == free;
         } else {
             ticks_to_choose_ = 0;
@@ -166,15 +183,20 @@ class WayOut {
     /// once the proxy is outside.
     template <class Geometry>
     bool advance(const Geometry& geometry, const Vec<D>& hip) noexcept {
+        const double backwards = std::max(0.0, -dot(hip - last_hip_, direction_));
+        const double allowed = ramp_ + backwards;
+        // Whether the proxy is free already is asked first, while there is most left to look with.
+        is_cut_short_ = false;
+        const double ahead =
+            distance_to_free(geometry, hip + length_ * direction_, direction_, allowed);
+        const bool is_known = !is_cut_short_;
         const double needed = distance_to_free(geometry, hip, direction_, length_);
         if (needed < length_) {
             // The HIP has come nearer to the free space, or through to its other side: shorten.
             length_ = std::max(needed, length_ - ramp_);
+        } else if (!is_known) {
+            return false;
         } else {
-            const double backwards = std::max(0.0, -dot(hip - last_hip_, direction_));
-            const double allowed = ramp_ + backwards;
-            const double ahead =
-                distance_to_free(geometry, hip + length_ * direction_, direction_, allowed);
             length_ += std::min(ahead, allowed);
             if (ahead < allowed) return true;
         }
@@ -239,10 +261,13 @@ class WayOut {
         return false;
     }
 
-    /// Whether x lies in a body whose skin is the geometry, where the geometry knows.
+    /// Whether x, and all within `clear`, lies in a body whose skin is the geometry, where the
+    /// geometry knows; nothing where this tick may look no further.
     template <class Geometry>
-    static bool is_in_body(const Geometry& geometry, const Vec<D>& x) noexcept {
-        if constexpr (requires { geometry.is_in_body(x); }) return geometry.is_in_body(x);
+    static std::optional<bool> is_in_body(const Geometry& geometry, const Vec<D>& x,
+                                          double clear) noexcept {
+        if constexpr (requires { geometry.is_in_body(x, clear); })
+            return geometry.is_in_body(x, clear);
         return false;
     }
     /// Unit vector from the nearest geometry to x; the direction of the way where x lies on it.
@@ -264,13 +289,20 @@ class WayOut {
         }
         return infinity;
     }
-    /// Distance from y along d out of all that y is in; `free` where it is in nothing. What lies
-    /// deep in a closed body is not free, and R further is in it or its skin.
+    /// Distance from y along d out of all that y is in; `free` where it is in nothing, and 0 where
+    /// this tick may look no further. What lies deep in a closed body is not free, and R further is
+    /// in it or its skin.
     template <class Geometry>
     double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
-        return keeps_out_ && is_in_body(geometry, y) ? R_ : free;
+        if (!keeps_out_) return free;
+        const std::optional<bool> is_in = is_in_body(geometry, y, R_ / 64);
+        if (!is_in) {
+            is_cut_short_ = true;
+            return 0;
+        }
+        return *is_in ? R_ : free;
     }
 
     double R_, ramp_;
@@ -283,7 +315,8 @@ class WayOut {
     int chosen_ = 0;  // of the candidates
     const FreeBefore<D>* free_before_ = nullptr;
     bool leads_to_other_side_ = false;
-    bool keeps_out_ = false;  // of closed bodies, also where it began on their skin
+    bool is_cut_short_ = false;  // the tick ended before the side of a place was known
+    bool keeps_out_ = false;     // of closed bodies, also where it began on their skin
     int ticks_to_choose_ = 0;
 };
 
@@ -327,6 +360,10 @@ class StartInside {
             keeps_place_ = false;
         }
         return false;
+    }
+    /// Where a proxy at x that was led out from where it was before an exchange comes out.
+    std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept {
+        return keeps_place_ ? way_out_.end(x) : x;
     }
     /// What a tick on the way out answers.
     RuleAnswer<D> answer() const noexcept {
