@@ -213,13 +213,6 @@ def test_settings_out_of_range(options, code):
     assert refused.value.code == code
 
 
-@pytest.mark.parametrize(("colour", "name"), [("gren", "green"), ("Magneta", "magenta")])
-def test_a_colour_that_is_misspelt_is_named(colour, name):
-    with pytest.raises(SettingError, match=f"'{name}'") as refused:
-        extract_curve(paint(line(40, 150, 300, 150)), colour=colour)
-    assert refused.value.code == "colour-unknown"
-
-
 def test_start_and_end_cut_and_turn_the_curve():
     image = paint(line(40, 150, 300, 150))
     whole = extract_curve(image).strokes[0]
