@@ -65,12 +65,6 @@ def test_a_region_that_misses_the_line_is_named(box):
     assert "--roi" not in refusal(paint(line(40, 100, 44, 100), width=8.0)).message
 
 
-def test_no_line_among_dots():
-    error = refusal(paint(line(40, 100, 44, 100), width=8.0))
-    assert error.code == "no-line"
-    assert "other_colour" not in error.numbers
-
-
 def test_several_candidates_with_the_gap_between_them():
     first, second = line(40, 100, 150, 100, 20), line(190, 100, 300, 100, -20)
     image = paint(first, second)
