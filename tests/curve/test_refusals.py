@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import slices
 from canvas import Canvas
-from drawing import blend, coverage, flat, to_uint8, wavy
+from drawing import blend, coverage, flat, to_uint8
 
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
@@ -153,15 +153,6 @@ def test_more_pieces_than_anybody_draws():
             image[v : v + 3, u : u + 3] = RED
     error = refusal(image)
     assert (error.code, error.numbers["pieces"]) == ("too-many-pieces", 59**2)
-
-
-def test_a_gap_that_is_longer_than_the_longest_bridged():
-    curve = wavy(SHAPE, 3, count=1500)
-    image = paint(curve[:700], curve[760:])
-    assert len(extract_curve(image).strokes) == 1
-    error = refusal(image, max_gap_px=4)
-    assert error.code == "several-candidates"
-    assert 4 < error.numbers["gap_px"] < 20
 
 
 def test_a_cover_that_is_longer_than_the_longest_bridged():
