@@ -1,9 +1,11 @@
-"""Real CT slices with a drawn curve whose centre line is known."""
+"""Slices with a drawn curve that is known: real ones, and ones as people draw them."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import ROOT
+from docs_modules import load
 from drawing import normal_errors
 
 import vfplan
@@ -36,3 +38,13 @@ def test_a_real_slice_is_measured_right(shared_data, name, limit_px, lifts, end_
         distance = np.hypot(*(truth[[0, -1]] - stroke.points_px[[0, -1]]).T)
         backward = np.hypot(*(truth[[-1, 0]] - stroke.points_px[[0, -1]]).T)
         assert min(distance.max(), backward.max()) < end_limit_px
+
+
+table = load(ROOT / "docs" / "make_drawn_slices.py")
+
+
+@pytest.mark.parametrize("count", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_no_line_that_a_person_clicks_on_is_lost_in_silence_and_the_bound_holds(count, tmp_path):
+    results = [table.result_of(kind, k, tmp_path) for kind in table.KINDS for k in range(count)]
+    assert [r for r in results if not r.is_told and not r.is_whole] == []
+    assert np.mean([r.is_within for r in results]) >= 0.9

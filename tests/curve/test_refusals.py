@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import slices
 from canvas import Canvas
-from drawing import blend, coverage, flat, to_uint8, wavy
+from drawing import blend, coverage, flat, to_uint8
 
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
@@ -63,12 +63,6 @@ def test_a_region_that_misses_the_line_is_named(box):
     assert error.code == "no-line"
     assert "within what --roi and --exclude leave" in error.message
     assert "--roi" not in refusal(paint(line(40, 100, 44, 100), width=8.0)).message
-
-
-def test_no_line_among_dots():
-    error = refusal(paint(line(40, 100, 44, 100), width=8.0))
-    assert error.code == "no-line"
-    assert "other_colour" not in error.numbers
 
 
 def test_several_candidates_with_the_gap_between_them():
@@ -161,15 +155,6 @@ def test_more_pieces_than_anybody_draws():
     assert (error.code, error.numbers["pieces"]) == ("too-many-pieces", 59**2)
 
 
-def test_a_gap_that_is_longer_than_the_longest_bridged():
-    curve = wavy(SHAPE, 3, count=1500)
-    image = paint(curve[:700], curve[760:])
-    assert len(extract_curve(image).strokes) == 1
-    error = refusal(image, max_gap_px=4)
-    assert error.code == "several-candidates"
-    assert 4 < error.numbers["gap_px"] < 20
-
-
 def test_a_cover_that_is_longer_than_the_longest_bridged():
     image = paint(line(40, 150, 300, 150, 30))
     cv2.rectangle(image, (150, 120), (190, 220), (0, 200, 60), -1)
@@ -211,13 +196,6 @@ def test_settings_out_of_range(options, code):
     with pytest.raises(SettingError) as refused:
         extract_curve(paint(line(40, 150, 300, 150)), **options)
     assert refused.value.code == code
-
-
-@pytest.mark.parametrize(("colour", "name"), [("gren", "green"), ("Magneta", "magenta")])
-def test_a_colour_that_is_misspelt_is_named(colour, name):
-    with pytest.raises(SettingError, match=f"'{name}'") as refused:
-        extract_curve(paint(line(40, 150, 300, 150)), colour=colour)
-    assert refused.value.code == "colour-unknown"
 
 
 def test_start_and_end_cut_and_turn_the_curve():

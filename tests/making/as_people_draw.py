@@ -78,7 +78,7 @@ def dots(canvas, rng):
     radius, step = rng.uniform(1.5, 3.0), rng.uniform(9, 14)
     for at in np.arange(0, arc_of(curve)[-1], step):
         canvas.disc(part(curve, 0, max(at, 0.5))[-1], radius, RED)
-    return _clicked(curve, rng)
+    return _clicked(part(curve, 0, at), rng)
 
 
 def leaves(canvas, rng):

@@ -31,10 +31,6 @@ FEWER_RIGHT = 0.01
 MAX_WARNED = 0.15
 # How much larger the errors along and across the line may be on the slices that both measure.
 RMS_RATIO = 1.3
-QUIET = ("plain", "words", "crosses", "linear light")
-# A target that is missed: crosses have 0.044 px, 1.43 times 0.031. Points beyond the true end count
-# as errors across the line here, and the end of slice 11, in JPEG 80, lies 1.5 px beyond.
-MISSED_RATIO = {"crosses": 1.45}
 
 
 @dataclass
@@ -104,13 +100,10 @@ def worse(frozen, new):
         lines.append(f"{len(warned)} of {len(clear)} clear slices warned of")
         lines += [f"    {new[key].kind} {new[key].seed}: {new[key].why}" for key in warned]
     both = [key for key in before if key in now]
-    for name, kinds in (("all clear kinds", KINDS), *((kind, (kind,)) for kind in QUIET)):
-        keys = [key for key in both if key[0] in kinds]
-        if len(keys) < 10:
-            continue
-        old, measured = (_rms([rows[key].rms_px for key in keys]) for rows in (frozen, new))
-        if measured > MISSED_RATIO.get(name, RMS_RATIO) * old:
-            lines.append(f"{name}: {measured:.3f} px RMS across the line, {old:.3f} before")
+    if len(both) >= 10:
+        old, measured = (_rms([rows[key].rms_px for key in both]) for rows in (frozen, new))
+        if measured > RMS_RATIO * old:
+            lines.append(f"{measured:.3f} px RMS across the line, {old:.3f} before")
     ends = [key for key in both if not np.isnan(frozen[key].ends_px + new[key].ends_px)]
     old, measured = (np.percentile([rows[k].ends_px for k in ends], 95) for rows in (frozen, new))
     if measured > RMS_RATIO * old:

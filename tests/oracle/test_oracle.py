@@ -1,7 +1,5 @@
 """What must not change by accident is what tests/data/oracle holds; see the README there."""
 
-from dataclasses import replace
-
 import pytest
 from conftest import ROOT, need_program
 from oracle import documents, engine, labels, renew, replays, slices
@@ -89,50 +87,3 @@ def test_the_readme_names_every_file_and_every_command_that_renews_a_page():
     makers = [path.name for path in (ROOT / "docs").glob("*.py")]
     assert not [name for name in files + makers if name not in readme]
     assert sorted(files) == sorted(renew.WRITERS)
-
-
-# The comparisons themselves.
-
-
-def test_a_slice_that_becomes_silently_wrong_is_named():
-    before = frozen(slices, "slices.csv")
-    assert slices.worse(before, before) == []
-    key = "opening", 3
-    assert before[key].outcome == "warned"
-    now = {**before, key: replace(before[key], outcome="silent", why="closed")}
-    (line,) = slices.worse(before, now)
-    assert line.startswith("opening 3: silently wrong, closed; was warned")
-
-
-def test_larger_errors_and_more_refusals_of_slices_are_named():
-    before = frozen(slices, "slices.csv")
-    lost = [key for key, row in before.items() if row.outcome == "right"][::10]
-    now = {**before, **{key: replace(before[key], outcome="falsely refused") for key in lost}}
-    assert "clear slices right" in slices.worse(before, now)[0]
-    now = {key: replace(row, rms_px=1.5 * row.rms_px) for key, row in before.items()}
-    assert [line.split(":")[0] for line in slices.worse(before, now)] == [
-        "all clear kinds",
-        *slices.QUIET,
-    ]
-
-
-def test_a_label_mistake_that_becomes_silent_is_named():
-    before = frozen(labels, "labels.csv")
-    assert len(before) == 600
-    assert labels.worse(before, before) == []
-    now = {**before, 8: replace(before[8], shifted="silent", fre_mm=1.1 * before[8].fre_mm)}
-    lines = labels.worse(before, now)
-    assert len(lines) == 2
-    assert "set 8" in lines[0]
-    assert "shifted is silent" in lines[0]
-
-
-def test_a_value_that_changes_kind_size_or_goes_is_named():
-    before = {"info": {"a": 1.0, "b": "exact", "c": "a sentence of words", "d": True, "e": None}}
-    now = {
-        "info": {"a": 1.0 + 1e-9, "b": "exact", "c": "other words", "d": True, "e": None, "f": 1}
-    }
-    assert documents.different(before, now) == []
-    now = {"info": {"a": 1.001, "b": "robust", "c": 3, "d": 1, "e": 0.0}}
-    assert len(documents.different(before, now)) == 4  # True == 1
-    assert len(documents.different(before, {"info": {}})) == 5

@@ -6,7 +6,6 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 
-import as_people_draw
 import cv2
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ import review_slices
 import slicer_files
 import slices
 from captures import capture, ct_series
-from drawing import normal_errors, polyline
+from drawing import normal_errors
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from refusals import refuses
@@ -29,7 +28,6 @@ from review_slices import (
     photographed,
     two_candidates,
 )
-from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.bundle import review_digest
@@ -522,48 +520,6 @@ def test_every_state_is_sound_nothing_that_was_changes_and_the_way_back_is_whole
     session = replace(session, undone=())
     assert text(after(sample, json.loads(json.dumps(session.steps)))) == text(session)
     assert text(replace(undone(session), undone=())) == text(sample)
-
-
-SEEDS = [pytest.param(seed, marks=[pytest.mark.slow] * (seed > 7)) for seed in range(25)]
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("kind", as_people_draw.KINDS)
-def test_no_line_that_a_person_clicks_on_is_lost_in_silence(kind, seed, tmp_path):
-    slice_, path = as_people_draw.draw(kind, seed), tmp_path / "slice.png"
-    cv2.imwrite(str(path), slice_.image[..., ::-1])
-    session = Session.open(path)
-    if not session.current.geometry.strokes:
-        session = session.apply({"do": "choose", "at": slice_.places[0].tolist()})
-    curve, truth = (
-        np.vstack(session.state()["curve_px"]),
-        polyline(slice_.truth, slice_.closed, 0.5),
-    )
-    lost, extra = ((cKDTree(a).query(b)[0] > 4).mean() for a, b in ((curve, truth), (truth, curve)))
-    assert max(lost, extra) <= 0.02 or any(f.is_open for f in session.current.findings)
-
-
-@pytest.mark.slow
-def test_the_bound_of_the_whole_curve_holds_with_parts_drawn_by_hand(tmp_path):
-    """Clicks every 30 px, 1.5 px off; 40 lines with lifts and nine markers 0.1 mm off."""
-    path, table, held = tmp_path / "slice.png", tmp_path / "m.csv", []
-    places = np.array([[u, v] for u in (30, 190, 350) for v in (30, 160, 290)])
-    for seed in range(40):
-        rng = np.random.default_rng([seed, 7])
-        slice_ = as_people_draw.draw("lifted pen", seed)
-        cv2.imwrite(str(path), slice_.image[..., ::-1])
-        robot = np.c_[4e-4 * places, np.zeros(9)] + rng.normal(0, 1e-4, (9, 3))
-        rows = [f"m{k},{u},{v},{x},{y},{z}" for k, (u, v, x, y, z) in
-                enumerate(np.c_[places, robot])]  # fmt: skip
-        table.write_text("\n".join(["label,u_px,v_px,x_m,y_m,z_m", *rows]))
-        clicks = slice_.truth[:: max(1, round(len(slice_.truth) / 12))]
-        clicks = np.clip(clicks + rng.normal(0, 1.5, clicks.shape), 0, [379, 319]).tolist()
-        drawn = {"do": "draw", "points": clicks, "replace": True}
-        session = Session.open(path, table, markers_as_given=True).apply(drawn)
-        reached = session.current.fit.registration.apply(session.current.geometry.strokes[0].points)
-        truth = np.pad(4e-4 * polyline(slice_.truth, False, 0.25), [(0, 0), (0, 1)])
-        held.append(cKDTree(truth).query(reached)[0].max() <= session.state()["tre95_m"])
-    assert np.mean(held) >= 0.93
 
 
 def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_overlaps(tmp_path):

@@ -4,11 +4,9 @@ import json
 import time
 from itertools import product
 
-import numpy as np
 import pytest
 from chromium import Page
 from conftest import need_program
-from vfplan.samples import paper
 
 
 @pytest.fixture(scope="module")
@@ -63,15 +61,6 @@ def test_simulations_keep_the_robust_proxy_outside(folder):
     for name, run in numbers.items():
         assert run["robust"]["clearance_min_um"] > -13, name
         assert run["robust"]["entrenched_ticks"] == 0
-
-
-@pytest.mark.parametrize("name", ["point", "segment", "teapot", "omega"])
-def test_pointer_goes_from_left_to_right_at_mouse_rate(name):
-    fixture, session = paper.simulation(name)
-    assert np.allclose(np.diff(session.time), 1 / 50)
-    assert session.hip[0, 0] < fixture.points[:, 0].min()
-    assert session.hip[-1, 0] > 0.75 * fixture.points[:, 0].max()
-    assert np.linalg.norm(np.diff(session.hip, axis=0), axis=1).max() < 2e-3
 
 
 def test_the_page_of_the_simulations_feels_all_four_without_a_network(vfplan_cli, tmp_path):

@@ -1,8 +1,8 @@
 """The scenes' truth against closed forms and against brute force; their clouds and paths."""
 
-import curves
 import numpy as np
 import pytest
+import shapely
 from refusals import refuses
 from scipy.spatial import cKDTree
 
@@ -194,19 +194,13 @@ def loop(rng):
 
 
 def distance(corners, x):
-    """Of the positions x (T, 2) from a closed polyline, by the textbook."""
-    sides = zip(corners[:, :2], np.roll(corners, -1, axis=0)[:, :2], strict=True)
-    return curves.distance([(a, b, 0.0) for a, b in sides], x)
+    """(T,) of the positions x (T, 2) from a closed polyline."""
+    return shapely.distance(shapely.LinearRing(corners[:, :2]), shapely.points(x))
 
 
 def inside(corners, x):
-    """Which positions x (T, 2) a closed polyline encloses: crossings of a ray to the right."""
-    a, b = corners[:, :2], np.roll(corners, -1, axis=0)[:, :2]
-    u, v = x[:, None, 0], x[:, None, 1]
-    spans = (a[:, 1] > v) != (b[:, 1] > v)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = a[:, 0] + (v - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return (spans & (u < at)).sum(axis=1) % 2 == 1
+    """(T,) which positions x (T, 2) a closed polyline encloses."""
+    return shapely.contains_xy(shapely.Polygon(corners[:, :2]), *x.T)
 
 
 def follow_closed(corners, start, hips):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vfplan.bundle.leak import open_edges
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.images.dataset import open_dataset, pixel_axes, refuse_costly
+from vfplan.images.dicom import open_dataset, pixel_axes, refuse_costly
 from vfplan.io.files import now_utc, read_bytes
 
 Vector = NDArray[np.float64]

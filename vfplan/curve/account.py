@@ -22,7 +22,7 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, Region
+from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, evenly, runs, windows
@@ -147,7 +147,16 @@ class AccountEntry:
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
-    pixels = ink.pixels
+    import cv2
+
+    # Most ink lies plainly on a curve. What is left needs exact distances, which take long.
+    plain = np.zeros(ink.mask.shape, np.uint8)
+    for curve in curves:
+        if curve.is_ordered:
+            line, width = np.rint(16 * curve.points).astype(np.int32), max(1, int(curve.width or 0))
+            cv2.polylines(plain, [line], curve.closed, 1, width, shift=4)
+    u, v = ink.pixels.T
+    pixels = ink.pixels[plain[v, u] == 0]
     edge_distance = np.full(len(pixels), np.inf)
     for curve in curves:
         points = curve.points
@@ -262,9 +271,7 @@ def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[F
     return findings
 
 
-def doubts_of_line(
-    line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
-) -> list[Finding]:
+def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) -> list[Finding]:
     """What makes a line look like a part of the picture's surroundings, and what to take instead.
 
     A bar on the border, a scale, a box or an icon is told apart by where it lies, its shape and its
@@ -300,7 +307,7 @@ def doubts_of_line(
         doubts.append(finding_at(line.middle, "ink-outweighs", text))
     others = []
     if doubts or line.length < 2 * tuned.CRUMB_PX:
-        others = choose.lines_of_other_pens(ink, pen, region, line.length / tuned.RIVAL_SHARE)
+        others = choose.lines_of_other_pens(ink, pen, line.length / tuned.RIVAL_SHARE)
     if others:
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
         doubts.insert(0, finding_at(others[0][1].middle, "ink-outweighs", text))
@@ -338,7 +345,6 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 def join_findings(
     leftover: Sequence[Leftover],
     lines: Sequence[Candidate],
-    ink: Ink,
     max_gap_px: float,
     told: Sequence[Finding],
 ) -> list[Finding]:
@@ -358,7 +364,7 @@ def join_findings(
             continue
         if piece.touches:
             where = "joins the curve"
-        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink):
+        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece):
             where = f"lies {piece.end_distance:.0f} px from the end of the curve"
         else:
             continue
@@ -367,28 +373,19 @@ def join_findings(
     return findings
 
 
-def line_of(stroke: Stroke, ink: Ink) -> Candidate:
+def line_of(stroke: Stroke) -> Candidate:
     """A stroke as a line of ink, to ask whether other ink goes on from it."""
-    u, v = np.clip(np.rint(stroke.points).astype(int), 0, ink.size - 1).T
-    strength = float(ink.coverage[v, u].mean(dtype=np.float32))
     none = np.zeros((0, 2), np.int64)
     return Candidate(
-        stroke.points,
-        stroke.closed,
-        stroke.bridged,
-        none,
-        stroke.length,
-        stroke.width,
-        strength,
-        (),
+        stroke.points, stroke.closed, stroke.bridged, none, stroke.length, stroke.width, ()
     )
 
 
-def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
+def _goes_on(lines: Sequence[Candidate], piece: Leftover) -> bool:
     """Whether a line of ink lies in the direction of the end of one of these lines."""
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
-    others = find_pieces(ink, [piece.places])
+    others = find_pieces([piece.places])
     return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
 
 
@@ -521,50 +518,38 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    return [finding_at(curve.path[_middle_of_odd_stretch(curve, at)], "width-changes", text)]
+    # It lies in the wide stretch beside the change, or in a short thin one, a letter's stroke.
+    ratio = choose.relative_width(curve)
+    around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
+    is_wide = ratio > (around.min() + around.max()) / 2
+    is_thin = ~is_wide
+    if not curve.closed:
+        first_end, last_end = curve.ends
+        at_profile = np.arange(len(ratio))
+        is_thin &= (at_profile >= first_end.place) & (at_profile <= last_end.place)
+    wide, thin = (
+        min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
+        for flags in (is_wide, is_thin)
+    )
+    is_letter = len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width and len(thin) < len(wide)
+    return [finding_at(curve.path[_middle(thin if is_letter else wide)], "width-changes", text)]
 
 
 def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
-    """The curve; a closed one whose width changes suddenly is less sure where it is wide.
+    """The curve; a closed one is less sure where it is wide.
 
     Its ends may cross or overlap there: they pull the centre aside by half of what they add to the
     width, at most.
     """
-    if not curve.closed or not width_findings(curve):
+    if not curve.closed:
         return curve
-    widest = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
+    widest = choose.lasting_width(curve)
+    if width_findings(curve):
+        sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
+        widest = np.maximum(widest, sudden)
     _, nearest = _core.nearest(curve.path, curve.points)
     wider_px = curve.width * (widest[nearest] - 1).clip(0)
     return replace(curve, sigma=np.hypot(curve.sigma, wider_px / 4))
-
-
-def _middle_of_odd_stretch(curve: MeasuredStroke, at: int) -> int:
-    """The middle of the stretch that explains a change of width at the point `at`.
-
-    That is the wide stretch beside it, a dot or two runs side by side. But a short thin stretch
-    beside all the rest of the line is a stroke of a letter at the line's end.
-    """
-    ratio = choose.relative_width(curve)
-    around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
-    is_wide = ratio > (around.min() + around.max()) / 2
-    on_line = np.ones(len(ratio), bool)
-    if not curve.closed:
-        places = np.arange(len(ratio))
-        first_end, last_end = curve.ends
-        on_line = (places >= first_end.place) & (places <= last_end.place)
-    wide = _nearest_run(is_wide & on_line, at, curve.closed)
-    thin = _nearest_run(~is_wide & on_line, at, curve.closed)
-    # A wide stretch that reaches to an end of the line is the line itself.
-    line_start, line_stop = np.flatnonzero(on_line)[[0, -1]]
-    reaches_end = min(wide[0] - line_start, line_stop - wide[-1]) < tuned.SUDDEN_PX
-    is_letter = reaches_end and len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width
-    return _middle(thin if is_letter else wide)
-
-
-def _nearest_run(flags: Flags, at: int, closed: bool) -> NDArray:
-    """Indices of the run of flags that is nearest to a point; the point itself if there is none."""
-    found = runs(flags, closed)
-    return min(found, key=lambda run: np.abs(run - at).min(), default=np.array([at]))
 
 
 def _is_expected(curve: MeasuredStroke) -> Flags:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -23,6 +22,9 @@ MIN_DOTS = 8
 
 # Pieces of ink at most among which it is looked for: the distances of all pairs are taken.
 MAX_DOTS = 600
+
+# Lines, the longest, that are joined over gaps at most: the distances of all pairs are taken.
+MAX_JOINED = 300
 
 # Deviation [px] of a dotted line: dots lie on their line to a fraction of their size.
 DOT_SIGMA_PX = 0.3
@@ -47,8 +49,6 @@ class Candidate:
         (J, 2) where the line forks or crosses itself [px].
     length, width
         Of the drawn line, and of the pen [px].
-    strength
-        Mean coverage along the path.
     pieces
         (N, 2) the pixels (u, v) of each piece of ink that it was joined from.
     """
@@ -59,7 +59,6 @@ class Candidate:
     junctions: Pixels
     length: float
     width: float
-    strength: float
     pieces: tuple[Pixels, ...]
 
     @property
@@ -226,14 +225,14 @@ def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
-def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
+def find_pieces(groups: list[Pixels]) -> list[Candidate]:
     """The line of every piece of ink that may be one or a part of one, the longest first."""
     large = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
-    lines = [line for group in large if (line := _line_of(group, ink)) is not None]
+    lines = [line for group in large if (line := _line_of(group)) is not None]
     return sorted(lines, key=lambda line: (-line.length, *line.path[0]))
 
 
-def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
+def _line_of(pixels: Pixels) -> Candidate | None:
     """The longest branch of a piece; `None` where its skeleton is a pixel or junctions only."""
     box, corner = box_of(pixels, 2)
     branches, junctions = _branches(_core.thinned(box).astype(bool))
@@ -245,8 +244,6 @@ def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
     path = path + corner
     drawn_px = sum(_length(*branch) for branch in branches)
     length, width = _length(path, closed), len(pixels) / drawn_px
-    u, v = path.T
-    strength = float(ink.coverage[v, u].mean(dtype=np.float32))
     return Candidate(
         path.astype(float),
         closed and len(junctions) == 0,
@@ -254,7 +251,6 @@ def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
         junctions + corner,
         length,
         width,
-        strength,
         (pixels,),
     )
 
@@ -353,13 +349,14 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
 
 def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
-    ends = [(i, end) for i, line in enumerate(lines) if line.may_go_on for end in (0, -1)]
-    if len(ends) < 2:
-        return None
-    places = np.array([lines[i].path[end] for i, end in ends])
-    widest = max(line.width for line in lines)
+    longest = sorted((i for i, line in enumerate(lines) if line.may_go_on),
+                     key=lambda i: -lines[i].length)[:MAX_JOINED]  # fmt: skip
+    ends = [(i, end) for i in sorted(longest) for end in (0, -1)]
+    places = np.array([lines[i].path[end] for i, end in ends]).reshape(-1, 2)
+    apart = np.hypot(*np.moveaxis(places[:, None] - places, 2, 0))
+    reach = max_gap_px + max((line.width for line in lines), default=0.0) + tuned.FLANK_PX
     lowest_cost, best = np.inf, None
-    for a, b in _pairs_within(places, max_gap_px + widest + tuned.FLANK_PX):
+    for a, b in np.argwhere(np.triu(apart <= reach, 1)):
         (i, end_i), (j, end_j) = ends[a], ends[b]
         one, other = lines[i], lines[j]
         if gap_px(one, end_i, other, end_j) > min(max_gap_px, one.length, other.length):
@@ -368,19 +365,6 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
         if cost < lowest_cost:
             lowest_cost, best = cost, (i, end_i, j, end_j)
     return best
-
-
-def _pairs_within(places: NDArray, reach: float) -> Iterator[tuple[int, int]]:
-    """The pairs of (N, 2) places that lie at most `reach` apart, the lower row first."""
-    order = np.argsort(places[:, 0], kind="stable")
-    ordered = places[order]
-    for step in range(1, len(places)):  # To the place that lies so many further along u.
-        across = ordered[step:] - ordered[:-step]
-        if across[:, 0].min() > reach:
-            return
-        for k in np.flatnonzero(np.hypot(*across.T) <= reach):
-            one, other = sorted((int(order[k]), int(order[k + step])))
-            yield one, other
 
 
 def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
@@ -432,8 +416,7 @@ def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tu
 
 
 def _same_pen(one: Candidate, other: Candidate) -> bool:
-    pairs = (one.width, other.width), (one.strength, other.strength)
-    return all(1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE for x, y in pairs)
+    return 1 / tuned.ALIKE < one.width / max(other.width, 1e-9) < tuned.ALIKE
 
 
 def _angle_deg(a: NDArray, b: NDArray) -> float:
@@ -463,7 +446,6 @@ def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> l
         bridged=np.concatenate([bridged, other.bridged]),
         length=length + other.length,
         width=share * one.width + (1 - share) * other.width,
-        strength=share * one.strength + (1 - share) * other.strength,
         pieces=one.pieces + other.pieces,
     )
     return [*others, both]

@@ -152,7 +152,7 @@ def _nearest_ends(lines: list[Candidate]) -> tuple[float, list[Candidate], Array
 
 def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
     """The refusal where the pen drew no line, or frames only."""
-    if (ink.rgb == ink.rgb[..., :1]).all():
+    if region == Region() and (ink.rgb == ink.rgb[..., :1]).all():
         return CurveError(
             "The picture is grey, so no pen can be told from it. Give a curve that was drawn as "
             "vectors: --curve FILE.",
@@ -189,20 +189,18 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
     )
 
 
-def lines_of_other_pens(
-    ink: Ink, pen: Pen, region: Region, from_px: float
-) -> list[tuple[str, Candidate]]:
+def lines_of_other_pens(ink: Ink, pen: Pen, from_px: float) -> list[tuple[str, Candidate]]:
     """The longest line of each other pen, as `#rrggbb` and line; the longest of them first.
 
     from_px: the length from which a line is named
     """
     found: list[tuple[str, Candidate]] = []
     known = [pen]
-    for other in main_pens(ink.rgb, region):
+    for other in main_pens(ink.rgb):
         try:
-            others_ink = find_ink(ink.rgb, other, region)
+            others_ink = find_ink(ink.rgb, other)
             groups = sorted(find_groups(others_ink), key=lambda group: -np.ptp(group, axis=0).max())
-            lines = find_candidates(find_pieces(others_ink, groups[:MOST_PIECES]), 0.0)
+            lines = find_candidates(find_pieces(groups[:MOST_PIECES]), 0.0)
             line = in_number_order(lines, others_ink)[0]
             name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)
@@ -223,16 +221,14 @@ def advice_on_pens(others: list[tuple[str, Candidate]]) -> str:
     )
 
 
-def with_other_pens(
-    error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen, region: Region
-) -> CurveError:
+def with_other_pens(error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen) -> CurveError:
     """The refusal with all lines, which names much longer lines of other pens."""
     if error.code == "line-dotted":
         return error
     numbered = in_number_order(lines, ink)
     error.lines = tuple(line.path for line in numbered)
     own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
-    others = lines_of_other_pens(ink, pen, region, own_px / tuned.RIVAL_SHARE)
+    others = lines_of_other_pens(ink, pen, own_px / tuned.RIVAL_SHARE)
     if others:
         name, line = others[0]
         error.message = f"Longest lines of other pens: {advice_on_pens(others)}. {error.message}"
@@ -308,17 +304,20 @@ def lasting_change(ratio: NDArray, width: float) -> tuple[float, int]:
     return largest, int(change.argmax()) + reach
 
 
+def lasting_width(curve: MeasuredStroke) -> Array:
+    """(M,) the relative width that at least half of a stretch around each profile has."""
+    ratio = np.where(curve.whole, relative_width(curve), 1.0)
+    run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
+    beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
+    return running_median(ratio, min(run, len(ratio)), **beyond)
+
+
 def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     """A doubt where a lasting stretch of the line is wider than the rest, and grows so smoothly.
 
     Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
     """
-    change = float(sudden_changes(curve).max())
-    ratio = np.where(curve.whole, relative_width(curve), 1.0)
-    run = round(max(2 * tuned.HANDLE_PX, tuned.WIDE_RUN_WIDTHS * curve.width))
-    size = min(run, len(ratio))
-    beyond = {"mode": "wrap"} if curve.closed else {"mode": "constant", "constant_values": 1.0}
-    lasting = running_median(ratio, size, **beyond)
+    change, lasting = float(sudden_changes(curve).max()), lasting_width(curve)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
     if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []

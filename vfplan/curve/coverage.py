@@ -74,17 +74,13 @@ def parse_colour(colour: str) -> Array:
     """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
     if colour == "red":  # The default needs no import of matplotlib.
         return np.array([255.0, 0.0, 0.0])
-    import difflib
-
-    from matplotlib.colors import CSS4_COLORS, to_rgb
+    from matplotlib.colors import to_rgb
 
     try:
         return 255.0 * np.array(to_rgb(colour))
     except ValueError:
-        similar = difflib.get_close_matches(colour.lower(), CSS4_COLORS, 1)
-        question = f"Did you mean {similar[0]!r}? " if similar else ""
         raise SettingError(
-            f"The colour {colour!r} is unknown. {question}Give the name of a colour or #rrggbb.",
+            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
             code="colour-unknown",
         ) from None
 
@@ -114,35 +110,16 @@ class Region:
         outside = tuple(_checked_box(box, shape) for box in exclude)
         return cls(None if roi is None else _checked_box(roi, shape), outside)
 
-    def clear_outside(self, planes: NDArray, window: tuple[slice, slice]) -> None:
-        """Set (h, w, ...) values over a window of the picture to 0 where it is not looked at."""
-        rows, columns = window
-
-        def part(box: Box) -> tuple[slice, slice]:
-            u, v = box[0] - columns.start, box[1] - rows.start
-            right, bottom = max(u + box[2], 0), max(v + box[3], 0)
-            return slice(max(v, 0), bottom), slice(max(u, 0), right)
-
-        for box in self.outside:
-            planes[part(box)] = 0
-        if self.inside is not None:
-            kept = planes[part(self.inside)].copy()
-            planes[:] = 0
-            planes[part(self.inside)] = kept
-
-    def border_distance(self, points: NDArray, size: NDArray) -> Array:
-        """(M,) how far points (M, 2) lie from a border of the region, but for the picture's own."""
-        distance = np.full(len(points), np.inf)
-        borders = self.outside if self.inside is None else [*self.outside, self.inside]
-        for u, v, width, height in borders:
-            low = np.array([u, v]) - 0.5
-            high = np.add(low, (width, height))
-            # The picture's own border is no border of the region.
-            low = np.where(low > 0, low, -np.inf)
-            high = np.where(high < size - 1, high, np.inf)
-            beyond = np.maximum(low - points, points - high).max(1)
-            distance = np.minimum(distance, np.abs(beyond))
-        return distance
+    def shown(self, rgb: NDArray) -> NDArray:
+        """A (H, W, 3) picture, black where it is not looked at."""
+        if self == Region():
+            return rgb
+        u, v, width, height = self.inside or (0, 0, *rgb.shape[1::-1])
+        shown = np.zeros_like(rgb)
+        shown[v : v + height, u : u + width] = rgb[v : v + height, u : u + width]
+        for u, v, width, height in self.outside:
+            shown[v : v + height, u : u + width] = 0
+        return shown
 
 
 def _checked_box(box: Box, shape: tuple[int, ...]) -> Box:
@@ -183,7 +160,7 @@ class Ink:
     Parameters
     ----------
     rgb
-        (H, W, 3) the picture.
+        (H, W, 3) the picture, as it is looked at.
     coverage
         (H, W) float16, of the pen, in its own strength: 1 in the middle of an opaque line.
     other
@@ -225,14 +202,14 @@ def inner_part(values: NDArray, window: Window) -> NDArray:
     return values[rows.start - outer_rows.start : rows.stop - outer_rows.start]
 
 
-def find_ink(rgb: NDArray, pen: Pen, region: Region) -> Ink:
+def find_ink(rgb: NDArray, pen: Pen, region: Region = Region()) -> Ink:
     """The pen's coverage, other pens and the mask of a (H, W, 3) picture.
 
     Where an outline is filled with a lighter shade of its own colour, the fill is taken off first.
     """
-    ink, is_broad = _ink_on(rgb, pen, region)
+    ink, is_broad = _ink_on(region.shown(rgb), pen)
     unfilled = _without_fills(ink) if is_broad else None
-    return ink if unfilled is None else _ink_on(unfilled, pen, region)[0]
+    return ink if unfilled is None else _ink_on(unfilled, pen)[0]
 
 
 def _without_fills(ink: Ink) -> NDArray | None:
@@ -271,21 +248,21 @@ def _without_fills(ink: Ink) -> NDArray | None:
     return np.rint(result).clip(0, top).astype(ink.rgb.dtype) if found else None
 
 
-def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
+def _ink_on(rgb: NDArray, pen: Pen) -> tuple[Ink, bool]:
     """The ink of a picture as it is, and whether any of it is broader than a pen, however faint."""
     import cv2
 
     shape = rgb.shape[:2]
     ink = Ink(rgb, np.zeros(shape, np.float16), np.zeros(shape, np.uint8), np.zeros(shape, bool))
     windows = list(_coloured_windows(rgb))
-    drawn = _measured_pen(rgb, pen, region, windows)
+    drawn = _measured_pen(rgb, pen, windows)
     is_broad = False
-    if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], region, windows):
+    if drawn is None or _is_edge_of_another(rgb, pen, drawn[0], windows):
         return ink, is_broad
     pen, strength = drawn
     third = np.ones((tuned.LOCAL_PX // 3, tuned.LOCAL_PX // 3), np.uint8)
     for window in windows:
-        along, across = _chroma(rgb, pen, region, window)
+        along, across = _chroma(rgb, pen, window)
         # Another pen's colour is plain to see there.
         strong = np.hypot(along, across) > tuned.OTHER_CHROMA
         other = strong & (np.abs(across) > _gate() * along)
@@ -302,7 +279,7 @@ def _ink_on(rgb: NDArray, pen: Pen, region: Region) -> tuple[Ink, bool]:
     return ink, is_broad
 
 
-def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
+def main_pens(rgb: NDArray) -> list[Pen]:
     """The pens of the hues that most saturated pixels of a picture have, the most frequent first.
 
     A hue counts together with its neighbours, and no pen is named twice.
@@ -310,7 +287,7 @@ def main_pens(rgb: NDArray, region: Region) -> list[Pen]:
     red = Pen.of_colour("red")
     counts = np.zeros(360 // HUE_STEP_DEG)
     for window in _coloured_windows(rgb):
-        along, across = (inner_part(plane, window) for plane in _chroma(rgb, red, region, window))
+        along, across = (inner_part(plane, window) for plane in _chroma(rgb, red, window))
         strong = np.hypot(along, across) > tuned.OTHER_CHROMA
         angle = np.degrees(np.arctan2(across[strong], along[strong])) % 360
         step = (angle / HUE_STEP_DEG).astype(int) % len(counts)
@@ -385,13 +362,12 @@ def _coloured_windows(rgb: NDArray) -> Iterator[Window]:
         yield (rows, columns), (slice(top, bottom), columns)
 
 
-def _chroma(rgb: NDArray, pen: Pen, region: Region, window: Window) -> tuple[NDArray, NDArray]:
-    """The picture's chroma along and across the pen's hue [grey levels], 0 outside the region."""
+def _chroma(rgb: NDArray, pen: Pen, window: Window) -> tuple[NDArray, NDArray]:
+    """The picture's chroma along and across the pen's hue [grey levels]."""
     import cv2
 
     directions = (_scale(rgb) * np.array([pen.along, pen.across])).astype(np.float32)
     planes = cv2.transform(rgb[window[0]].astype(np.float32), directions)
-    region.clear_outside(planes, window[0])
     return planes[..., 0], planes[..., 1]
 
 
@@ -400,9 +376,7 @@ def _gate() -> float:
     return float(np.tan(np.radians(tuned.HUE_GATE_DEG)))
 
 
-def _measured_pen(
-    rgb: NDArray, pen: Pen, region: Region, windows: list[Window]
-) -> tuple[Pen, float] | None:
+def _measured_pen(rgb: NDArray, pen: Pen, windows: list[Window]) -> tuple[Pen, float] | None:
     """The pen as it is in this picture, and its strength [grey levels]; `None` without ink.
 
     Both come from the stronger half of its pixels, through a histogram of the chroma along the
@@ -410,7 +384,7 @@ def _measured_pen(
     """
     counts, sums = np.zeros(512), np.zeros(512)
     for window in windows:
-        along, across = (inner_part(plane, window) for plane in _chroma(rgb, pen, region, window))
+        along, across = (inner_part(plane, window) for plane in _chroma(rgb, pen, window))
         inked = (along > tuned.CHROMA_FLOOR) & (np.abs(across) < _gate() * along)
         level = along[inked].astype(np.int64)
         counts += np.bincount(level, minlength=512)
@@ -424,9 +398,7 @@ def _measured_pen(
     return pen.turned(angle), _quantile(levels, counts, 0.75) / np.cos(angle)
 
 
-def _is_edge_of_another(
-    rgb: NDArray, named: Pen, drawn: Pen, region: Region, windows: list[Window]
-) -> bool:
+def _is_edge_of_another(rgb: NDArray, named: Pen, drawn: Pen, windows: list[Window]) -> bool:
     """Whether the ink belongs to a pen beyond the named pen's hues, of which JPEG spread some in.
 
     Such ink is measured near the edge of the named pen's hues. Around that hue there is more of it,
@@ -434,7 +406,7 @@ def _is_edge_of_another(
     """
     if abs(drawn.degrees_from(named)) < tuned.HUE_GATE_DEG / 2:
         return False
-    again = _measured_pen(rgb, drawn, region, windows)
+    again = _measured_pen(rgb, drawn, windows)
     return again is not None and abs(again[0].degrees_from(named)) > tuned.HUE_GATE_DEG
 
 

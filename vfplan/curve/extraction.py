@@ -165,11 +165,6 @@ class Extraction:
     account: tuple[AccountEntry, ...] = ()
     findings: tuple[Finding, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The findings as sentences."""
-        return tuple(finding.text for finding in self.findings)
-
 
 def extract_curve(
     image: PlannedImage | NDArray,
@@ -229,7 +224,7 @@ def extract_curve(
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
     groups = candidates.find_groups(ink)
-    pieces = candidates.find_pieces(ink, groups)
+    pieces = candidates.find_pieces(groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
@@ -256,13 +251,13 @@ def extract_curve(
             choose.refuse_fit_off_ink(curve, line)
             curves.append(account.with_crossed_ends(curve))
     except CurveError as error:
-        raise choose.with_other_pens(error, lines, ink, pen, region) from None
+        raise choose.with_other_pens(error, lines, ink, pen) from None
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
     findings = asked + account.leftover_findings(leftover, max_gap_px)
     if len(chosen) == 1:
-        findings = account.doubts_of_line(chosen[0], lines, ink, pen, region) + findings
+        findings = account.doubts_of_line(chosen[0], lines, ink, pen) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
@@ -272,7 +267,7 @@ def extract_curve(
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(curve)
-    findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
+    findings += account.join_findings(leftover, (), max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)
     strokes = []
@@ -334,13 +329,16 @@ def _check_settings(method: str, stroke: int | str | None, max_gap_px: float, pl
 
 def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> list[Finding]:
     """A note for each open end on a border of the region, beyond which nothing was looked at."""
-    if curve.closed:
+    if region == Region():
         return []
-    ends = curve.points[[0, -1]]
+    is_seen = region.shown(np.ones(size[::-1], bool))
+    text = "the curve ends on the border of the region. Widen the region if it goes on."
     findings = []
-    for place, distance in zip(ends, region.border_distance(ends, size), strict=True):
-        if distance <= curve.width + tuned.FLANK_PX:
-            text = "the curve ends on the border of the region. Widen the region if it goes on."
+    for place in curve.end_points:
+        reach = curve.width + tuned.FLANK_PX
+        left, top = np.maximum(np.rint(place - reach), 0).astype(int)
+        right, bottom = np.rint(place + reach).astype(int) + 1
+        if not is_seen[top:bottom, left:right].all():
             findings.append(account.finding_at(place, "end-at-region", text, note))
     return findings
 

@@ -242,37 +242,6 @@ class End:
     continues: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What a line shows along itself towards one end, which is the last of its N points.
-
-    Parameters
-    ----------
-    mass
-        (N,) ink across the line; 1 where it is as much as usual.
-    coverage
-        (N, K) across the line, at the places `x`.
-    visible
-        The last point at which the line was seen.
-    x
-        (K,) [px].
-    width
-        Of the pen [px]: the line's width without what blur adds to it.
-    edge
-        Pixels over which the line's edge falls from high to low.
-    noisy
-        Whether the picture's colour is noisy, as that of JPEG is.
-    """
-
-    mass: Array
-    coverage: Array
-    visible: int
-    x: Array
-    width: float
-    edge: float
-    noisy: bool
-
-
 def find_ends(profiles: Profiles, valid: Flags, noisy: bool) -> tuple[End, End]:
     """The first and the last end of a line.
 
@@ -282,12 +251,12 @@ def find_ends(profiles: Profiles, valid: Flags, noisy: bool) -> tuple[End, End]:
     """
     visible = np.flatnonzero(valid)
     last = len(valid) - 1
-    width, edge = _pen_width(profiles, valid)
-    pen = profiles.x, width, edge, noisy
+    pen = *_pen_width(profiles, valid), noisy
     mass, coverage = profiles.mass[::-1], profiles.coverage[::-1]
-    first = _find_end(Run(mass, coverage, int(last - visible[0]), *pen))
+    backwards = replace(profiles, mass=mass, coverage=coverage)
+    first = _find_end(backwards, int(last - visible[0]), *pen)
     first = replace(first, place=last - first.place, whole=last - first.whole)
-    return first, _find_end(Run(profiles.mass, profiles.coverage, int(visible[-1]), *pen))
+    return first, _find_end(profiles, int(visible[-1]), *pen)
 
 
 def _pen_width(profiles: Profiles, valid: Flags) -> tuple[float, float]:
@@ -330,42 +299,43 @@ def _blurred_pens() -> tuple[Array, Array]:
     return edges, shares
 
 
-def _find_end(run: Run) -> End:
-    """The end of a line, from the ink that it shows along itself."""
+def _find_end(profiles: Profiles, visible: int, pen_px: float, edge_px: float, noisy: bool) -> End:
+    """The end of a line, from the ink that it shows along itself towards its last point.
+
+    visible: the last point at which the line was seen
+    pen_px, edge_px: of the pen, as `_pen_width` has them
+    noisy: whether the picture's colour is noisy, as that of JPEG is
+    """
     # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
     # rested the ink is a disc, broader than the line.
-    ink = _smoothed(run.mass)
-    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
+    ink = _smoothed(profiles.mass)
+    before = ink[max(visible - tuned.TANGENT_PX, 0) : visible + 1]
     level = max(float(np.median(before)), 1e-6)
     highest = before[-tuned.TANGENT_PX // 2 :].max()
     rested = highest > tuned.WIDE * min(level, 1.0)
     if rested:
         level = highest
     ink = ink / level
-    width = run.width * level
-    noise = tuned.INK_NOISE_NOISY if run.noisy else tuned.INK_NOISE
+    width = pen_px * level
+    noise = tuned.INK_NOISE_NOISY if noisy else tuned.INK_NOISE
     visible_ink = tuned.VISIBLE_SIGMAS * noise
-    high = _crossing(ink, _last_above(ink, HIGH, run.visible), HIGH)
+    high = _crossing(ink, _last_above(ink, HIGH, visible), HIGH)
     half = _crossing(ink, high, tuned.HALF)
     low = _crossing(ink, half, LOW)
 
     # The longest fall that a blunt end shows: the round of the tip, and what blurs it.
-    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * run.edge + tuned.BLUNT_SHARE * run.width
-    inner = run.mass[tuned.TAPER_REACH_PX : run.visible + 1]
+    blunt = tuned.BLUNT_PX + tuned.BLUNT_EDGES * edge_px + tuned.BLUNT_SHARE * pen_px
+    inner = profiles.mass[tuned.TAPER_REACH_PX : visible + 1]
     rough = float(np.median(np.abs(inner - gaussian(inner, tuned.TREND_PX / 2))))
     blunt += tuned.BLUNT_ROUGH_PX * rough
     tapered = _taper_share(FALLS_PX, blunt)
-    if not run.noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
+    if not noisy:  # The ink close by is plain to see, and a pressed pen ends at once there.
         # From high to half the ink falls a part of the way; the whole fall is as steep.
         observed = _taper_share((half - high) / (HIGH - tuned.HALF), blunt)
         tapered = np.minimum(tapered, observed)
 
-    # The shape of the tip decides, as far as it shows: the sides of a point end long before its
-    # middle. A point that is not even as long as the pen is wide is the cap of a drawing program.
-    tip = (0.0, 1.0, 0.0, 0.0) if rested else _tip_shape(run, width)
-    flat, reach, longest_point, point_shows = tip
-    is_point = (width < FALLS_PX) & (longest_point > FALLS_PX)
-    tapered = np.maximum(tapered, point_shows * is_point)
+    # A tip that was cut off square, or is rounder than a half disc, ends elsewhere.
+    flat, reach = (0.0, 1.0) if rested else _tip_shape(profiles, visible, width, noisy)
 
     # Each foot and each length of the fall counts by how well it fits the ink.
     foot = np.arange(half - 1, half + FALLS_PX[-1] / 2, tuned.STEP_PX)[:, None]
@@ -382,7 +352,7 @@ def _find_end(run: Run) -> End:
 
     is_drawn_out = (likely * tapered).sum() > tuned.HALF
     whole = _crossing(ink, half, visible_ink) if is_drawn_out else half
-    beyond = max(int(np.ceil(mean + run.width / 2 + tuned.FLANK_PX)), 0)
+    beyond = max(int(np.ceil(mean + pen_px / 2 + tuned.FLANK_PX)), 0)
     ahead = ink[beyond : beyond + tuned.SUDDEN_PX]
     # More ink than `VISIBLE` is no faint one; the account lists it.
     reaches = len(ahead) == tuned.SUDDEN_PX
@@ -421,12 +391,11 @@ def _likelihood(ink: NDArray, low: float, foot: NDArray, noise: float) -> Array:
     return likely / likely.sum()
 
 
-def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
+def _tip_shape(profiles: Profiles, visible: int, width: float, noisy: bool) -> tuple[float, float]:
     """The shape of a tip that is as wide as `width`, as far as a thin pen shows it.
 
-    Returns how surely the tip was cut off square (0 to 1); how far a round tip reaches, over how
-    far a half disc as broad as the line reaches; the length of the longest point that its sides
-    allow [px]; and how surely a point would show in so broad a line (0 to 1).
+    Returns how surely the tip was cut off square (0 to 1), and how far a round tip reaches, over
+    how far a half disc as broad as the line reaches.
 
     A round tip ends earlier at its sides than in its middle, a tip that was cut off square does
     not, and a drawn out one ends far earlier. A tip whose disc is smaller than the line is broad,
@@ -435,34 +404,33 @@ def _tip_shape(run: Run, width: float) -> tuple[float, float, float, float]:
     """
     side = tuned.TIP_SIDE
     band = tuned.TIP_BAND * width
-    middle = _end_of_band(run, np.abs(run.x) <= band + tuned.STEP_PX / 2)
-    left = _end_of_band(run, np.abs(run.x + side * width) <= band)
-    right = _end_of_band(run, np.abs(run.x - side * width) <= band)
+    middle = _end_of_band(
+        profiles.coverage, visible, np.abs(profiles.x) <= band + tuned.STEP_PX / 2
+    )
+    left = _end_of_band(profiles.coverage, visible, np.abs(profiles.x + side * width) <= band)
+    right = _end_of_band(profiles.coverage, visible, np.abs(profiles.x - side * width) <= band)
     if middle is None or left is None or right is None:
-        return 0.0, 1.0, 0.0, 0.0
+        return 0.0, 1.0
     falls_back = max((middle - (left + right) / 2) / width, 1e-6)
     flat = float(np.clip(2 - falls_back / tuned.ROUND_BACK, 0, 1))
     # The radius of the disc through the middle of the tip and both sides; half of the line's ink
     # is left where that disc is half as broad as the line.
     radius = np.clip((side**2 + falls_back**2) / (2 * falls_back), 1 / 4, 1 / 2)
     reach = np.sqrt((radius**2 - 1 / 16) / (1 / 4 - 1 / 16))
-    from_width = tuned.FLAT_WIDTH_NOISY_PX if run.noisy else tuned.FLAT_WIDTH_PX
+    from_width = tuned.FLAT_WIDTH_NOISY_PX if noisy else tuned.FLAT_WIDTH_PX
     shows = float(np.clip((width - from_width) / tuned.FLANK_PX, 0, 1))
     reach = float(1 - (1 - reach) * shows)
-    # The sides of a point of length l end 2 TIP_SIDE l before its middle. Blur leaves at least half
-    # of that.
-    longest_point = falls_back * width / side
-    return flat * shows, reach, longest_point, float(np.clip(width - tuned.FLAT_WIDTH_PX, 0, 1))
+    return flat * shows, reach
 
 
-def _end_of_band(run: Run, band: Flags) -> float | None:
+def _end_of_band(coverage: NDArray, visible: int, band: Flags) -> float | None:
     """Where half of the ink is left in a band along the line; `None` in an empty band."""
     if not band.any():
         return None
-    ink = _smoothed(run.coverage[:, band].mean(1))
-    before = ink[max(run.visible - tuned.TANGENT_PX, 0) : run.visible + 1]
+    ink = _smoothed(coverage[:, band].mean(1))
+    before = ink[max(visible - tuned.TANGENT_PX, 0) : visible + 1]
     ink = ink / max(float(np.median(before)), 1e-6)
-    return _crossing(ink, _last_above(ink, HIGH, run.visible), tuned.HALF)
+    return _crossing(ink, _last_above(ink, HIGH, visible), tuned.HALF)
 
 
 def _smoothed(ink: NDArray) -> Array:

@@ -20,7 +20,7 @@ from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.images.dataset import is_dicom, memory_file
+from vfplan.images.dicom import is_dicom, memory_file, read_dicom
 from vfplan.images.raster import (
     ALPHA,
     COLOURS,
@@ -176,8 +176,6 @@ def read_image(
         raise ImageError("is empty. Give an image.", where=where)
     sha256 = hashlib.sha256(data).hexdigest()
     if is_dicom(data):
-        from vfplan.images.dicom import read_dicom
-
         with naming_place(where):
             rgb, spacing_mm, T_patient_image, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels

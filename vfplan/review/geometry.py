@@ -251,10 +251,8 @@ class Geometry:
         told = {(finding.code, finding.text) for finding in self.findings}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
         findings = [finding for finding in again if (finding.code, finding.text) in told]
-        lines = [account.line_of(line, self.ink.found) for line in self.lines]
-        findings += account.join_findings(
-            self.leftover, lines, self.ink.found, self.max_gap_px, findings
-        )
+        lines = [account.line_of(line) for line in self.lines]
+        findings += account.join_findings(self.leftover, lines, self.max_gap_px, findings)
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
         return findings
@@ -323,7 +321,7 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
 def lines_of(ink: SliceInk, max_gap_px: float) -> list[Candidate]:
     """The lines of the ink as extraction finds them; none among too many pieces."""
     try:
-        pieces = find_pieces(ink.found, find_groups(ink.found))
+        pieces = find_pieces(find_groups(ink.found))
     except CurveError:
         return []
     return find_candidates(pieces, max_gap_px)

@@ -31,6 +31,7 @@ from vfplan.geometry.lines import (
     gaussian,
     normals,
     ring_of,
+    running_median,
     runs,
     values_at,
 )
@@ -240,6 +241,9 @@ class SliceInk:
             passed = past_branches(points, joined, alone)
         mode = "wrap" if closed else "edge"
         sigma = np.hypot(deviation_of(residual, alone, smooth_px, noisy, mode), INK_SIGMA_PX)
+        if closed:  # Its ends may overlap where it is wide, and pull the centre aside.
+            wider_px = usual * (running_median(mass, NEARBY_POINTS, "wrap") - 1).clip(0)
+            sigma = np.hypot(sigma, wider_px / 4)
         sigma[passed] = BRANCH_SIGMA_PX
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)

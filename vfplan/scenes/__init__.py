@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from vfplan import fixture
 from vfplan.engine.parameters import Vector, check_stiffness
 from vfplan.engine.proxy import ProxyEngine, check_path
+from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.scenes import god_object, outline
 from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres, in_space
 
@@ -161,9 +162,10 @@ def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
 
     Both ends belong to the path; the last step may be shorter.
     """
-    edges = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    corners = np.asarray(corners, float)
+    edges = arc_lengths(corners, False)
     s = np.append(np.arange(0.0, edges[-1], speed / rate), edges[-1])
-    return np.column_stack([np.interp(s, edges, line) for line in np.asarray(corners, float).T])
+    return interpolated(s, edges, corners)
 
 
 def corners_mm(*points: tuple[float, ...]) -> Vector:
@@ -372,9 +374,7 @@ class Teapot(Drawn):
 
 def outside(line: Vector, by: float) -> Vector:
     """A line (K, 2) [m] moved to its right: out of an outline drawn counter-clockwise."""
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    return line + by * np.column_stack([along[:, 1], -along[:, 0]])
+    return line - by * normals(line, False)
 
 
 class Point(Scene):

@@ -17,8 +17,13 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError
 from vfplan.geometry.lines import plane_normal
-from vfplan.images.dataset import begins_like_dicom, group_value, open_dataset, refuse_costly
-from vfplan.images.dicom import place_in_patient
+from vfplan.images.dicom import (
+    begins_like_dicom,
+    group_value,
+    open_dataset,
+    place_in_patient,
+    refuse_costly,
+)
 from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_text
 from vfplan.surface import volumes
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure

@@ -20,7 +20,7 @@ from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING
 from vfplan.geometry.lines import arc_lengths, interpolated, on_segments, ring_of, step_lengths
-from vfplan.images.dataset import memory_file, open_dataset
+from vfplan.images.dicom import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
 from vfplan.io.sandbox import raise_limits, run_in_sandbox

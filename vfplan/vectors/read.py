@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
 from vfplan.geometry import CORNER_PX
-from vfplan.images.dataset import is_dicom
+from vfplan.images.dicom import is_dicom
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     METRES,
