@@ -40,9 +40,6 @@ Mesh = tuple[Array, NDArray[np.int32]]
 # Time after which a peer that still runs has failed [s].
 TIMEOUT_S = 120.0
 
-# Length of a peer's own message in an error.
-QUOTED_CHARACTERS = 200
-
 
 @dataclass(frozen=True)
 class Peer:
@@ -81,8 +78,8 @@ class Peer:
         names = ("contact_radius", "band", "point_radius", "outer_radius", "gain")
         numbers = {name: getattr(settings, name) for name in names}
         numbers["stiffness"] = settings.stiffness[0]
-        flat_points = flattened(points, settings.ignore_axis)
-        tables = {"points": ("x,y,z", flat_points), "path": ("x,y,z", flat_hips)}
+        tables = {"path": ("x,y,z", flat_hips)}
+        tables["points"] = "x,y,z", flattened(points, settings.ignore_axis)
         if mesh is not None:
             tables |= {"corners": ("x,y,z", mesh[0]), "triangles": ("a,b,c", mesh[1])}
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
@@ -114,7 +111,7 @@ class Peer:
         try:
             subprocess.run(command, check=True, timeout=TIMEOUT_S, **how)
         except (OSError, subprocess.SubprocessError) as error:
-            said = " ".join(str(getattr(error, "stderr", None) or "").split())[-QUOTED_CHARACTERS:]
+            said = " ".join(str(getattr(error, "stderr", None) or "").split())[-200:]
             raise SettingError(
                 f"peer {self.name!r} failed: {error} {said}. Correct that program",
                 code="peer-failed",
