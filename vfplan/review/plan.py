@@ -555,7 +555,7 @@ def open_source(
     slice_path = Path(slice_path) if slice_path is not None else None
     curve_path = Path(curve_path) if curve_path is not None else None
     of_extraction, of_planning = split_settings(given)
-    if is_bundle(path):
+    if path.suffix.lower() in (".h5", ".hdf5"):
         if curve_path is not None:
             text = "A bundle has its curve. Leave --curve out."
             raise SettingError(text, code="curve-given-twice")
@@ -673,13 +673,6 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
                 code="no-such-setting",
             )
     return of_extraction, of_planning
-
-
-def is_bundle(path: Path) -> bool:
-    """Whether a file is a bundle, by its name or its first bytes."""
-    from vfplan.io.hdf5 import h5py
-
-    return path.suffix.lower() in (".h5", ".hdf5") or h5py.is_hdf5(path)
 
 
 def source_of_slice(
