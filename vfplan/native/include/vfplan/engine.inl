@@ -121,7 +121,7 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     void set_skin(const mesh::Surface& surface) override {
         if constexpr (is_editable && D == 3) {
             skin_ = std::make_unique<mesh::Mesh>(surface);
-            if (!skin_->is_closed()) skin_.reset();
+            if (!mesh::is_closed(*skin_)) skin_.reset();
             this->rule_.set_skin(skin_.get());
         }
     }

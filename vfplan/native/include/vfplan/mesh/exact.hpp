@@ -71,7 +71,7 @@ class MeshMotion {
           neighbourhood_(p.outer_radius + p.point_radius),
           query_(std::move(mesh), R_, band_),
           planes_(R_, band_),
-          body_search_(query_.mesh().is_closed() ? &query_.mesh() : nullptr),
+          body_search_(is_closed(query_.mesh()) ? &query_.mesh() : nullptr),
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }

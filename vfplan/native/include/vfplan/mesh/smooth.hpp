@@ -8,6 +8,21 @@
 
 namespace vfplan::inline v1::mesh {
 
+/// Whether each side is one of two triangles that have the same side up.
+inline bool is_closed(const Mesh& mesh) {
+    std::vector<std::array<std::uint32_t, 2>> sides, back;
+    for (std::uint32_t i = 0; i < mesh.size(); ++i)
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::uint32_t from = mesh.face(i)[k], to = mesh.face(i)[(k + 1) % 3];
+            if (from == to) return false;
+            sides.push_back({from, to});
+            back.push_back({to, from});
+        }
+    std::sort(sides.begin(), sides.end());
+    std::sort(back.begin(), back.end());
+    return sides == back && std::adjacent_find(sides.begin(), sides.end()) == sides.end();
+}
+
 /// The place of the body under another place.
 struct FacetFoot {
     Vec3 at;                       ///< the nearest place of the body

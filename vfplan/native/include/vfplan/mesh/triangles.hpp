@@ -328,20 +328,6 @@ class Mesh {
             },
             [&](std::uint32_t i) noexcept { turns += crossing(faces_[i], y); });
     }
-    /// Whether each side is one of two triangles that have the same side up.
-    bool is_closed() const {
-        std::vector<std::pair<std::uint32_t, std::uint32_t>> sides, back;
-        for (const Face& face : faces_)
-            for (std::size_t k = 0; k < 3; ++k) {
-                const std::uint32_t from = face[k], to = face[(k + 1) % 3];
-                if (from == to) return false;
-                sides.emplace_back(from, to);
-                back.emplace_back(to, from);
-            }
-        std::sort(sides.begin(), sides.end());
-        std::sort(back.begin(), back.end());
-        return sides == back && std::adjacent_find(sides.begin(), sides.end()) == sides.end();
-    }
 
   private:
     static constexpr Vec3 ray{{0.4317, 0.5713, 0.6980361}};  // along which no mesh is laid out
