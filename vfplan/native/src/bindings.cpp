@@ -78,6 +78,24 @@ bool exchange(Engine& engine, Engine& other) {
     return engine.exchange(std::move(other));
 }
 
+// Distances (T,) of points (T, 3) from lines and arcs, across an axis.
+nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
+                              const Flags& closed, const Row& axis, const Rows& points) {
+    const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
+    const vfplan::Slice space(vec(axis));
+    const std::size_t n = points.shape(0);
+    auto out = array<double>(n, 1);
+    {
+        nb::gil_scoped_release release;
+        vfplan::check(all);
+        const vfplan::curve::Curve curve(all, space, 1);
+        const double* x = points.data();
+        for (std::size_t i = 0; i < n; ++i)
+            out.data()[i] = curve.distance(space.project(vfplan::point_at(x, i)));
+    }
+    return nb::cast(out);
+}
+
 nb::object distance(Engine& engine, const Rows& points) {
     const EngineUse turn(engine);
     const std::size_t n = points.shape(0);
@@ -244,6 +262,9 @@ NB_MODULE(_core, m) {
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
+
+    m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
+          "closed"_a, "axis"_a, "points"_a, "distances from lines and arcs [m]");
 
     nb::class_<Engine> engine(m, "Engine");
     engine

@@ -143,7 +143,7 @@ concept Motion = requires(M motion, Stall& stall, PlannedPath<M::dimension>& pat
     { motion.iterations() } noexcept -> std::same_as<int>;  // of the last motion
     { motion.release() } noexcept;
     { motion.reset() } noexcept;
-    motion.inside();  // what a way out leaves: InsideCloud, InsideCurve or InsideMesh
+    motion.inside();  // what a way out leaves: InsideCloud, CurveMotion or InsideMesh
 };
 
 /// The guarantees: the proxy is outside or on its way out, it rests where the HIP rests, and a tick
