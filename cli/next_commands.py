@@ -6,6 +6,7 @@ In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import click
 from vfplan.cli.main import cli
 
 from vfplan.display import command_of
+from vfplan.errors import VfplanError
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -96,6 +98,17 @@ def public_key_of(private_key: Path) -> Path | str:
     return public if public.exists() else "KEYS.pub"
 
 
+def public_key_beside(fixture: Path, key_id: str) -> Path | str:
+    """The file beside a bundle with the public key that signed it."""
+    from vfplan.bundle.seal import read_keys
+
+    for path in sorted(fixture.parent.glob("*.pub")):
+        with suppress(VfplanError):
+            if bytes.fromhex(key_id) in read_keys(path):
+                return path
+    return "KEYS.pub"
+
+
 def approval_command(
     fixture: Path, seal: dict[str, Any], *, is_reviewed: bool, has_image: bool, has_page: bool
 ) -> str:
@@ -107,7 +120,7 @@ def approval_command(
     """
     if seal["signed"]:
         signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
-        return verify_command(fixture, **signed_for)
+        return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), **signed_for)
     if is_reviewed:
         return sign_command(fixture)
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)

@@ -12,7 +12,7 @@ from vfplan.bundle.importing import import_cloud
 from vfplan.bundle.leak import largest_cover
 from vfplan.bundle.read import read_bundle
 from vfplan.engine.proxy import sampled
-from vfplan.errors import InputError
+from vfplan.errors import InputError, SettingError
 
 TETRAHEDRON = np.array([[0, 0, 0], [30, 0, 0], [0, 30, 0], [0, 0, 30]], dtype=float)
 FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
@@ -63,6 +63,24 @@ def test_a_drawn_mesh_that_says_nothing_of_samples_leaks(stl, vfplan_cli, tmp_pa
     fixture = vfplan.read_fixture(tmp_path / "a.h5")
     with pytest.raises(vfplan.errors.SceneError, match="leaks"):
         vfplan.write_fixture(bundles.replace(fixture, sample_radius=None), tmp_path / "b.h5")
+
+
+def test_a_facet_that_is_there_twice_is_told(stl, tmp_path):
+    facets = stl.read_text().split("outer loop")
+    stl.write_text("outer loop".join([*facets[:2], facets[1], *facets[2:]]))
+    (told,) = import_cloud(stl, units="mm").findings
+    assert told.code == "edges-shared"
+    assert told.text.startswith("3 edges belong to three triangles or more")
+    assert np.isin(told.place_m, (0, 0.03)).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"curve": "shut"}, {"spacing": np.nan}, {"contact_radius": np.nan}, {"point_radius": -1e-3}],
+)
+def test_settings_that_mean_nothing_are_refused(wrong, stl):
+    with pytest.raises(SettingError, match="Give "):
+        import_cloud(stl, units="mm", **wrong)
 
 
 def test_what_a_mesh_leaves_unused_and_what_takes_long_ticks_is_said(vfplan_cli, tmp_path):

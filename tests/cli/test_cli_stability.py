@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from bundles import PROVENANCE, pixels, whole
 from conftest import ELBOW
+from vfplan.cli.stability import MAX_STIFFNESS
 
+from vfplan.bundle.content import max_number
 from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
 from vfplan.fixture import Fixture
@@ -49,6 +51,7 @@ def test_study_of_a_point(vfplan_cli, dot, tmp_path):
 
 
 def test_a_stiffness_beyond_the_bound_exits_1_and_names_what_passes(vfplan_cli, dot):
+    assert max_number("/rendering/stiffness") == MAX_STIFFNESS
     options = ("--robot", "franka", "--stiffness", 3000, "--part", "closed-loop", "--json")
     run = vfplan_cli("stability", dot, *options).fails(1)
     assert run.json["stable"] is False
@@ -70,7 +73,7 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
     case = ("--case", "C 1", "--despite-findings")
     assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).code == 0
     following = vfplan_cli("stability", signed, *words).json["next"]
-    assert following == f"vfplan verify {signed} --keys KEYS.pub --case 'C 1'"
+    assert following == f"vfplan verify {signed} --keys {key.with_suffix('.pub')} --case 'C 1'"
 
 
 def test_options_win_over_the_robot(vfplan_cli, dot):

@@ -351,8 +351,9 @@ def test_a_row_major_matrix_is_refused():
     for row_major in (False, True):
         ros, sent = RosOptions(row_major=row_major), pose if row_major else pose.T
         np.testing.assert_array_equal(tip_position(sent.ravel(), ros)[0], pose[:3, 3])
-        with refuses(SessionError, "not-a-transform"):
+        with refuses(SessionError, "not-a-transform") as refused:
             tip_position(sent.T.ravel(), ros)
+        assert "last row is [0.3, 0.1, 0.5, 1.0]" in str(refused.value)
 
 
 def test_a_quaternion_that_is_not_of_unit_length_is_refused():

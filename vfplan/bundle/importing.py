@@ -28,6 +28,7 @@ from vfplan.bundle.leak import (
     largest_cover,
     open_edges,
     pieces_of,
+    sorted_edges,
     turned_facets,
     widest_opening,
 )
@@ -144,6 +145,15 @@ def import_cloud(
     radius = contact_radius + point_radius
     if units not in METRES:
         raise SettingError(f"Unit {units!r} is unknown. Give one of {', '.join(METRES)}.")
+    if curve not in (None, "open", "closed"):
+        raise SettingError(f"Curve {curve!r} is unknown. Give 'open' or 'closed'.")
+    if spacing is None:
+        spacing = radius / 10
+    if not (0 < contact_radius < np.inf and 0 <= point_radius < np.inf and 0 < spacing < np.inf):
+        raise SettingError(
+            f"The radii of tool and points are {contact_radius} and {point_radius} m, and the "
+            f"spacing is {spacing} m. Give finite numbers above 0; only points may have radius 0."
+        )
     axis = check_axis(ignore_axis)
     with naming_place(path):
         cloud, digest = read_cloud(Path(path), units)
@@ -185,8 +195,6 @@ def import_cloud(
         unused = len(points) - len(np.unique(cloud.triangles))
         if unused > 0:
             ignored.append(f"{unused} points of no triangle")
-        if spacing is None:
-            spacing = radius / 10
         points, mesh, findings = joined_and_turned(points, cloud.triangles)
         if len(mesh) < len(cloud.triangles):
             ignored.append(f"{len(cloud.triangles) - len(mesh)} facets without area")
@@ -361,6 +369,12 @@ def joined_and_turned(
     if not open_edges(mesh) and (one * np.cross(two, three)).sum() < 0:
         text = "The mesh is closed and its facets face inwards. Both sides are rendered alike."
         findings.append(note("mesh-inside-out", "import", text))
+    edges, count = np.unique(sorted_edges(mesh), return_counts=True)
+    shared = edges[count > 2] >> 32
+    if len(shared):
+        text = f"{len(shared)} edges belong to three triangles or more: faces doubled or crossed."
+        place_m = tuple(points[shared[0]].tolist())
+        findings.append(note("edges-shared", "import", text, place_m=place_m))
     return points, mesh, findings
 
 

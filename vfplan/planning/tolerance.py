@@ -441,7 +441,7 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         raise SettingError(
             f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
             f"the {name} of {1e3 * length_m:.4g} mm allows {share:g} of "
-            "itself. Give a smaller --arcs, or none",
+            f"itself. Give --arcs {950 * share * length_m:.2g} or less, or none",
             code="arcs-coarse",
             numbers={"error_m": pieces.error, "length_m": length_m},
         )

@@ -172,7 +172,7 @@ def approach_sessions(
             clear = stop + PRESS_DEPTH_M
             inner = (arc >= clear) & (arc[-1] - arc >= clear)
             if inner.sum() < 2:
-                size, reach = millimetres(arc[-1], 1), millimetres(clear, 1)
+                size, reach = millimetres(arc[-1]), millimetres(clear)
                 message = f"a stroke of {size} has nothing {reach} from its ends. Give a session"
                 numbers = {"length_m": float(arc[-1]), "clear_m": clear}
                 raise InputError(message, code="stroke-too-short", numbers=numbers)

@@ -264,7 +264,10 @@ def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bo
         matrix = np.reshape(np.asarray(value, float), (4, 4), "C" if ros.row_major else "F")
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
             how = "without" if ros.row_major else "with"
-            message = f"16 numbers are no transform. Read them {how} --row-major, or choose others"
+            message = (
+                f"16 numbers are no transform: their last row is {matrix[3].tolist()}. Read them "
+                f"{how} --row-major, or choose others"
+            )
             raise SessionError(message, code="not-a-transform")
         position, turn = matrix[:3, 3], matrix[:3, :3]
     elif hasattr(value, "position"):
