@@ -92,7 +92,7 @@ class File {
   public:
     explicit File(View data) : data_(data) {}
 
-    /// A part that is there, and that nothing else refers to (seen by `check_rest`).
+    /// A part that is there, and that nothing else refers to (seen by `check_unclaimed`).
     View claim(std::uint64_t address, std::uint64_t size, const std::string& where) {
         const View part = within(address, size, where);
         claims_.emplace_back(address, address + size);

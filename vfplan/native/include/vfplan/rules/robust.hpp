@@ -355,7 +355,7 @@ class RobustMotion {
     /// step at once: first the shortest way up to R above all planes, then what is left of the
     /// step. False, and nothing done, unless the two together bring the proxy nearer to the goal. A
     /// proxy that is led askew through a coarsely sampled channel needs it
-    /// (test_coarse_channel_is_followed_at_speed).
+    /// (test_channels_are_followed_wherever_their_samples_lie).
     bool lift_then_move(Vec<D>& proxy, const Vec<D>& goal, const Vec<D>& step,
                         PlannedPath<D>& path) noexcept {
         charge_plane_choices(surfaces_.count());
