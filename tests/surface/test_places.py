@@ -263,8 +263,8 @@ def test_a_label_map_lies_where_its_space_and_units_say(tmp_path, monkeypatch):
     T[:, :3] -= 1e-3 * turned(np.zeros((1, 3))).T
     for space in SPACES:
         for units in (None, *UNITS):
-            volume = read_nrrd(nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes())
-            assert np.abs(volume.T_lps_voxel[:3] - T).max() < 1e-12
+            data = nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes()
+            assert np.abs(read_nrrd(data)[2][:3] - T).max() < 1e-12
     for space, units, code in (
         ("LPS", "inch", "unit-unknown"), ("LRS", "mm", "volume-without-place"),
     ):  # fmt: skip
