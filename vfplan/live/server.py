@@ -395,7 +395,7 @@ def pose_rows(poses: Sequence[tuple[float, float, Array]], zero: float) -> str:
     return "".join(lines)
 
 
-class Web:
+class Web(Loopback):
     """Serves until it is closed.
 
     page: HTML text; it opens a WebSocket at /ticks
@@ -414,12 +414,7 @@ class Web:
         self._page, self._row, self._scene, self._feed = page.encode(), row, scene, feed
         # Clients that were refused because there were too many.
         self.refused = 0
-        self._server = Loopback(port, self.answer, self.show)
-        self.port = self._server.port
-
-    def close(self) -> None:
-        """Disconnect every client, also one that takes nothing."""
-        self._server.close()
+        super().__init__(port, self.answer, self.show)
 
     def answer(self, connection: Any, request: Any) -> Any:
         """Answer a request: the page, or nothing for the WebSocket."""
@@ -431,7 +426,7 @@ class Web:
 
     def show(self, connection: Any) -> None:
         """Send ticks until the connection is closed, which sending or receiving raises."""
-        if len(self._server.connections) > MAX_CLIENTS:
+        if len(self.connections) > MAX_CLIENTS:
             self.refused += 1
             connection.close(1013, f"{MAX_CLIENTS} clients are served, and no more")
             return
