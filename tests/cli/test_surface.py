@@ -180,7 +180,7 @@ def test_drawn_dicom_slices_become_a_surface(tmp_path):
     assert np.sqrt((away**2).mean()) < 0.05
     assert np.abs(away).max() < 0.15
     capture(tmp_path, flat(shape, 90).astype(np.uint8)).rename(folder / f"{UID}.99.dcm")
-    assert any("1 of 9 slices show no drawing" in w for w in surface(folder).warnings)
+    assert any("1 of 9 slices show no drawing" in f.text for f in surface(folder).fixture.findings)
     capture(tmp_path, picture).rename(folder / f"{UID}.98.dcm")
     with refuses(ImageError, "slice-without-place") as caught:
         surface(folder)

@@ -16,7 +16,7 @@ from conftest import need_program
 from refusals import refuses
 
 from vfplan.errors import OutputError
-from vfplan.live.server import Web, live_page
+from vfplan.live.server import Web
 from vfplan.live.sources import PositionStream
 from vfplan.session.bags import TICK
 
@@ -29,7 +29,7 @@ PLOT = "document.getElementById('force').toDataURL()"
 
 
 def served(feed, port=0, name="f.h5"):
-    return Web(*live_page(FIXTURE, name), port, feed)
+    return Web(FIXTURE, name, port, feed)
 
 
 def tick(t, force=3.0):

@@ -121,7 +121,7 @@ def test_uneven_slices_keep_their_places(tmp_path):
     inside = (points[:, 2] > places[0]) & (points[:, 2] < places[-1])
     assert np.abs(BENT.distance(points[inside])).max() < 0.05
     assert made.report["spacing_range_mm"] == pytest.approx([2, 4], abs=1e-6)
-    assert any("2 to 4 mm apart" in line for line in made.warnings)
+    assert any("2 to 4 mm apart" in one.text for one in made.fixture.findings)
 
 
 EIGHT = np.c_[10 * np.sin(bones.EVEN[::4]), 6 * np.sin(2 * bones.EVEN[::4])]
@@ -210,7 +210,7 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
     two = [(bones.ring((x, 0), (8, 8)), z) for z in (6.0, 8.0, 10.0) for x in (-10, 10)]
     last = [(bones.ring((10, 0), (8, 8)), z) for z in (12.0, 14.0)]
     made = surface(struct(tmp_path, one + two + last), settings=COARSE)
-    told = " | ".join(made.warnings)
+    told = " | ".join(finding.text for finding in made.fixture.findings)
     assert "slice at z = 4.00 mm to 6.00 mm: a part forks" in told
     assert "slice at z = 10.00 mm to 12.00 mm: a part begins or ends" in told
     assert made.report["open_edges"] == 0
@@ -263,8 +263,8 @@ def test_a_label_map_lies_where_its_space_and_units_say(tmp_path, monkeypatch):
     T[:, :3] -= 1e-3 * turned(np.zeros((1, 3))).T
     for space in SPACES:
         for units in (None, *UNITS):
-            volume = read_nrrd(nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes())
-            assert np.abs(volume.T_lps_voxel[:3] - T).max() < 1e-12
+            data = nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes()
+            assert np.abs(read_nrrd(data)[2][:3] - T).max() < 1e-12
     for space, units, code in (
         ("LPS", "inch", "unit-unknown"), ("LRS", "mm", "volume-without-place"),
     ):  # fmt: skip
@@ -298,7 +298,9 @@ def test_thin_walls_stay_or_are_refused_with_their_thickness(tmp_path):
     island = [(plate(0.2) + np.array([30, 0]), z) for _, z in drawn]
     thick = [(plate(20.0), z) for _, z in drawn]
     made = surface(struct(tmp_path, thick + island), settings=SurfaceSettings(tolerance_m=1e-3))
-    assert any("8 parts or holes of outlines are thinner" in text for text in made.warnings)
+    assert any(
+        "8 parts or holes of outlines are thinner" in one.text for one in made.fixture.findings
+    )
 
 
 def test_a_contour_of_two_points_is_left_out_with_a_doubt(tmp_path):
@@ -306,7 +308,7 @@ def test_a_contour_of_two_points_is_left_out_with_a_doubt(tmp_path):
         struct(tmp_path, [*rings(), (np.array([[0, 0], [3.0, 0]]), 0.0)]), settings=COARSE
     )
     assert made.report["outlines"] == len(rings())
-    assert any("1 contours are closed, of two points" in text for text in made.warnings)
+    assert any("1 contours are closed, of two points" in one.text for one in made.fixture.findings)
 
 
 def test_a_structure_is_chosen_by_name_or_number(tmp_path):

@@ -262,7 +262,7 @@ PAGE_HEADERS = HEADERS.copy()
 del PAGE_HEADERS["Content-Security-Policy"]
 
 
-class Window:
+class Window(Loopback):
     """Serves one page, and its frames to whoever has the token, until it is closed.
 
     A page gets the newest frame once it has drawn the one before, so that none waits in a queue.
@@ -282,9 +282,7 @@ class Window:
         body = f"<header><h1>{title}</h1></header>" + part("window.html", "vfplan.camera")
         body += f"<script>{part('window.js', 'vfplan.camera')}</script>"
         self.page = document(title, body, live=True).encode()
-        self.server = Loopback(port, self.answer, self.talk)
-        self.close = self.server.close
-        self.address = self.server.address
+        super().__init__(port, self.answer, self.talk)
 
     def show(self, frame: Picture, refused: str | None, read_s: float) -> None:
         """Show a frame, blue first, that was read at a time of `time.monotonic`."""
@@ -300,7 +298,7 @@ class Window:
             return reply(connection, self.page, "text/html; charset=utf-8", PAGE_HEADERS)
         if address.path != "/frames":
             return connection.respond(404, "there is one page, /")
-        if not self.server.has_token(parse_qs(address.query)):
+        if not self.has_token(parse_qs(address.query)):
             return connection.respond(403, "the address lacks the token of this run")
         return None
 

@@ -160,12 +160,10 @@ def pieces(line: int = 10, arc: int = 7, circle: int = 16) -> Fixture:
 def mirrored_pieces() -> Fixture:
     """The same seen in a mirror: all arcs turn right."""
     base = pieces()
-    curve, drawn = base.curve, base.pieces
-    assert curve is not None
-    assert drawn is not None
     mirror = np.array([1.0, -1.0, 1.0])
-    drawn = replace(drawn, vertices=drawn.vertices * mirror, bulges=0.0 - drawn.bulges)
-    return replace(base, points=base.points * mirror, curve=replace(curve, pieces=drawn))
+    bulges = 0.0 - base.pieces.bulges
+    drawn = replace(base.pieces, vertices=base.pieces.vertices * mirror, bulges=bulges)
+    return replace(base, points=base.points * mirror, curve=replace(base.curve, pieces=drawn))
 
 
 def guided() -> Fixture:
@@ -285,12 +283,6 @@ def add(items: dict[str, Item], path: str, item: Item) -> None:
     items[parent or "/"].links[name.encode()] = path
 
 
-def remove(items: dict[str, Item], path: str) -> None:
-    """Take an item out, and the link to it."""
-    parent, _, name = path.rpartition("/")
-    del items[path], items[parent or "/"].links[name.encode()]
-
-
 def to_payload(items: dict[str, Item]) -> bytes:
     """The HDF5 file of these items, up to a multiple of 8 bytes; its end of file is to be set."""
     headers, data, at = {}, {}, 48
@@ -301,25 +293,20 @@ def to_payload(items: dict[str, Item]) -> bytes:
         data[path] = at if item.data else UNDEFINED
         at = aligned(at + len(item.data or b""))
     payload = bytearray(at)
-    payload[:48] = superblock(headers["/"], at)
+    head = b"\x89HDF\r\n\x1a\n", 2, 8, 8, 0, 0, UNDEFINED, at, headers["/"]
+    struct.pack_into("<8sBBBBQQQQ", payload, 0, *head)
     for path, item in items.items():
         stated = item.data_at or path
         header = header_of(item, headers, data.get(stated, stated))
         payload[headers[path] : headers[path] + len(header)] = header
         if item.data:
             payload[data[path] : data[path] + len(item.data)] = item.data
-    return bytes(payload)
+    return checked(bytes(payload))
 
 
 def aligned(at: int) -> int:
     """The next multiple of 8."""
     return at + -at % 8
-
-
-def superblock(root: int, end: int) -> bytes:
-    """The 48 bytes of a superblock of version 2."""
-    head = struct.pack("<8sBBBBQQQQ", b"\x89HDF\r\n\x1a\n", 2, 8, 8, 0, 0, UNDEFINED, end, root)
-    return head + struct.pack("<I", lookup3(head))
 
 
 def checked(payload: bytes) -> bytes:
@@ -366,11 +353,6 @@ def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     body = b"".join(struct.pack("<BHB", k, len(b), f) + b for k, f, b in messages)
     header = b"OHDR\x02\x02" + struct.pack("<I", len(body)) + body
     return header + struct.pack("<I", lookup3(header))
-
-
-def set_attribute(item: Item, name: str, value: object, kind: str = "text") -> None:
-    """Give an item an attribute, in place of one of this name."""
-    item.attributes[name.encode()] = stored(value, kind)
 
 
 def floats(values: object) -> bytes:

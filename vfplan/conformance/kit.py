@@ -45,7 +45,8 @@ def write_kit(folder: Path) -> int:
     """Write the kit into a folder; returns the number of files."""
     files = [(f"valid/{name}", data, None) for name, data in valid_files()]
     for kind, broken in (("invalid", vectors.VECTORS), ("signed", vectors.UNTRUSTED)):
-        files += [(f"{kind}/{v.name}", v.make(), {"rule": v.rule, "why": v.why}) for v in broken]
+        for rule, name, why, make, *words in broken:
+            files.append((f"{kind}/{name}", make(*words), {"rule": rule, "why": why}))
     files.append(("signed/trusted", vectors.signed("reviewed", False), {"rule": "S7"}))
     for kind in ("valid", "invalid", "signed", "render"):
         (folder / kind).mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -19,20 +19,10 @@ from vfplan.bundle import seal
 from vfplan.bundle.content import Content, to_content
 from vfplan.bundle.write import completed
 from vfplan.conformance import fixtures
-from vfplan.conformance.fixtures import Item, MessageType, add, set_attribute, space_of
+from vfplan.conformance.fixtures import Item, MessageType, add, space_of
 
 # Length of a seal with short texts [bytes].
 SEAL = seal.LENGTHS[0]
-
-
-@dataclass(frozen=True)
-class Vector:
-    """A file that a reader must refuse."""
-
-    name: str
-    rule: str
-    why: str
-    make: Callable[[], bytes]
 
 
 # --- Sound contents, items, payloads and files --------------------------------------------------
@@ -52,7 +42,7 @@ def items(name: str) -> dict[str, Item]:
         return fixtures.items_of(content_of(name))
     later = fixtures.items_of(content_of("curve") | {"/@version": "2.9"})
     add(later, "/surprise", floats(1.0, 2.0))
-    set_attribute(later["/points"], "colour", "red")
+    later["/points"].attributes[b"colour"] = fixtures.stored("red", "text")
     return later
 
 
@@ -250,11 +240,12 @@ def with_item(name: str, path: str, item: Item) -> bytes:
 def with_link(name: str, path: str, target: str | bytes | None) -> bytes:
     """The bundle of a fixture with a link in place of an item; `None`: with nothing there."""
     changed_items = items(name)
-    if path in changed_items:
-        fixtures.remove(changed_items, path)
+    changed_items.pop(path, None)
     group, _, link = path.rpartition("/")
+    links = changed_items[group or "/"].links
+    links.pop(link.encode(), None)
     if target is not None:
-        changed_items[group or "/"].links[link.encode()] = target
+        links[link.encode()] = target
     return of_items(changed_items)
 
 
@@ -320,7 +311,7 @@ OTHER_SEED = b"\x01" * 32
 
 Rows = tuple[tuple[Any, ...], ...]
 # fmt: off
-TABLE: Rows = (
+VECTORS: Rows = (
     # The file.
     ("L1", "superblock_of_version_3", "The superblock has version 3.", with_superblock, 8, b"\x03"),
     ("L1", "superblock_with_a_flag", "A flag of the superblock is set.",
@@ -570,7 +561,8 @@ TABLE: Rows = (
     ("M4", "unknown_attribute", "An attribute of this version is unknown.",
      with_attribute, "minimal", "/provenance", "surprise", "boo"),
 )
-WITHOUT_TRUST: Rows = (
+# Files that are sound, and that a reader must refuse where the kit's signature is demanded.
+UNTRUSTED: Rows = (
     ("S7", "nobody_signed", "Nobody signed it.", sound_file),
     ("S7", "signed_by_another_key", "It is signed by a key that is not trusted.",
      signed, "reviewed", False, OTHER_SEED),
@@ -586,18 +578,6 @@ WITHOUT_TRUST: Rows = (
      signed, "reviewed", False, KIT_SEED, b"vfplan bundle seal 1\0"),
 )
 # fmt: on
-
-
-def vectors_of(table: Rows) -> list[Vector]:
-    """The vectors of a table, in order."""
-    return [
-        Vector(name, rule, why, partial(make, *words)) for rule, name, why, make, *words in table
-    ]
-
-
-VECTORS = vectors_of(TABLE)
-# Files that are sound, and that a reader must refuse where the kit's signature is demanded.
-UNTRUSTED = vectors_of(WITHOUT_TRUST)
 
 
 def quoted_setting() -> bytes:

@@ -18,7 +18,6 @@ from vfplan.engine.parameters import (
     number,
     real_array,
     real_number,
-    setting_array,
 )
 from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
@@ -126,7 +125,8 @@ class Governor:
         self.least_passive_step_n = limits.least_passive_step
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
                            torque_step="nm", torque_max="nm"):  # fmt: skip
-            self._governor = _core.Governor(limits)
+            # Checks nothing; for a loop in Python at full speed.
+            self.native = _core.Governor(limits)
         # As the core takes them.
         self.limits = limits
         self.reset()
@@ -166,14 +166,9 @@ class Governor:
             rate_hz=robot.rate_hz,
         )
 
-    @property
-    def native(self) -> _core.Governor:
-        """The native governor, which checks nothing; for a loop in Python at full speed."""
-        return self._governor
-
     def reset(self) -> None:
         """Begin anew: no force, no torque, no energy given."""
-        self._governor.reset()
+        self.native.reset()
         self.held_back_n = 0.0
         self.status = GovernorStatus.OK
         self._torque_size = 0
@@ -209,7 +204,7 @@ class Governor:
                 f"({len(wanted)}, 3, n)."
             )
         self._check_joints(None if matrices is None else matrices.shape[1:])
-        governed = Governed(*self._governor.run(wanted, matrices))
+        governed = Governed(*self.native.run(wanted, matrices))
         if len(wanted) > 0:
             self.held_back_n = float(governed.held_back[-1])
             self.status = GovernorStatus(int(governed.status[-1]))
@@ -238,7 +233,7 @@ class Governor:
         They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
         """
         size = self._torque_size
-        return self._governor.torque(size).reshape(size)
+        return self.native.torque(size).reshape(size)
 
     @property
     def energy_given_j(self) -> float:
@@ -246,12 +241,12 @@ class Governor:
 
         It counts as if each had pushed a free mass.
         """
-        return self._governor.energy_given
+        return self.native.energy_given
 
     @property
     def energy_stored_j(self) -> float:
         """The tank: energy of the springs from which those forces were released [J]."""
-        return self._governor.energy_stored
+        return self.native.energy_stored
 
 
 def torque_limits(name: str, values: float | ArrayLike | None) -> tuple[Vector, int | None]:
@@ -262,7 +257,7 @@ def torque_limits(name: str, values: float | ArrayLike | None) -> tuple[Vector, 
     padded = np.full(_core.most_joints, np.inf)
     if values is None:
         return padded, None
-    limits = setting_array(values, name)
+    limits = real_array(values, name, SettingError)
     if limits.ndim > 1 or not 1 <= limits.size <= _core.most_joints:
         raise SettingError(
             f"{name} has shape {limits.shape}. Give one number, or one for each of at most "

@@ -188,7 +188,8 @@ class Guide:
             self._along = (places @ self.ignore_axis).mean() * self.ignore_axis
         with core_settings():
             try:
-                self._guide = _core.Guide(*self.curves, parameters)
+                # The native guide, which checks nothing.
+                self.native = _core.Guide(*self.curves, parameters)
             except _core.OutOfRange:
                 raise
             except ValueError as error:
@@ -199,6 +200,8 @@ class Guide:
                     str(error).removeprefix("vfplan: "),
                 )
                 raise kind(text) from None
+        # Length of each curve [m].
+        self.lengths_m: list[float] = self.native.lengths
         if self.tight_bend is not None:
             warnings.warn(self.tight_bend, stacklevel=2)
 
@@ -239,19 +242,9 @@ class Guide:
         )
 
     @property
-    def native(self) -> _core.Guide:
-        """The native guide, which checks nothing."""
-        return self._guide
-
-    @property
-    def lengths_m(self) -> list[float]:
-        """Length of each curve [m]."""
-        return self._guide.lengths
-
-    @property
     def tight_bend(self) -> str | None:
         """Where a bend is tighter than the tube is wide, in words; `None` where none is."""
-        bend = self._guide.tight_bend()
+        bend = self.native.tight_bend()
         if bend is None:
             return None
         stroke, arc, place = bend
@@ -269,11 +262,11 @@ class Guide:
     def at(self, arc_m: ArrayLike, stroke: int = 0) -> Vector:
         """(M, 3) the curve's places at arc lengths (M,) [m]."""
         arcs = np.atleast_1d(np.asarray(arc_m, float)).tolist()
-        return self._guide.at(stroke, arcs) + self._along
+        return self.native.at(stroke, arcs) + self._along
 
     def reset(self, hip: ArrayLike) -> None:
         """Take the curve's place nearest to `hip` (3,) [m], and hold the tip as `hold` says."""
-        self._guide.reset(check_hip(hip, finite=True))
+        self.native.reset(check_hip(hip, finite=True))
 
     def step(self, hip: ArrayLike) -> GuideStep:
         """One tick for the HIP at `hip` (3,) [m]."""
@@ -284,7 +277,7 @@ class Guide:
 
         Other threads of Python run meanwhile.
         """
-        return GuideTrace(*self._guide.run(check_path(hips)))
+        return GuideTrace(*self.native.run(check_path(hips)))
 
 
 def check_strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:

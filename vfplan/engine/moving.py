@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from vfplan import _core
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import MAX_COORDINATE, Vector, core_settings, real_array, real_number
-from vfplan.engine.proxy import Status, Step, Trace, check_hip, check_path
+from vfplan.engine.proxy import Trace, check_hip, check_path
 from vfplan.errors import SceneError
 
 # How far an entry of RᵀR may be from that of the unit matrix. A tracker's file has six digits.
@@ -59,7 +59,8 @@ class MovingFrame:
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         with core_settings(max_age="s", max_speed="m_s", max_turn="rad_s"):
-            self._frame = _core.MovingFrame(
+            # The native frame, which checks nothing.
+            self.native = _core.MovingFrame(
                 real_number("max_age_s", max_age_s),
                 real_number("max_speed_m_s", max_speed_m_s),
                 real_number("max_turn_rad_s", max_turn_rad_s),
@@ -78,18 +79,18 @@ class MovingFrame:
         SceneError
             No rigid transform, or one beyond 1e6 m.
         """
-        return self._frame.pose(check_time(t), check_rigid(base_from_fixture))
+        return self.native.pose(check_time(t), check_rigid(base_from_fixture))
 
     def reset(self) -> None:
         """Forget all poses and ticks, while no other thread uses the frame."""
-        self._frame.reset()
+        self.native.reset()
 
     def at(self, t: float) -> Vector:
         """The frame (4, 4) at `t` [s]; the identity before any pose.
 
         If `t` goes back, the frame stays where it is and is `stale`.
         """
-        return matrices(self._frame.at(check_time(t)).reshape(1, 7))[0]
+        return matrices(self.native.at(check_time(t)).reshape(1, 7))[0]
 
     def step(self, engine: Any, t: float, hip: ArrayLike) -> Any:
         """One tick, at `t` [s], of an engine or a `Guide` that is in the fixture's frame.
@@ -98,11 +99,7 @@ class MovingFrame:
         rendered. Unless `t` is later than in the step before, the fixture stands still and the
         status has `STALE`; so a second engine needs a frame of its own.
         """
-        trace = self.traced(engine, [t], check_hip(hip)[None])[0]
-        if isinstance(trace, GuideTrace):
-            return trace.first()
-        state, status = int(trace.state[0]), Status(int(trace.status[0]))
-        return Step(trace.proxy[0], trace.normal[0], trace.force[0], state, status)
+        return self.traced(engine, [t], check_hip(hip)[None])[0].first()
 
     def traced(
         self, engine: Any, times: ArrayLike, hips: ArrayLike
@@ -130,16 +127,11 @@ class MovingFrame:
             raise SceneError(
                 "times are not finite, or go back. Give finite times in the order of the ticks."
             )
-        answers, poses, ages = self._frame.run(engine.native, t, path)
+        answers, poses, ages = self.native.run(engine.native, t, path)
         poses = poses.reshape(-1, 7)
         if isinstance(engine, Guide):
             return GuideTrace(*answers), poses, ages, None
         return Trace(*answers[:5]), poses, ages, 1e6 * answers[5]
-
-    @property
-    def native(self) -> _core.MovingFrame:
-        """The native frame, which checks nothing."""
-        return self._frame
 
     @property
     def stale(self) -> bool:
@@ -148,12 +140,12 @@ class MovingFrame:
         It is also true for a pose from a clock that is ahead by more than that, and after a time of
         the loop that was not later than the one before.
         """
-        return self._frame.stale
+        return self.native.stale
 
     @property
     def age_s(self) -> float:
         """Age of the youngest pose at the last tick [s]; infinite before the first pose."""
-        return self._frame.age
+        return self.native.age
 
     def lag_m(self, place: ArrayLike) -> float:
         """How far the fixture still has to go at `place`, to where its youngest pose puts it [m].
@@ -164,26 +156,21 @@ class MovingFrame:
         place
             (3,) in the base [m], e.g. the HIP.
         """
-        return self._frame.lag(check_hip(place, "place"))
+        return self.native.lag(check_hip(place, "place"))
 
     @property
     def refused(self) -> int:
         """Number of poses that were not taken."""
-        return self._frame.refused
+        return self.native.refused
 
 
 def matrices(poses: Vector) -> Vector:
     """(T, 4, 4) the matrices of poses (T, 7): position [m] and unit quaternion w x y z."""
-    w, x, y, z = poses[:, 3:].T
-    out = np.zeros((len(poses), 4, 4))
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    out[:, :3, :3] = np.moveaxis(rows, 2, 0)
+    from scipy.spatial.transform import Rotation
+
+    out = np.tile(np.eye(4), (len(poses), 1, 1))
+    out[:, :3, :3] = Rotation.from_quat(np.roll(poses[:, 3:], -1, axis=1)).as_matrix()
     out[:, :3, 3] = poses[:, :3]
-    out[:, 3, 3] = 1
     return out
 
 

@@ -240,7 +240,7 @@ def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, NDArray[np.int32], NDA
 
 def check_stiffness(stiffness: float | ArrayLike) -> Vector:
     """The diagonal of K as (3,) [N/m], of which the core checks the range."""
-    entries = setting_array(stiffness, "stiffness")
+    entries = real_array(stiffness, "stiffness", SettingError)
     if entries.shape not in ((), (3,)):
         raise SettingError(
             f"stiffness has shape {entries.shape}. Give one number, or one for each axis: (3,)."
@@ -260,7 +260,7 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
         if axis not in AXES:
             raise SettingError(f"ignore_axis is {axis!r}. Give None, x, y, z or a direction (3,).")
         return np.array(AXES[axis])
-    direction = setting_array(axis, "ignore_axis")
+    direction = real_array(axis, "ignore_axis", SettingError)
     if direction.shape != (3,):
         raise SettingError(f"ignore_axis has shape {direction.shape}. Give x, y and z: (3,).")
     largest = float(np.max(np.abs(direction)))
@@ -276,24 +276,16 @@ def check_axis(axis: str | ArrayLike | None) -> Vector | None:
     return direction / np.linalg.norm(direction)
 
 
-def setting_array(values: ArrayLike, name: str) -> Vector:
-    """As `real_array`, for a setting: raises `SettingError`."""
-    try:
-        return real_array(values, name)
-    except SceneError as error:
-        raise SettingError(error.message) from None
-
-
-def real_array(values: Any, name: str) -> Vector:
-    """Values as contiguous float64 of their own shape; raises `SceneError` for no numbers."""
+def real_array(values: Any, name: str, error: type[VfplanError] = SceneError) -> Vector:
+    """Values as contiguous float64 of their own shape; raises an error for no numbers."""
     try:
         array = np.asarray(values)
     except ValueError:
-        raise SceneError(
+        raise error(
             f"{name} has rows of different length. Give an array of real numbers."
         ) from None
     if array.dtype.kind not in "fiu":
-        raise SceneError(f"{name} has type {array.dtype}. Give real numbers (float64).")
+        raise error(f"{name} has type {array.dtype}. Give real numbers (float64).")
     return np.ascontiguousarray(array, dtype=np.float64).reshape(array.shape)
 
 

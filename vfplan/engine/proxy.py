@@ -92,6 +92,11 @@ class Trace(Step):
     def __len__(self) -> int:
         return len(self.state)
 
+    def first(self) -> Step:
+        """The answer of the first tick."""
+        state, status = int(self.state[0]), Status(int(self.status[0]))
+        return Step(self.proxy[0], self.normal[0], self.force[0], state, status)
+
     @classmethod
     def of(cls, steps: list[Step]) -> Trace:
         """The trace of steps that follow each other."""
@@ -184,14 +189,11 @@ def best_rule(fixture: Fixture) -> Rule:
     Raises `SceneError` for a mesh that no engine takes.
     """
     shape = exact_shape(fixture)
-    if shape is None:
-        return "robust"
     if shape == "curve":
         return "exact"
-    parameters = check_renderable(fixture)
-    triangles = check_triangles(fixture.points, fixture.mesh)
-    seconds = _core.tick_time_bound(*triangles, parameters)
-    return "exact" if seconds <= MAX_TICK_TIME else "robust"
+    if shape == "mesh" and tick_time_bound(fixture, "exact") <= MAX_TICK_TIME:
+        return "exact"
+    return "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:
@@ -327,7 +329,8 @@ class ProxyEngine:
             raise SettingError("rule 'exact' renders no points. Use ProxyEngine.of, .along or .on.")
         self._points = len(cloud)
         self._source = cloud.copy()
-        self._engine = _core.Engine(cloud, self.parameters)
+        # Checks nothing; for a loop in Python at full speed.
+        self.native = _core.Engine(cloud, self.parameters)
 
     @classmethod
     def of(
@@ -380,7 +383,7 @@ class ProxyEngine:
             )  # fmt: skip
             engine._real_time = not offline
             if drawn.mesh is not None:
-                engine._engine.set_skin(*check_triangles(drawn.points, drawn.mesh))
+                engine.native.set_skin(*check_triangles(drawn.points, drawn.mesh))
         elif shape == "curve":
             engine = cls.along(fixture.pieces, **settings)
         else:
@@ -441,19 +444,14 @@ class ProxyEngine:
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
-        engine._engine = _core.Engine(*shape, parameters)
-        engine.parameters = ProxyParameters(parameters, band=engine._engine.band)
+        engine.native = _core.Engine(*shape, parameters)
+        engine.parameters = ProxyParameters(parameters, band=engine.native.band)
         return engine
 
     @property
     def rule(self) -> Rule:
         """The rule that moves the proxy."""
         return self.parameters.rule
-
-    @property
-    def native(self) -> _core.Engine:
-        """The native engine, which checks nothing; for a loop in Python at full speed."""
-        return self._engine
 
     @property
     def left_out(self) -> dict[str, int]:
@@ -464,22 +462,22 @@ class ProxyEngine:
             "coordinates": 0 if self.parameters.ignore_axis is None else self._points,
             "point_radius": int(self.parameters.point_radius == 0),
             "stiffness_axes": 2 if np.all(stiffness == stiffness[0]) else 0,
-            "grid": int(self._engine.cells == 0),
+            "grid": int(self.native.cells == 0),
         }
         return {name: count for name, count in counts.items() if count > 0}
 
     @property
     def bytes(self) -> int:
         """Memory that the native engine holds [bytes]."""
-        return self._engine.bytes
+        return self.native.bytes
 
     def reset(self, hip: ArrayLike) -> None:
         """Put the proxy at `hip` (3,) [m], wherever that is."""
-        self._engine.reset(check_hip(hip, finite=True))
+        self.native.reset(check_hip(hip, finite=True))
 
     def step(self, hip: ArrayLike) -> Step:
         """One tick for the HIP at `hip` (3,) [m]."""
-        rows, state, status = self._engine.step(check_hip(hip))
+        rows, state, status = self.native.step(check_hip(hip))
         self.status = Status(status)
         return Step(rows[0], rows[1], rows[2], state, self.status)
 
@@ -488,13 +486,13 @@ class ProxyEngine:
 
         Other threads of Python run meanwhile.
         """
-        trace = Trace(*self._engine.run(check_path(hips))[:5])
+        trace = Trace(*self.native.run(check_path(hips))[:5])
         self.status = Status(int(trace.status[-1])) if len(trace) > 0 else self.status
         return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
-        *answer, seconds = self._engine.run(check_path(hips), timed=True)
+        *answer, seconds = self.native.run(check_path(hips), timed=True)
         return Trace(*answer), 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:
@@ -525,7 +523,7 @@ class ProxyEngine:
                 "Give one in the same frame.",
                 code="exchange-frame",
             )
-        if not self._engine.exchange(engine._engine):
+        if not self.native.exchange(engine.native):
             raise SceneError(f"exchange: {TOO_MANY_CHANGES}")
         self._frame = self._frame or engine._frame
         self.parameters = engine.parameters
@@ -557,7 +555,7 @@ class ProxyEngine:
         removed, added = check_edit(remove, add)
         self.make_editable()
         with core_errors(SceneError):
-            is_taken = self._engine.edit(removed, added)
+            is_taken = self.native.edit(removed, added)
         self._points += len(added) - len(removed)
         return is_taken
 
@@ -578,7 +576,7 @@ class ProxyEngine:
                 "edit: so dense a cloud is thinned for 1 kHz, and a thinned one cannot be edited. "
                 "Make the engine with offline=True, or of fewer points."
             )
-        if not self._engine.exchange(_core.Engine(points, parameters)):
+        if not self.native.exchange(_core.Engine(points, parameters)):
             raise SceneError(f"edit: {TOO_MANY_CHANGES}")
         self._source = None
         self._is_editable = True
@@ -589,7 +587,7 @@ class ProxyEngine:
         It is measured to the curve or the triangles under rule "exact", else to the nearest point.
         Less R it is the clearance.
         """
-        return self._engine.distance(check_path(positions))
+        return self.native.distance(check_path(positions))
 
 
 def check_edit(

@@ -88,9 +88,9 @@ def vfplan_live(
             stack.callback(servers[-1].close)
             click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
         if web is not None:
-            from vfplan.live.server import Web, live_page
+            from vfplan.live.server import Web
 
-            servers.append(Web(*live_page(scene, fixture.name), web, feed))
+            servers.append(Web(scene, fixture.name, web, feed))
             stack.callback(servers[-1].close)
             click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
         sources: dict[str, Any] = {"tick": feed}

@@ -395,31 +395,27 @@ def pose_rows(poses: Sequence[tuple[float, float, Array]], zero: float) -> str:
     return "".join(lines)
 
 
-class Web:
+class Web(Loopback):
     """Serves until it is closed.
 
-    page: HTML text; it opens a WebSocket at /ticks
-    row: a tick as the page's script takes it
-    scene: names what the page shows; a page that shows another scene loads itself anew
+    fixture, name: what the page shows; a page that shows another scene loads itself anew
     port: 0: one that the system chooses; see `port`
     feed: what is shown
     Raises MissingExtra: without the package websockets
     Raises OutputError: the port is taken
     """
 
-    def __init__(
-        self, page: str, row: Callable[[NDArray[np.void]], list[float]], scene: str, port: int,
-        feed: PositionStream,
-    ) -> None:  # fmt: skip
-        self._page, self._row, self._scene, self._feed = page.encode(), row, scene, feed
+    def __init__(self, fixture: Fixture, name: str, port: int, feed: PositionStream) -> None:
+        data = scene_data(fixture)
+        self._scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
+        content = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
+        body = f"<header><h1>Live: {escape(name)}</h1></header>{content}"
+        body += scripts({**data, "scene": self._scene}, part("live.js", "vfplan.live"))
+        self._page = document(f"Live: {escape(name)}", body, live=True).encode()
+        self._row, self._feed = tick_row(fixture), feed
         # Clients that were refused because there were too many.
         self.refused = 0
-        self._server = Loopback(port, self.answer, self.show)
-        self.port = self._server.port
-
-    def close(self) -> None:
-        """Disconnect every client, also one that takes nothing."""
-        self._server.close()
+        super().__init__(port, self.answer, self.show)
 
     def answer(self, connection: Any, request: Any) -> Any:
         """Answer a request: the page, or nothing for the WebSocket."""
@@ -431,7 +427,7 @@ class Web:
 
     def show(self, connection: Any) -> None:
         """Send ticks until the connection is closed, which sending or receiving raises."""
-        if len(self._server.connections) > MAX_CLIENTS:
+        if len(self.connections) > MAX_CLIENTS:
             self.refused += 1
             connection.close(1013, f"{MAX_CLIENTS} clients are served, and no more")
             return
@@ -443,13 +439,3 @@ class Web:
                 connection.send(json.dumps({"ticks": [self._row(tick) for tick in ticks]}))
             with suppress(TimeoutError):
                 connection.recv(timeout=0)
-
-
-def live_page(fixture: Fixture, name: str) -> tuple[str, Callable[[Any], list[float]], str]:
-    """The HTML text, a function that makes a tick's row for it, and the name of its scene."""
-    data = scene_data(fixture)
-    scene = hashlib.sha256(json.dumps([name, data]).encode()).hexdigest()[:16]
-    content = part("live.html", "vfplan.live").replace("{scene}", part("scene.html"))
-    body = f"<header><h1>Live: {escape(name)}</h1></header>{content}"
-    text = body + scripts({**data, "scene": scene}, part("live.js", "vfplan.live"))
-    return document(f"Live: {escape(name)}", text, live=True), tick_row(fixture), scene

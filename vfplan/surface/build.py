@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.bundle.importing import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
-from vfplan.findings import Finding, doubt
+from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
@@ -83,17 +83,11 @@ class SurfaceSettings:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A surface, the slices it came from, and the report for `--json`."""
+    """A surface with its findings, the slices it came from, and the report for `--json`."""
 
     fixture: Fixture
     sliced: SlicedVolume
     report: dict[str, Any]
-    findings: tuple[Finding, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """The texts of the findings."""
-        return tuple(finding.text for finding in self.findings)
 
 
 def surface(
@@ -170,7 +164,7 @@ def surface(
     findings = tuple(doubt("surface-doubt", "surface", text) for text in texts)
     if contours.type_difference_m > MAX_TYPE_DIFFERENCE * settings.contact_radius:
         findings += (replace(curve_type_doubt(contours.type_difference_m), stage="surface"),)
-    return Surface(replace(fixture, findings=findings), sliced, report, findings)
+    return Surface(replace(fixture, findings=findings), sliced, report)
 
 
 def step_for_thin(sliced: SlicedVolume, step: float, closed: bool) -> tuple[float, int]:

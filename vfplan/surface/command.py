@@ -64,7 +64,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     verdict = f"meshed, with {edges} open edges" if edges else "meshed, closed"
     return CommandResult(
         result.report, f"{surface_text(result.report)}\n{wrote(output)}",
-        findings=result.findings, verdict=verdict,
+        findings=result.fixture.findings, verdict=verdict,
         next_step=f"{register_command(output)} --model rigid",
     )  # fmt: skip
 

@@ -7,6 +7,8 @@ triangle is a needle, and edges opposite wide corners are flipped last.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -110,21 +112,20 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
     """
     x, y, z = axes
     which, weights, _ = stack.weights(z)
-    places = stack.z
-    of_slice: dict[int, Array] = {}
+    gaps = np.diff(stack.z)
+
+    @lru_cache(maxsize=weights.shape[1])
+    def distances(k: int) -> Array:
+        reach = 2 * step + gaps[max(0, k - 1) : k + 1].max()
+        return slice_values(stack.outlines[k], x, y, reach)
+
     values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
     for plane in range(len(z)):
         total = 0.0
         for k, weight in zip(which[plane], weights[plane], strict=True):
-            if weight == 0:
-                continue
-            if k not in of_slice:
-                gap = np.diff(places)[max(0, k - 1) : k + 1].max()
-                of_slice[k] = slice_values(stack.outlines[k], x, y, 2 * step + gap)
-            total = total + weight * of_slice[k]
+            if weight != 0:
+                total = total + weight * distances(k)
         values[:, :, plane] = total
-        first = which[plane].min()
-        of_slice = {k: distances for k, distances in of_slice.items() if k >= first}
     return values
 
 
@@ -175,10 +176,10 @@ def snapped(
     faces = merged[triangles]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     # Two triangles on the same corners enclose nothing between them.
-    sorted_faces = np.sort(faces, axis=1)
-    order = np.lexsort(sorted_faces.T)
-    is_same = (sorted_faces[order[1:]] == sorted_faces[order[:-1]]).all(axis=1)
-    faces = np.delete(faces, order[np.r_[is_same, False] | np.r_[False, is_same]], axis=0)
+    _, row, count = np.unique(
+        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    faces = faces[count[row.ravel()] == 1]
     used, faces = np.unique(faces, return_inverse=True)
     return middles[used], in_plane[used], faces.reshape(-1, 3).astype(np.int32)
 

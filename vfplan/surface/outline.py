@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, requires_extra
+from vfplan.geometry.lines import plane
 from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
@@ -389,7 +390,7 @@ def slice_contours(contours: Contours, max_gap_m: float | None = None) -> Sliced
         missing, or alone.
     """
     normal = common_normal(contours)
-    R_slice_patient = rotation_into_slices(normal)
+    R_slice_patient = np.vstack([plane(normal), normal])
     rings = [ring @ R_slice_patient.T for ring in contours.rings]
     for number, ring in enumerate(rings, start=1):
         height = ring[:, 2]
@@ -457,14 +458,6 @@ def common_normal(contours: Contours) -> Array:
     if abs(abs(normal[axis]) - 1) < 1e-15:
         return np.eye(3)[axis]
     return normal * np.sign(normal[axis])
-
-
-def rotation_into_slices(normal: Array) -> Array:
-    """(3, 3) rows: two axes of the plane and the normal, right-handed."""
-    first = np.eye(3)[int(np.abs(normal).argmin())]
-    first = first - first @ normal * normal
-    first /= np.linalg.norm(first)
-    return np.array([first, np.cross(normal, first), normal])
 
 
 def grouped_by_height(rings: list[Array]) -> list[tuple[float, list[Array]]]:

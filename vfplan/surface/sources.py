@@ -183,8 +183,6 @@ def ring_of_contour(contour: Any) -> Array:
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
     """The borders of one segment of a SEG, frame by frame."""
-    from pydicom.pixels import iter_pixels
-
     segments = dataset.SegmentSequence
     # Number 0 is the background of a LABELMAP.
     names = [
@@ -206,18 +204,13 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     drawn = set()
     stairs = 0
     largest_share = float(dataset.get("MaximumFractionalValue", 1) or 1)
-    shape = (-1, int(dataset.Rows), int(dataset.Columns))
-    if dataset.BitsAllocated == 1 and shape[1] * shape[2] % 8:
-        # pydicom loses count of single frames that end within a byte.
-        frames = dataset.pixel_array.reshape(shape)[members]
-    else:
-        frames = iter_pixels(dataset, indices=members)
-    for k, pixels in zip(members, frames, strict=True):
+    frames = dataset.pixel_array.reshape(-1, int(dataset.Rows), int(dataset.Columns))
+    for k in members:
         if kind == "FRACTIONAL":
-            borders = volumes.rings_of_share(pixels / largest_share)
+            borders = volumes.rings_of_share(frames[k] / largest_share)
         else:
             label = chosen.number if kind == "LABELMAP" else 1
-            borders, is_smooth = volumes.rings_of_mask(pixels == label)
+            borders, is_smooth = volumes.rings_of_mask(frames[k] == label)
             stairs += not is_smooth
         for border in borders:
             rings.append(corners[k] + border[:, ::-1] @ axes.T)
@@ -345,19 +338,12 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     drawing that is not closed.
     """
     from vfplan.curve.extraction import load_libraries
-    from vfplan.images.raster import MAX_TIFF_PARTS
     from vfplan.images.read import read_image
     from vfplan.planning.extraction import extract
     from vfplan.planning.settings import ExtractSettings
 
     load_libraries()
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
-    if not 2 <= len(files) <= MAX_TIFF_PARTS:
-        raise InputError(
-            f"holds {len(files)} files. Give 2 to {MAX_TIFF_PARTS} slices.",
-            code="slices-too-few",
-            numbers={"slices": len(files), "slices_min": 2, "slices_max": MAX_TIFF_PARTS},
-        )  # fmt: skip
     rings = []
     digest = hashlib.sha256()
     slices_without_drawing = 0

@@ -15,7 +15,6 @@ import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -56,16 +55,9 @@ BYTES_PER_VOXEL = 32
 VOXELS_PER_SECOND = 4_000_000
 
 
-@dataclass(frozen=True, eq=False)
-class LabelVolume:
-    """A label map as its file has it."""
-
-    # (L, I, J, K) integers.
-    layers: NDArray
-    # Each structure -> its layer, and the label that its voxels have there.
-    places: dict[Structure, tuple[int, int]]
-    # (4, 4) maps [i j k 1] to patient LPS [m].
-    T_lps_voxel: Array
+# A label map as its file has it: (L, I, J, K) integers; each structure -> its layer, and the label
+# that its voxels have there; and (4, 4), which maps [i j k 1] to patient LPS [m].
+LabelVolume = tuple[NDArray, dict[Structure, tuple[int, int]], Array]
 
 
 def checked_place(T_lps_voxel: Array) -> Array:
@@ -148,20 +140,21 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     CurveError
         The structure has no voxels.
     """
-    structures = tuple(volume.places)
+    layers, places, T_lps_voxel = volume
+    structures = tuple(places)
     chosen = choose_structure(structures, structure)
-    steps = volume.T_lps_voxel[:3, :3]
+    steps = T_lps_voxel[:3, :3]
     sides = np.linalg.norm(steps, axis=0)
     across = 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
     first, second = (axis for axis in range(3) if axis != across)
     normal = plane_normal(steps[:, (first, second)])
-    layer, label = volume.places[chosen]
-    slices = np.moveaxis(volume.layers[layer], across, 2)
+    layer, label = places[chosen]
+    slices = np.moveaxis(layers[layer], across, 2)
     rings: list[Array] = []
     empty = []
     stairs = 0
     for k in range(slices.shape[2]):
-        corner = volume.T_lps_voxel[:3, 3] + k * steps[:, across]
+        corner = T_lps_voxel[:3, 3] + k * steps[:, across]
         borders, is_smooth = rings_of_mask(slices[:, :, k] == label)
         stairs += not is_smooth
         rings += [corner + border @ steps[:, (first, second)].T for border in borders]
@@ -255,10 +248,10 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     file.seek(0)
     data = file.read()
     read = read_nrrd if data.startswith(NRRD) else read_nifti
-    volume = read(data, has_labels=False)
-    if len(volume.layers) != 1:
+    layers, _, place = read(data, has_labels=False)
+    if len(layers) != 1:
         raise InputError("holds several volumes. Export one.", code="volume-unsupported")
-    voxels, place = volume.layers[0], volume.T_lps_voxel.copy()
+    voxels = layers[0]
     # A slice is looked at from the feet: the patient's left is right, and the back is below.
     for axis in range(2):
         if place[axis, axis] < 0:
@@ -324,7 +317,7 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     places = {}
     if has_labels:
         places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
-    return LabelVolume(layers, places, T_lps_voxel)
+    return layers, places, T_lps_voxel
 
 
 def require_size(size: int, file_bytes: int) -> None:
@@ -430,7 +423,7 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     if labels.ndim != 3:
         raise InputError(f"its voxels are {shape}. Give one volume.", code="not-a-label-map")
     if not has_labels:
-        return LabelVolume(labels[None], {}, T_lps_voxel)
+        return labels[None], {}, T_lps_voxel
     if labels.dtype.kind not in "iu":
         if labels.dtype.kind != "f" or not (np.rint(labels) == labels).all():
             raise InputError(
@@ -439,7 +432,7 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
             )
         labels = labels.astype(np.int32)
     layers = labels[None]
-    return LabelVolume(layers, places_of_labels(layers), T_lps_voxel)
+    return layers, places_of_labels(layers), T_lps_voxel
 
 
 def nifti_place(image: Any) -> NDArray:
