@@ -149,12 +149,13 @@ def test_a_sudden_change_of_width_is_asked_about():
     assert np.hypot(*(CURVE[206] - extraction.findings[0].place_px)) < 4
 
 
-def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies():
+@pytest.mark.parametrize(("length", "code"), [(10, "ink-touches"), (16, "width-changes")])
+def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies(length, code):
     end = CURVE[-1]
-    stroke = [end, np.add(end, (0.8, 10.0))]
-    (finding,) = extract_curve(picture((stroke, 1.5), width=4.0)).findings
-    assert finding.code in ("width-changes", "ink-touches")
-    assert np.hypot(*(stroke[1] - finding.place_px)) < 10
+    stroke = [end, np.add(end, (0.08 * length, length))]
+    extraction = extract_curve(picture((stroke, 1.5), width=4.0))
+    assert codes(extraction) == [code]
+    assert np.hypot(*(stroke[1] - extraction.findings[0].place_px)) < 10
 
 
 @pytest.mark.parametrize(("gap_px", "found"), [(26.0, ["ink-at-end"]), (60.0, [])])

@@ -80,6 +80,14 @@ def test_several_candidates_with_the_gap_between_them():
     assert refusal(image, stroke=3).code == "stroke-number"
 
 
+@pytest.mark.parametrize("strength", [0.15, 0.3, 0.45])
+def test_a_paler_line_behind_a_gap_is_another_pens(strength):
+    dark, pale = (coverage(SHAPE, line(u, 100, u + 120, 100, 20), 3.0) for u in (40, 176))
+    assert len(extract_curve(to_uint8(blend(flat(SHAPE), dark + pale, RED))).strokes) == 1
+    image = to_uint8(blend(flat(SHAPE), dark + strength * pale, RED))
+    assert refusal(image).code == "several-candidates"
+
+
 @pytest.mark.parametrize(
     ("second", "max_gap", "advised"),
     [

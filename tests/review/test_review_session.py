@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from contextlib import suppress
 from dataclasses import replace
 
@@ -32,6 +33,7 @@ from review_slices import (
 import vfplan
 from vfplan.bundle import review_digest
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
+from vfplan.findings import doubt
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.settings import FixtureSettings
 from vfplan.review.plan import Plan
@@ -171,6 +173,12 @@ def test_a_knot_snaps_to_its_ink_and_stays_where_there_is_none(tmp_path):
     cut = session.apply({"do": "cut", "stroke": 0, "start": knots[3], "end": knots[20]})
     assert np.allclose(curve_of(cut)[0], knots[3], atol=1e-3)
     assert np.allclose(curve_of(cut)[-1], knots[20], atol=1e-3)
+    # What was asked about an end that is cut off is settled.
+    geometry = session.current.geometry
+    asked = doubt("end-other-colour", "extract", "Is it?", place_px=tuple(curve_of(session)[-1]))
+    whole = replace(geometry, findings=(asked,))
+    assert whole.with_stroke(0, cut.current.geometry.strokes[0]).findings == ()
+    assert whole.with_stroke(0, geometry.strokes[0].reversed()).findings == (asked,)
 
 
 def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
@@ -347,8 +355,9 @@ def test_an_answer_dies_with_what_it_answered(sample):
 def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     path = tmp_path / "f.h5"
     vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
-    for slice_ in (None, SLICE):
-        session = Session.open(path, slice=slice_)
+    renamed = shutil.copy(path, tmp_path / "f.bundle")
+    for slice_, bundle in ((None, renamed), (SLICE, path)):
+        session = Session.open(bundle, slice=slice_)
         assert session.state()["image"]["has_slice"] == (slice_ is not None)
         assert miss(curve_of(session), TRUTH) < 0.3
         fixture = looked_at(session).approve("A. Planner")
@@ -360,6 +369,17 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     fixture = looked_at(moved).approve("A. Planner")
     assert not np.array_equal(fixture.points, vfplan.read_fixture(path).points)
     assert fixture.rendering.contact_radius == vfplan.read_fixture(path).rendering.contact_radius
+
+
+@pytest.mark.parametrize(
+    ("other", "off", "code"), [("x2", 5, "one-mark-two-markers"), ("x1", 40, "no-mark-near")]
+)
+def test_marks_are_found_one_for_each_marker_or_none(sample, other, off, code):
+    places = {row["label"]: row["place_px"] for row in sample.state()["markers"]}
+    place = [places[other][0] + off, places[other][1]]
+    moved = sample.apply({"do": "move_marker", "marker": "x1", "to": place})
+    with refuses(SettingError, code):
+        moved.apply({"do": "find_markers"})
 
 
 def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tmp_path):
@@ -449,10 +469,12 @@ def test_unknown_settings_and_files_are_refused(tmp_path):
 def test_a_draft_of_other_files_or_settings_is_refused(sample, tmp_path):
     files = {"source": "0" * 64}
     path = tmp_path / "o.h5.draft.json"
-    session = sample.apply({"do": "reverse", "stroke": 0})
+    step = {"do": "reverse", "stroke": 0}
+    session = sample.apply(step).apply(step).undo()
     Draft(path, files, {"model": "affine"}).keep(session)
     taken = Draft(path, files, {"model": "affine"}).take_up(sample)
     assert text(taken) == text(session)
+    assert len(taken.redo().steps) == 2
     for wrong in (Draft(path, {"source": "1" * 64}, {"model": "affine"}), Draft(path, files, {})):
         with refuses(InputError, "another-draft"):
             wrong.take_up(sample)

@@ -169,6 +169,16 @@ def naming_bundle(path: Path) -> Iterator[None]:
         raise
 
 
+def is_bundle(path: Path) -> bool:
+    """Whether a file is a bundle, by its name or its first bytes."""
+    if path.suffix.lower() in (".h5", ".hdf5"):
+        return True
+    if not path.is_file():
+        return False
+    with opened_file(path) as stream:
+        return stream.read(len(HDF5_MAGIC)) == HDF5_MAGIC
+
+
 def unsealed(stream: BinaryIO) -> Sealed:
     """The bytes of a bundle whose seal holds; its payload is not looked at.
 

@@ -19,6 +19,7 @@ from vfplan.curve.candidates import (
     gap_ahead_px,
     gap_px,
     is_open_ring,
+    strength_along,
 )
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
@@ -345,6 +346,7 @@ def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
 def join_findings(
     leftover: Sequence[Leftover],
     lines: Sequence[Candidate],
+    ink: Ink,
     max_gap_px: float,
     told: Sequence[Finding],
 ) -> list[Finding]:
@@ -364,7 +366,7 @@ def join_findings(
             continue
         if piece.touches:
             where = "joins the curve"
-        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece):
+        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink):
             where = f"lies {piece.end_distance:.0f} px from the end of the curve"
         else:
             continue
@@ -373,19 +375,20 @@ def join_findings(
     return findings
 
 
-def line_of(stroke: Stroke) -> Candidate:
+def line_of(stroke: Stroke, ink: Ink) -> Candidate:
     """A stroke as a line of ink, to ask whether other ink goes on from it."""
     none = np.zeros((0, 2), np.int64)
     return Candidate(
-        stroke.points, stroke.closed, stroke.bridged, none, stroke.length, stroke.width, ()
-    )
+        stroke.points, stroke.closed, stroke.bridged, none, stroke.length, stroke.width,
+        strength_along(ink, stroke.points), (),
+    )  # fmt: skip
 
 
-def _goes_on(lines: Sequence[Candidate], piece: Leftover) -> bool:
+def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
     """Whether a line of ink lies in the direction of the end of one of these lines."""
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
-    others = find_pieces([piece.places])
+    others = find_pieces(ink, [piece.places])
     return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
 
 

@@ -49,6 +49,8 @@ class Candidate:
         (J, 2) where the line forks or crosses itself [px].
     length, width
         Of the drawn line, and of the pen [px].
+    strength
+        Mean coverage along the path.
     pieces
         (N, 2) the pixels (u, v) of each piece of ink that it was joined from.
     """
@@ -59,6 +61,7 @@ class Candidate:
     junctions: Pixels
     length: float
     width: float
+    strength: float
     pieces: tuple[Pixels, ...]
 
     @property
@@ -225,14 +228,14 @@ def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
-def find_pieces(groups: list[Pixels]) -> list[Candidate]:
+def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
     """The line of every piece of ink that may be one or a part of one, the longest first."""
     large = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
-    lines = [line for group in large if (line := _line_of(group)) is not None]
+    lines = [line for group in large if (line := _line_of(group, ink)) is not None]
     return sorted(lines, key=lambda line: (-line.length, *line.path[0]))
 
 
-def _line_of(pixels: Pixels) -> Candidate | None:
+def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
     """The longest branch of a piece; `None` where its skeleton is a pixel or junctions only."""
     box, corner = box_of(pixels, 2)
     branches, junctions = _branches(_core.thinned(box).astype(bool))
@@ -251,6 +254,7 @@ def _line_of(pixels: Pixels) -> Candidate | None:
         junctions + corner,
         length,
         width,
+        strength_along(ink, path),
         (pixels,),
     )
 
@@ -415,8 +419,15 @@ def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tu
     return turn, other_turn
 
 
+def strength_along(ink: Ink, path: NDArray) -> float:
+    """The mean coverage along a path."""
+    u, v = np.clip(np.rint(path).astype(int), 0, ink.size - 1).T
+    return float(ink.coverage[v, u].mean(dtype=np.float32))
+
+
 def _same_pen(one: Candidate, other: Candidate) -> bool:
-    return 1 / tuned.ALIKE < one.width / max(other.width, 1e-9) < tuned.ALIKE
+    pairs = (one.width, other.width), (one.strength, other.strength)
+    return all(1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE for x, y in pairs)
 
 
 def _angle_deg(a: NDArray, b: NDArray) -> float:
@@ -446,6 +457,7 @@ def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> l
         bridged=np.concatenate([bridged, other.bridged]),
         length=length + other.length,
         width=share * one.width + (1 - share) * other.width,
+        strength=share * one.strength + (1 - share) * other.strength,
         pieces=one.pieces + other.pieces,
     )
     return [*others, both]

@@ -200,7 +200,7 @@ def lines_of_other_pens(ink: Ink, pen: Pen, from_px: float) -> list[tuple[str, C
         try:
             others_ink = find_ink(ink.rgb, other)
             groups = sorted(find_groups(others_ink), key=lambda group: -np.ptp(group, axis=0).max())
-            lines = find_candidates(find_pieces(groups[:MOST_PIECES]), 0.0)
+            lines = find_candidates(find_pieces(others_ink, groups[:MOST_PIECES]), 0.0)
             line = in_number_order(lines, others_ink)[0]
             name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)

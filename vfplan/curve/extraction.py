@@ -224,7 +224,7 @@ def extract_curve(
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
     groups = candidates.find_groups(ink)
-    pieces = candidates.find_pieces(groups)
+    pieces = candidates.find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
     lines = candidates.find_candidates(pieces, max_gap_px)
@@ -267,7 +267,7 @@ def extract_curve(
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(curve)
-    findings += account.join_findings(leftover, (), max_gap_px, findings)
+    findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)
     strokes = []

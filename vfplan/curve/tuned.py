@@ -70,7 +70,7 @@ TANGENT_PX = 14
 # roughly as it went before it was lifted.
 MAX_TURN_DEG = 45.0
 
-# Factor within which the widths on both sides of a gap agree if one pen drew them.
+# Factor within which the widths and strengths on both sides of a gap agree if one pen drew them.
 ALIKE = 2.0
 
 # Times the length of a part of the line, up to which a gap before it is asked about although it is

@@ -251,8 +251,10 @@ class Geometry:
         told = {(finding.code, finding.text) for finding in self.findings}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
         findings = [finding for finding in again if (finding.code, finding.text) in told]
-        lines = [account.line_of(line) for line in self.lines]
-        findings += account.join_findings(self.leftover, lines, self.max_gap_px, findings)
+        lines = [account.line_of(line, self.ink.found) for line in self.lines]
+        findings += account.join_findings(
+            self.leftover, lines, self.ink.found, self.max_gap_px, findings
+        )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
         return findings
@@ -291,8 +293,12 @@ class Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
         strokes = list(self.strokes)
         before, strokes[number] = strokes[number], stroke
-        distance, _ = _core.nearest(before.points, stroke.points)
-        findings = unmended(self.findings, stroke.points[distance > MOVED_PX])
+        # Points of either line that are not on the other.
+        changed = [
+            one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
+            for one, other in ((before, stroke), (stroke, before))
+        ]
+        findings = unmended(self.findings, np.vstack(changed))
         return replace(self, strokes=tuple(strokes), findings=findings)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
@@ -321,7 +327,7 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
 def lines_of(ink: SliceInk, max_gap_px: float) -> list[Candidate]:
     """The lines of the ink as extraction finds them; none among too many pieces."""
     try:
-        pieces = find_pieces(find_groups(ink.found))
+        pieces = find_pieces(ink.found, find_groups(ink.found))
     except CurveError:
         return []
     return find_candidates(pieces, max_gap_px)

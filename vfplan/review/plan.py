@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import rendered_values
+from vfplan.bundle.seal import is_bundle
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
 from vfplan.display import MM, command_of, millimetres
@@ -556,7 +557,7 @@ def open_source(
     slice_path = Path(slice_path) if slice_path is not None else None
     curve_path = Path(curve_path) if curve_path is not None else None
     of_extraction, of_planning = split_settings(given)
-    if path.suffix.lower() in (".h5", ".hdf5"):
+    if is_bundle(path):
         if curve_path is not None:
             text = "A bundle has its curve. Leave --curve out."
             raise SettingError(text, code="curve-given-twice")

@@ -122,7 +122,7 @@ class Draft:
             raise InputError(message, where=where, code="draft-of-another-user")
         try:
             draft = json.loads(text)
-            steps = draft["steps"]
+            steps, undone = draft["steps"], tuple(draft["undone"])
             found = {"by": draft["by"], "utc": draft["utc"], "steps": len(steps)}
             header = {name: draft[name] for name in self._header}
         except (ValueError, KeyError, TypeError, RecursionError):
@@ -137,15 +137,18 @@ class Draft:
         try:
             for step in steps:
                 session = session.apply(step)
+            after = session
+            for step in undone:
+                after = after.apply(step)
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None
         self.found = found
-        return replace(session, seen={})
+        return replace(session, undone=undone, seen={})
 
     def keep(self, session: Session, by: str = "") -> None:
         """Write the session's steps and who took the last; raises `OutputError` if that fails."""
-        known = {"by": by, "utc": now_utc(), "steps": session.steps}
+        known = {"by": by, "utc": now_utc(), "steps": session.steps, "undone": session.undone}
         text = json.dumps(self._header | known, indent=0)
         write_whole(self.path, [text.encode()], overwrite=True, mode=0o600)
 

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle.content import max_number
-from vfplan.errors import SettingError, VfplanError
+from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
-from vfplan.markers.find_marks import MATCH_RADIUS_PX
+from vfplan.markers import find_marks
 from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.registration.models import MODELS
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
@@ -413,9 +413,14 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     """Move every marker in use to the cross or dot that is drawn next to it."""
     require_slice(plan)
     fit = plan.fit
-    for marker in fit.used:
-        place = snapped(plan.source.image, np.array(marker.place), MATCH_RADIUS_PX)
-        fit = fit.with_marker(fit.index(marker.label), place=tuple(place.tolist()))
+    labels, places = [m.label for m in fit.used], [m.place for m in fit.used]
+    try:
+        found = find_marks.find_markers(plan.source.image.rgb, labels, places)
+    except MarkerError as error:
+        text = f"The marks were not found: {error.message}"
+        raise SettingError(text, code=error.code) from None
+    for marker in found:
+        fit = fit.with_marker(fit.index(marker.label), place=marker.position_px)
     return replace(plan, fit=fit)
 
 
