@@ -29,12 +29,14 @@ from vfplan.cli.outputs import refuse_folder, refuse_place
 import vfplan
 from vfplan.arm.rehearsal import check_session
 from vfplan.bench import peers
-from vfplan.bench.pipeline import thin_hue_mask
+from vfplan.bench.pipeline import bench, thin_hue_mask
 from vfplan.bundle.importing import drawn
+from vfplan.bundle.read import read_bundle
 from vfplan.bundle.validation import validate
 from vfplan.burr import burr
 from vfplan.campaign import trial
 from vfplan.campaign.store import open_folder, workers_of_cluster
+from vfplan.conformance.vectors import changed
 from vfplan.errors import InputError, VfplanError
 from vfplan.fixture import Stroke
 from vfplan.images.read import read_image
@@ -209,6 +211,9 @@ CALLS = {
     "layout-unknown": lambda d: bags.read_ticks(odd_mcap(d / "a.mcap")),
     "result-empty": lambda d: read_result(stored_result(d)),
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
+    "no-such-peer": lambda d: bench(["proxy"], quick=True, peers=[peers.Peer("")]),
+    "corrupt.shape": lambda d: read_bundle(written(
+        d / "f.h5", changed("curve", {"/curve/closed": np.zeros(3, np.uint8)}))),
     # Files, tables and folders.
     "file-unreadable": lambda d: opened_file(d / "a\0b"),
     "compressed-data-cut": lambda d: decompress(gzip.compress(b"whole")[:-8], "gzip", 99),
@@ -247,7 +252,9 @@ PATCHED = {
             np.zeros(3), np.ones(3), 1.0)),
     "peer-not-built": (
         "vfplan.bench.peers.which", lambda name: "false", lambda d: peers.build_nanoflann(d)),
-    "peer-failed": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
+    "no-compiler": (
+        "vfplan.bench.peers.which", lambda name: None, lambda d: peers.build_nanoflann(d)),
+    "peer-slow": ("vfplan.bench.peers.TIMEOUT_S", 0.05, lambda d: peers.Peer("sleep").call("9")),
 }
 # fmt: on
 

@@ -45,16 +45,18 @@ def test_an_engine_makes_of_it_what_it_made_to_the_bit(name):
 
 
 UNSEALED = {
-    "is no fixture bundle": b"VFPLSEAL\1\0" + bytes(5000),
-    "has no seal": SIGNED.read_bytes()[:-512],
+    "has its seal in front": (b"VFPLSEAL\1\0" + bytes(5000), "version.seal"),
+    "is no fixture bundle": (bytes(5000), "corrupt.seal"),
+    "has no seal": (SIGNED.read_bytes()[:-512], "corrupt.seal"),
 }
 
 
 @pytest.mark.parametrize("found", UNSEALED)
 def test_a_file_without_a_seal_is_refused(found, tmp_path, vfplan_cli):
     path = tmp_path / "old.h5"
-    path.write_bytes(UNSEALED[found])
-    with refuses(BundleError, "corrupt.seal") as raised:
+    data, code = UNSEALED[found]
+    path.write_bytes(data)
+    with refuses(BundleError, code) as raised:
         read_fixture(path)
     assert found in raised.value.message
     assert vfplan_cli("info", path).code == 4

@@ -83,12 +83,17 @@ int stream() {
     while (std::cin.read(reinterpret_cast<char*>(&length), sizeof length)) {
         Bytes data(length);
         std::cin.read(reinterpret_cast<char*>(data.data()), std::streamsize(length));
+        char found = '=';
         try {
             vfplan::bundle::read_bundle(data);
-            std::cout << '=';
         } catch (const vfplan::bundle::BundleError&) {
-            std::cout << '.';
+            found = '.';
         }
+        // The list of all findings has errors where the reader refuses.
+        const auto all = vfplan::bundle::examine(data);
+        const bool sound =
+            std::none_of(all.begin(), all.end(), [](const auto& f) { return f.error; });
+        std::cout << (sound == (found == '=') ? found : '!');
     }
     std::cout << std::endl;
     return 0;

@@ -17,7 +17,7 @@ from vfplan.registration.checks import (
     scale_departures,
     side_finding,
 )
-from vfplan.registration.registration import fit_registration, target_error
+from vfplan.registration.registration import fit_registration, single_outlier, target_error
 
 table = load(ROOT / "docs" / "make_registration_table.py")
 
@@ -55,6 +55,14 @@ def test_what_a_robust_fit_leaves_out_is_a_note():
     r = fit(grid(), target, robust=True)
     assert r.outliers == ("x4",)
     assert codes(r) == [("marker-left-out", "note")]
+
+
+def test_a_marker_that_was_left_out_is_not_named_as_the_one_to_leave_out():
+    target = planar(grid(5))
+    target[0] += [0, 0.2, 0]
+    r = fit(grid(5), target, robust=True)
+    assert r.outliers == ("x1",)
+    assert single_outlier(r) is None
 
 
 def test_an_exact_fit_has_no_outliers_whatever_its_rounding():

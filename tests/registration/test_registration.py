@@ -11,6 +11,7 @@ from layouts import MODELS, NAMES, PX, R, fit, grid, markers, photograph, planar
 import vfplan
 from vfplan.errors import MarkerError, SettingError
 from vfplan.io.files import to_json_types
+from vfplan.registration.models import fit_model, make_problem, marker_rows
 from vfplan.registration.registration import (
     describe_side,
     fit_registration,
@@ -147,6 +148,7 @@ def test_affine_needs_a_residual_and_a_solid_one_depth():
         ({"seen_from": "left"}, "seen-from-range"),
         ({"seen_from": [np.nan, 0, 1]}, "seen-from-range"),
         ({"source": [[1, 2], [3]]}, "markers-not-numbers"),
+        ({"labels": ["a"] * 9}, "label-doubled"),
         ({"sigma": "x"}, "markers-not-numbers"),
         ({"sigma": np.ones(4)}, "sigma-shape"),
         ({"sigma": np.zeros(9)}, "sigma-range"),
@@ -284,3 +286,23 @@ def test_nearly_collinear_is_right_or_refused(condition):
 
 def test_a_hundredth_of_a_pixel_apart():
     assert largest_error(400 + 0.01 * NINE) < 1e-9 * 2 * 0.01 * 6e-4
+
+
+@pytest.mark.parametrize("bend", [0.0, 1e-3])
+def test_a_similarity_with_unlike_sigmas_is_a_minimum(bend):
+    """Of markers photographed askew too, and in the wrong order, where Gauss-Newton ran away."""
+    rng = np.random.default_rng(3)
+    for k in range(12):
+        pixels = rng.uniform(0, 800, (int(rng.integers(4, 10)), 2))
+        target = np.column_stack([pixels, np.ones(len(pixels))]) @ T_THIN.T
+        target /= 1 + bend * pixels[:, :1]
+        target += rng.normal(0, 3e-4, target.shape)
+        sigma = 10 ** rng.uniform(-5, -2.5, target.shape)
+        wrong = k % 2
+        problem = make_problem(pixels, target[:: 1 - 2 * wrong], "similarity", None, sigma, None)
+        fit = fit_model(problem)
+        root = np.sqrt(problem.weights).reshape(-1, 1)
+        moves = np.linalg.qr(root * (marker_rows(problem.x) @ problem.model.tangent(fit.m)))[0]
+        left = root[:, 0] * fit.vectors.ravel()
+        most = 0.1 if wrong else 1e-3  # of wrong ones it is a long way, in fifty steps
+        assert np.linalg.norm(moves.T @ left) < most * np.linalg.norm(left)

@@ -64,6 +64,14 @@ class Peer:
         """What the tables call it."""
         return self.title or Path(shlex.split(self.command)[0]).stem
 
+    def check(self) -> None:
+        """Raise `SettingError` when the program cannot be started at all."""
+        if not self.command.strip() or which(shlex.split(self.command)[0]) is None:
+            raise SettingError(
+                f"peer {self.command!r} is no program. Give one that can be run",
+                code="no-such-peer",
+            )
+
     def run(
         self, points: Array, hips: Array, settings: ProxyParameters, mesh: Mesh | None = None
     ) -> tuple[Array, Array]:
@@ -110,6 +118,11 @@ class Peer:
         how = {"capture_output": True, "text": True, "env": os.environ | {"LC_ALL": "C"}}
         try:
             subprocess.run(command, check=True, timeout=TIMEOUT_S, **how)
+        except subprocess.TimeoutExpired:
+            raise SettingError(
+                f"peer {self.name!r} is not done in {TIMEOUT_S:g} s. Give a faster one",
+                code="peer-slow",
+            ) from None
         except (OSError, subprocess.SubprocessError) as error:
             said = " ".join(str(getattr(error, "stderr", None) or "").split())[-200:]
             raise SettingError(
@@ -124,7 +137,12 @@ def build_nanoflann(folder: Path) -> Peer:
     Raises SettingError: there is no compiler or no nanoflann here, or it does not compile; the
         message says what to install
     """
-    compiler = which(os.environ.get("CXX", "g++")) or which("clang++") or "g++"
+    compiler = which(os.environ.get("CXX", "g++")) or which("clang++")
+    if compiler is None:
+        raise SettingError(
+            "the nanoflann peer did not run, because there is no C++ compiler. Run apt install g++",
+            code="no-compiler",
+        )
     program = folder / "nanoflann_peer"
     with as_file(files("vfplan.samples") / "peer" / "nanoflann_peer.cpp") as source:
         command = [compiler, "-std=c++20", "-O3", "-o", str(program), str(source)]

@@ -523,6 +523,8 @@ def bench(
         "extract": extract_scenes, "sample": sample_scenes, "register": register_scenes,
         "proxy": partial(proxy_scenes, peers=peers), "plan": plan_scenes,
     }  # fmt: skip
+    for peer in peers:
+        peer.check()
     repeats = FEWEST_REPEATS if quick else REPEATS
     started = time.perf_counter()
     records: list[Record] = []

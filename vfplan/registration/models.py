@@ -358,6 +358,10 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
             "many of each",
             code="markers-shape",
         )
+    for name in names:
+        if names.count(name) > 1:
+            text = f"label {name!r} occurs more than once. Give each marker a label of its own"
+            raise MarkerError(text, code="label-doubled", numbers={"label": name})
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():

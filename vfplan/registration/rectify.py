@@ -87,9 +87,8 @@ class Flattening:
 
 def projected(homography: Array, places: Array) -> Array:
     """(N, 2) places (N, 2) mapped by a homography (3, 3)."""
-    from cv2 import perspectiveTransform
-
-    return perspectiveTransform(places[None], homography)[0]
+    mapped = np.column_stack([places, np.ones(len(places))]) @ homography.T
+    return mapped[:, :2] / mapped[:, 2:]
 
 
 def flattening(

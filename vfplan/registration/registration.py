@@ -222,7 +222,7 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     """
     f = np.where(registration.used, np.nan_to_num(registration.studentised_f), 0.0)
     worst = int(f.argmax())
-    if not is_outlier(registration)[worst]:
+    if not (registration.used[worst] and is_outlier(registration)[worst]):
         return None
     # Three times F is what the squares lose without the marker, over the mean square of the others.
     dof = registration.dof

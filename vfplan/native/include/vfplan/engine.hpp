@@ -47,6 +47,7 @@ enum class Use { real_time, replay, offline = replay };
 
 class Engine {
   public:
+    static constexpr std::size_t small_cloud = vfplan::small_cloud;
     /// An edit of more points makes the engine anew.
     static constexpr std::size_t max_edit_in_place = detail::PendingChanges::capacity / 2;
 

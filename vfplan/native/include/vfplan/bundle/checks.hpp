@@ -421,7 +421,12 @@ inline void check_strokes(const Content& content, std::string_view path, Finding
 }
 
 inline void check_curve(const Content& content, Findings& findings) {
-    check_strokes(content, "/curve/stroke", findings);
+    const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
+    if (!counts_up(stroke)) return check_strokes(content, "/curve/stroke", findings);
+    const std::size_t strokes = content.at("/curve/closed").u1.size();
+    const auto found = static_cast<std::size_t>(stroke.back()) + 1;
+    findings.require(found == strokes, "corrupt.shape", "/curve/closed",
+                     {"has ", strokes, " strokes; the points have ", found});
 }
 
 inline void check_pieces(const Content& content, Findings& findings) {

@@ -127,6 +127,9 @@ Bundle read_bundle(View data, const CheckSeal& check_seal) {
 }
 VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
 
+/// Every finding of a bundle's bytes; it is sound when none is an error.
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
+
 /// The fixture of a checked bundle; moves the points out of it.
 VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle);
 
@@ -197,6 +200,18 @@ VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::ui
 
 VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
     return read_bundle(data, [](const Seal&) {});
+}
+
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
+    Findings findings(false);
+    try {
+        View payload;
+        const Seal seal = unseal(data, payload);
+        read_sealed(seal, payload, data.size(), findings);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return findings.all();
 }
 
 namespace detail {

@@ -145,6 +145,8 @@ inline void require(bool good, Sentence wrong) { require(good, "corrupt.seal", "
 
 /// The seal that a file ends in: it is there, and says of the file's length what is true.
 inline View find_seal(View data) {
+    detail::require(!data.begins(seal_magic), "version.seal", "",
+                    {"has its seal in front, as versions 1.0 and 1.1 had it"}, "Plan it anew");
     detail::require(data.begins(hdf5_signature), "corrupt.seal", "",
                     {"is no fixture bundle: it does not begin as an HDF5 file does"},
                     "Give a bundle that `vfplan register` or `vfplan import` wrote");
