@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 
 import h5py
@@ -10,7 +11,7 @@ import pytest
 from refusals import refuses
 
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
-from vfplan.session.read import open_session, read_session
+from vfplan.session.read import open_session, read_npz, read_session
 from vfplan.session.result import CsvWriter, ResultWriter, TickBlock, read_result, require_fixture
 from vfplan.session.session import BLOCK, SamplingReport, Session, resampled
 
@@ -184,6 +185,21 @@ def test_damaged_archives_are_refused(tmp_path):
         path.write_bytes(damaged)
         with refuses(SessionError, "npz-broken"):
             read_session(path)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("time", "hip"):
+            archive.writestr(name, b"raw bytes")
+    with refuses(SessionError, "npz-broken"):
+        read_session(path)
+
+
+def test_a_file_of_apparent_size_does_not_raise_the_limits_without_end(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("vfplan.session.read.raise_limits", lambda *more: asked.append(more))
+    with (tmp_path / "s.npz").open("wb+") as file:
+        file.truncate(3 << 30)
+        with refuses(SessionError, "npz-broken"):
+            next(read_npz(file))
+    assert asked == [(2 << 30, 8)]
 
 
 ODD_HDF5 = {
