@@ -141,7 +141,7 @@ def test_both_rules_and_where_they_part():
     both = replay(fixture_of(line()), session, rule="both")
     paper = replay(fixture_of(line()), session, rule="paper")
     robust = replay(fixture_of(line()), session, rule="robust")
-    assert both.metrics["rule"] == "both"
+    assert (both.metrics["rule"], both.record["rule"]) == ("both", "robust")
     assert both.metrics["force_max_n"] == robust.metrics["force_max_n"]
     assert both.metrics["paper"]["force_max_n"] == paper.metrics["force_max_n"]
     np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)

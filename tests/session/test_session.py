@@ -317,8 +317,9 @@ def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
         if row is not None:
             values[row] = value
         file[name] = values
-    with refuses(InputError, code):
+    with refuses(InputError, code) as found:
         read_result(path)
+    assert found.value.kind == "InputError"
 
 
 @pytest.mark.parametrize("record", ["{", "[]", 3])
@@ -339,8 +340,14 @@ def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
     ):  # fmt: skip
         with h5py.File(path, "a") as file:
             file.attrs[name] = value
-        with refuses(kind, code):
+        with refuses(kind, code) as found:
             read_result(path)
+        assert value in found.value.message
+    path.write_bytes(path.read_bytes()[:100])
+    with refuses(InputError, "hdf5-broken") as found:
+        read_result(path)
+    assert found.value.kind == "InputError"
+    assert found.value.message.endswith("Give a result of vfplan replay")
 
 
 def test_csv_of_ticks_reads_back_to_the_same_bits(tmp_path):
