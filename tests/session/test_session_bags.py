@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import struct
@@ -15,7 +16,7 @@ from motion import turned
 from refusals import refuses
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.session.bags import RosOptions, tip_position
+from vfplan.session.bags import RosOptions, bag_stamp, tip_position
 from vfplan.session.read import open_session, read_session
 
 pytest.importorskip("rosbags")
@@ -377,6 +378,16 @@ def test_a_sender_that_is_not_chosen_refuses_nothing(tmp_path):
     assert read_session(tmp_path / "bag", ros=ros).hip[:, 0].tolist() == list(range(0, 100, 2))
     with refuses(SessionError, "quaternion-not-unit"):
         read_session(tmp_path / "bag", ros=replace(ros, frame="camera"))
+
+
+def test_a_bag_that_is_replaced_by_one_of_its_size_and_time_is_another(tmp_path):
+    path, other = tmp_path / "s.bag", tmp_path / "o.bag"
+    for one in (path, other):
+        one.write_bytes(b"12")
+        os.utime(one, ns=(T0, T0))
+    stamp = bag_stamp(path)
+    other.replace(path)
+    assert bag_stamp(path) != stamp
 
 
 def test_types_in_idl_are_decoded(tmp_path):

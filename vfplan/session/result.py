@@ -128,8 +128,8 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
     with as_input_error(), opened_hdf5(stream) as file:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
-            found = f"format is {attrs.get('format')!r}, not {RESULT_FORMAT!r}"
-            message = f"{found}. Give a result of vfplan replay"
+            found = attrs.get("format")
+            message = f"format is {found!r}, not {RESULT_FORMAT!r}. Give a result of vfplan replay"
             raise InputError(message, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
