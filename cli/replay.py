@@ -288,7 +288,7 @@ FIGURES = {
     "penetration_max_m": "penetration  max {penetration_max_m}",
     "force_max_n": "force        max {force_max_n}, step max {force_step_max_n}",
     "clearance_min_m": "clearance    min {clearance_min_m}; {entrenched_ticks} ticks entrenched",
-    "guide": "guide        lateral max {lateral_max_m}; outside for "
+    "guide": "guide        tube of {tube}: lateral max {lateral_max_m}; outside for "
              "{guide[outside_s]:.3f} s, force max {guide[force_max_n]:.3f} N",
     "exchanges": "changes      {exchanges} exchanges, {edits} points edited; {changing_ticks} "
                  "ticks until the force was there",
@@ -343,7 +343,12 @@ def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
         for number in NUMBERS
         if number.key in report
     }
-    return [indent + line.format(**told) for key, line in FIGURES.items() if key in report]
+    figures = dict(FIGURES)
+    if "guide" in report:
+        told["tube"] = millimetres(report["guide"]["radius_m"])
+        if not report["arc_m"]:
+            figures["guide"] = "guide        never had hold of the tip"
+    return [indent + line.format(**told) for key, line in figures.items() if key in report]
 
 
 def failed_line(report: dict[str, Any]) -> str:

@@ -177,6 +177,15 @@ def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verd
     assert told[1] == f"next: {following}"
 
 
+@pytest.mark.parametrize(("limit", "code"), [("1000", 0), ("1e-6", 1)])
+def test_the_files_are_written_also_where_a_limit_fails(vfplan_cli, files, limit, code, tmp_path):
+    result, report = tmp_path / "r.h5", tmp_path / "rep"
+    words = ("-o", result, "--report", report, "--at-most", f"force_max_n={limit}", "--json")
+    run = vfplan_cli("replay", *files, *words)
+    assert (run.code, result.exists()) == (code, True)
+    assert run.json["next"].endswith(str(report / "index.html")) == bool(code)
+
+
 @pytest.mark.parametrize("limits", [(), ("--at-least", "force_max_n=3")])
 def test_a_session_that_begins_inside_is_told_to_begin_outside(vfplan_cli, limits, tmp_path):
     vfplan.write_fixture(meshed(*sphere(30e-3, 4)), tmp_path / "ball.h5")

@@ -65,6 +65,7 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     assert f"vfplan {vfplan.__version__}" in about
     assert "vfplan replay &#x27;a b.h5&#x27; s.csv" in about
     assert "made in memory" in about
+    assert not re.search(">(?:True|False)<", text)
     path = tmp_path / "f.h5"
     vfplan.write_fixture(bundles.whole(), path)
     replayed = replay(path, probing())

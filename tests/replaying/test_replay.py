@@ -202,6 +202,17 @@ def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(
     assert ("pressed from within" in open_words(found.metrics)) == is_within
 
 
+def test_of_many_episodes_only_the_deepest_are_asked_whether_they_are_within(monkeypatch):
+    asked = []
+    monkeypatch.setattr("vfplan.replaying.replay.share_around", lambda *_: asked.append(1) or 0)
+    points, triangles = sphere(30e-3, 2)
+    time = 1e-3 * np.arange(3000)
+    hip = np.outer(36e-3 - 8e-3 * np.sin(2 * np.pi * 10 * time), [0, 0, 1])
+    found = replay(meshed(points, triangles[1:]), Session(time, hip), rule="robust")
+    # Once more at the start.
+    assert (len(found.metrics["episodes"]), len(asked)) == (30, 1 + 20)
+
+
 def test_the_engine_is_set_as_the_fixture_says():
     fixture = fixture_of(line(), band=7e-6, stiffness=(800.0, 900.0, 1000.0), rv=1e-3)
     rendering = dataclasses.replace(fixture.rendering, max_iterations=3)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from refusals import refuses
-from replays import fixture_of, line
+from replays import fixture_of, line, write_session
 
 import vfplan
 from vfplan.errors import SceneError, SettingError
@@ -100,6 +100,16 @@ def test_beside_a_guide_the_region_is_its_lines_and_arcs():
 def test_a_guide_alone_has_no_rule_to_compare():
     with refuses(SettingError, "rule-without-region"):
         replay(guided(fixture_of(line())), along(np.zeros(10)), rule="paper")
+
+
+@pytest.mark.parametrize(("far", "told"), [
+    (0.0, "tube of 1.000 mm: lateral max 3.000 mm"), (9.0, "never had hold of the tip\n"),
+])  # fmt: skip
+def test_the_command_reports_it(vfplan_cli, tmp_path, far, told):
+    vfplan.write_fixture(guided(fixture_of(line())), tmp_path / "guide.h5")
+    write_session(tmp_path / "s.csv", along(far + 3e-3 * np.sin(np.linspace(0, 6, 600))))
+    run = vfplan_cli("replay", tmp_path / "guide.h5", tmp_path / "s.csv")
+    assert f"guide        {told}" in run.stdout
 
 
 def test_a_guide_is_never_rendered_as_a_forbidden_region():

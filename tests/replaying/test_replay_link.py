@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -11,9 +13,10 @@ from replays import codes_of, fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import SettingError
-from vfplan.replaying.link import Link, LossyLink
+from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.replay import replay
 from vfplan.robot import Robot, read_robot
+from vfplan.session.result import TickBlock
 from vfplan.session.session import Session
 
 
@@ -138,7 +141,7 @@ def test_both_rules_and_where_they_part():
     both = replay(fixture_of(line()), session, rule="both")
     paper = replay(fixture_of(line()), session, rule="paper")
     robust = replay(fixture_of(line()), session, rule="robust")
-    assert both.metrics["rule"] == "both"
+    assert (both.metrics["rule"], both.record["rule"]) == ("both", "robust")
     assert both.metrics["force_max_n"] == robust.metrics["force_max_n"]
     assert both.metrics["paper"]["force_max_n"] == paper.metrics["force_max_n"]
     np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
@@ -149,6 +152,17 @@ def test_both_rules_and_where_they_part():
     assert apart["ticks"] == np.count_nonzero(gap > 5e-5)
     assert apart["proxy_max_m"] == pytest.approx(gap.max())
     assert apart["proxy_max_m"] > 0.015
+
+
+def test_a_comparison_does_not_grow_with_the_session():
+    comparison, sizes = Comparison(), []
+    block = *np.zeros((4, 1000, 3)), *np.zeros((3, 1000))
+    for first in range(0, 3000, 1000):
+        one = TickBlock(np.arange(first, first + 1000.0), *block)
+        comparison.update(one, replace(one, proxy=one.proxy + 1))
+        sizes.append(len(pickle.dumps(comparison)))
+    assert sizes[2] - sizes[0] < 100
+    assert comparison.report()["spans"][0]["end_tick"] == 2999
 
 
 def test_limits_hold_or_do_not():

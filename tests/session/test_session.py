@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import replace
 
 import h5py
@@ -10,7 +11,7 @@ import pytest
 from refusals import refuses
 
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
-from vfplan.session.read import open_session, read_session
+from vfplan.session.read import open_session, read_npz, read_session
 from vfplan.session.result import CsvWriter, ResultWriter, TickBlock, read_result, require_fixture
 from vfplan.session.session import BLOCK, SamplingReport, Session, resampled
 
@@ -184,6 +185,21 @@ def test_damaged_archives_are_refused(tmp_path):
         path.write_bytes(damaged)
         with refuses(SessionError, "npz-broken"):
             read_session(path)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("time", "hip"):
+            archive.writestr(name, b"raw bytes")
+    with refuses(SessionError, "npz-broken"):
+        read_session(path)
+
+
+def test_a_file_of_apparent_size_does_not_raise_the_limits_without_end(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("vfplan.session.read.raise_limits", lambda *more: asked.append(more))
+    with (tmp_path / "s.npz").open("wb+") as file:
+        file.truncate(3 << 30)
+        with refuses(SessionError, "npz-broken"):
+            next(read_npz(file))
+    assert asked == [(2 << 30, 8)]
 
 
 ODD_HDF5 = {
@@ -301,8 +317,9 @@ def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
         if row is not None:
             values[row] = value
         file[name] = values
-    with refuses(InputError, code):
+    with refuses(InputError, code) as found:
         read_result(path)
+    assert found.value.kind == "InputError"
 
 
 @pytest.mark.parametrize("record", ["{", "[]", 3])
@@ -323,8 +340,14 @@ def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
     ):  # fmt: skip
         with h5py.File(path, "a") as file:
             file.attrs[name] = value
-        with refuses(kind, code):
+        with refuses(kind, code) as found:
             read_result(path)
+        assert value in found.value.message
+    path.write_bytes(path.read_bytes()[:100])
+    with refuses(InputError, "hdf5-broken") as found:
+        read_result(path)
+    assert found.value.kind == "InputError"
+    assert found.value.message.endswith("Give a result of vfplan replay")
 
 
 def test_csv_of_ticks_reads_back_to_the_same_bits(tmp_path):

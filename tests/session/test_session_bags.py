@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
+import struct
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -14,7 +16,7 @@ from motion import turned
 from refusals import refuses
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.session.bags import RosOptions, tip_position
+from vfplan.session.bags import RosOptions, bag_stamp, tip_position
 from vfplan.session.read import open_session, read_session
 
 pytest.importorskip("rosbags")
@@ -362,6 +364,47 @@ def test_a_quaternion_that_is_not_of_unit_length_is_refused():
     with refuses(SessionError, "quaternion-not-unit"):
         tip_position(pose, RosOptions(tool_tip=(0, 0, 0)))
     assert not tip_position(pose, RosOptions())[0].any(), "without a tip no turn is needed"
+
+
+def test_a_sender_that_is_not_chosen_refuses_nothing(tmp_path):
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    kind = "geometry_msgs/msg/PoseStamped"
+    rows = []
+    for k in range(100):
+        frame, length = ("camera", 0) if k % 2 else ("robot_base", 1)
+        pose = pose_of(store, (k, 0, 0), (0, 0, 0, length))
+        rows.append((0, T0 + k * 10**6, store.types[kind](header_of(store, T0, frame=frame), pose)))
+    bag_of(tmp_path / "bag", store, kind, rows)
+    ros = RosOptions("/tip", time="log", frame="robot_base", tool_tip=(0, 0, 1))
+    assert read_session(tmp_path / "bag", ros=ros).hip[:, 0].tolist() == list(range(0, 100, 2))
+    with refuses(SessionError, "quaternion-not-unit"):
+        read_session(tmp_path / "bag", ros=replace(ros, frame="camera"))
+
+
+def test_a_bag_that_is_replaced_by_one_of_its_size_and_time_is_another(tmp_path):
+    path, other = tmp_path / "s.bag", tmp_path / "o.bag"
+    for one in (path, other):
+        one.write_bytes(b"12")
+        os.utime(one, ns=(T0, T0))
+    stamp = bag_stamp(path)
+    other.replace(path)
+    assert bag_stamp(path) != stamp
+
+
+def test_types_in_idl_are_decoded(tmp_path):
+    struct_text = "struct Tip { double x; double y; double z; };"
+    text = (
+        f"{'=' * 80}\nIDL: lab_msgs/msg/Tip\nmodule lab_msgs {{ module msg {{ {struct_text} }}; }};"
+    )
+    with (tmp_path / "s.mcap").open("wb") as file:
+        writer = mcap.Writer(file)
+        writer.start("ros2")
+        schema = writer.register_schema("lab_msgs/msg/Tip", "ros2idl", text.encode())
+        channel = writer.register_channel("/tip", "cdr", schema)
+        for time in (T0, T0 + 10**9):
+            writer.add_message(channel, time, struct.pack("<4B3d", 0, 1, 0, 0, 1, 2, 3), time)
+        writer.finish()
+    assert read_session(tmp_path / "s.mcap").hip.tolist() == [[1, 2, 3]] * 2
 
 
 def test_broken_bags_and_options_without_a_bag(tmp_path):

@@ -149,9 +149,9 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
             "the tool is away.")  # fmt: skip
     if report.get("within_episodes"):
         yield finding("pressed-within", "warning",
-            f"In {report['within_episodes']} episodes the tool pressed from within the mesh, which "
-            "is open, so it may have come in through an opening. Close the mesh, or make sure that "
-            "this side is meant.")  # fmt: skip
+            f"In {report['within_episodes']} episodes (of the 20 deepest) the tool pressed from "
+            "within the mesh, which is open, so it may have come in through an opening. Close the "
+            "mesh, or make sure that this side is meant.")  # fmt: skip
     yield from change_findings(report)
     too_fast = report["too_fast_ticks"]
     if too_fast and parameters.rule == "paper":

@@ -18,7 +18,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
 from vfplan.replaying.metrics import row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Array, LongestRun, Session
+from vfplan.session.session import Array, Largest, LongestRun, Session
 
 
 @dataclass(frozen=True)
@@ -201,41 +201,57 @@ class Comparison:
     """Compare two runs, block by block."""
 
     def __init__(self) -> None:
-        # Of each block (n,) the times [s], how far proxies [m] and forces [N] are apart, and
-        # whether they differ at all.
-        self._blocks: list[tuple[Array, ...]] = []
+        self._ticks = self._parted_ticks = 0
+        self._first_difference = None
+        self._proxy = Largest()
+        self._force = Largest()
+        self._force_squares = 0.0
+        self._spans: list[dict[str, Any]] = []
 
     def update(self, a: TickBlock, b: TickBlock) -> None:
         """Take in the same ticks of both runs."""
-        gaps = row_norms(a.proxy - b.proxy), row_norms(a.force - b.force)
+        first = self._ticks
+        self._ticks += len(a)
+
         differs = ((a.proxy != b.proxy) | (a.force != b.force)).any(axis=1)
-        self._blocks.append((a.time, *gaps, differs))
+        if self._first_difference is None and differs.any():
+            self._first_difference = first + int(differs.argmax())
+
+        proxy_gap = row_norms(a.proxy - b.proxy)
+        self._proxy.update(proxy_gap, first)
+        force_gap = row_norms(a.force - b.force)
+        self._force.update(force_gap, first)
+        self._force_squares += float((force_gap**2).sum())
+
+        # Stretches in which the proxies are apart; one may go on from the last block.
+        has_parted = proxy_gap > PART_M
+        self._parted_ticks += int(np.count_nonzero(has_parted))
+        for rows in runs(has_parted, closed=False):
+            start, largest = first + int(rows[0]), float(proxy_gap[rows].max())
+            if not self._spans or self._spans[-1]["end_tick"] + 1 != start:
+                begun = {"start_tick": start, "start_s": float(a.time[rows[0]]), "proxy_max_m": 0.0}
+                self._spans.append(begun)
+            span = self._spans[-1]
+            span["end_tick"], span["end_s"] = first + int(rows[-1]), float(a.time[rows[-1]])
+            span["proxy_max_m"] = max(span["proxy_max_m"], largest)
 
     def report(self) -> dict[str, Any]:
         """Where they part; the spans listed are the first 50."""
-        time, proxy_gap, force_gap, differs = map(np.concatenate, zip(*self._blocks, strict=True))
-        has_parted = proxy_gap > PART_M
-        spans = []
-        for rows in runs(has_parted, closed=False):
-            start, end = int(rows[0]), int(rows[-1])
-            spans.append({
-                "start_tick": start, "start_s": float(time[start]), "end_tick": end,
-                "end_s": float(time[end]), "proxy_max_m": float(proxy_gap[rows].max()),
-            })  # fmt: skip
         data: dict[str, Any] = {
             "threshold_m": PART_M,
-            "ticks": int(np.count_nonzero(has_parted)),
-            "proxy_max_m": float(proxy_gap.max()),
-            "force_max_n": float(force_gap.max()),
-            "force_rms_n": float(np.sqrt(np.mean(force_gap**2))),
-            "spans": spans[:LISTED],
-            "span_count": len(spans),
+            "ticks": self._parted_ticks,
+            "proxy_max_m": self._proxy.value,
+            "force_max_n": self._force.value,
+            "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),
+            "spans": self._spans[:LISTED],
+            "span_count": len(self._spans),
         }
-        for name, gap in (("proxy", proxy_gap), ("force", force_gap)):
-            if gap.any():
-                data[f"{name}_max_tick"] = int(gap.argmax())
-        if differs.any():
-            data["first_difference_tick"] = int(differs.argmax())
-        if spans:
-            data |= {"first_tick": spans[0]["start_tick"], "first_s": spans[0]["start_s"]}
+        for name, largest in (("proxy", self._proxy), ("force", self._force)):
+            if largest.value > 0:
+                data[f"{name}_max_tick"] = largest.tick
+        if self._first_difference is not None:
+            data["first_difference_tick"] = self._first_difference
+        if self._spans:
+            first = self._spans[0]
+            data |= {"first_tick": first["start_tick"], "first_s": first["start_s"]}
         return data

@@ -373,6 +373,8 @@ def code(value: Any) -> str:
 def _text(value: Any) -> str:
     if isinstance(value, list):
         return ", ".join(map(_text, value))
+    if isinstance(value, bool):
+        return ("no", "yes")[value]
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 

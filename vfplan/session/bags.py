@@ -87,10 +87,10 @@ def bag_files(path: Path) -> list[Path]:
     return sorted(part for part in path.iterdir() if part.is_file())
 
 
-def bag_stamp(path: Path) -> list[tuple[str, int, int]]:
-    """Name, size and time of change of each of a bag's files."""
+def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
+    """Name, inode, size and time of change of each of a bag's files."""
     stamps = [(part.name, part.stat()) for part in bag_files(path)]
-    return [(name, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
+    return [(name, stamp.st_ino, stamp.st_size, stamp.st_mtime_ns) for name, stamp in stamps]
 
 
 def bag_sha256(path: Path) -> str:
@@ -127,15 +127,16 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
     Raises MissingExtra: the library `rosbags` is not installed
     """
     ros = RosOptions(*options)
-    # Its samples take up to four times as much memory as its messages in a packed file.
-    raise_limits(4 * sum(size for _, size, _ in bag_stamp(Path(place))), 0)
+    # Its samples take up to four times as much memory as a packed file; 2 GiB of it are given.
+    size = sum(size for _, _, size, _ in bag_stamp(Path(place)))
+    raise_limits(min(4 * size, 2 << 30), 0)
     # A frame of vfplan's own names the session's frame; where no message has it, it chooses none.
     any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
     # Each sender's number, and of each message that of its sender, its times by the header (0:
     # none) and by the log [ns], its place and whether its quaternion was rounded.
     senders: dict[Sender, int] = {}
     which, stamps, places, rounded = array("q"), array("q"), array("d"), array("b")
-    failure = None
+    failures: dict[Sender, SessionError | SettingError] = {}
     with opened_bag(Path(place)) as bag:
         topic = _choose_topic(bag, ros)
         for k, (sender, *times, message) in enumerate(_messages(bag, topic)):
@@ -148,8 +149,8 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
                 if is_chosen(sender, any_frame):
                     value, name = _value_at(message, field), field.rpartition(".")[2]
                     position, is_rounded = tip_position(value, ros, name)
-            except SessionError as error:
-                failure = failure or error
+            except (SessionError, SettingError) as error:
+                failures.setdefault(sender, error)
             places.extend(position)
             rounded.append(is_rounded)
             if k % BLOCK == BLOCK - 1:
@@ -170,8 +171,9 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
     column = int(ros.time == "log" or not stamped)
     times, numbers = times[:, column], np.array(which)[is_used]
     check_senders(topic, list(senders), {s: times[numbers == senders[s]] for s in chosen})
-    if failure is not None:
-        raise failure
+    for sender in chosen:
+        if sender in failures:
+            raise failures[sender]
 
     start = int(times.min())
     notes = {

@@ -29,6 +29,8 @@ CDR_LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 MCAP_END = b"\x89MCAP0\r\n"
 # Number of messages of a recording of ours in which each of its channels speaks.
 FIRST_MESSAGES = 1000
+# What stands between the files of a definition in IDL.
+IDL_RULE = "=" * 80 + "\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +43,9 @@ class Channel:
     number: int
     # "cdr" or "ros1"
     encoding: str
-    # The definition of its type as a .msg file, empty where there is none, and its digest
+    # The definition of its type, empty where there is none, whether it is in IDL, and its digest
     definition: str
+    is_idl: bool
     digest: str
 
     def decode(self, raw: bytes) -> Any:
@@ -61,11 +64,17 @@ class Channel:
         typesys = importlib.import_module("rosbags.typesys")
         if self.encoding not in ("cdr", "ros1"):
             raise ValueError(f"its encoding is {self.encoding!r}")
-        if self.definition:
-            store = typesys.get_typestore(typesys.Stores.EMPTY)
-            store.register(typesys.get_types_from_msg(self.definition, self.type))
-        else:
+        store = typesys.get_typestore(typesys.Stores.EMPTY)
+        if not self.definition:
             store = typesys.get_typestore(typesys.Stores.LATEST)
+        elif self.is_idl:
+            types = {}
+            parts = self.definition.split(IDL_RULE)[1:]
+            for text in [part.partition("\n")[2] for part in parts] or [self.definition]:
+                types |= typesys.get_types_from_idl(text)
+            store.register(types)
+        else:
+            store.register(typesys.get_types_from_msg(self.definition, self.type))
         digest = self.digest
         if digest and self.encoding == "ros1":
             digest = store.generate_msgdef(self.type)[1]
@@ -138,9 +147,10 @@ def open_part(path: Path, stack: ExitStack) -> Part:
     channels = {}
     for sender in reader.connections:
         counts[sender.topic] += 1
-        text = sender.msgdef.data if sender.msgdef.format.name == "MSG" else ""
+        definition = sender.msgdef.data, sender.msgdef.format.name == "IDL"
+        number = counts[sender.topic]
         channels[sender.id] = Channel(
-            sender.topic, sender.msgtype, counts[sender.topic], encoding, text, sender.digest or ""
+            sender.topic, sender.msgtype, number, encoding, *definition, sender.digest or ""
         )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
@@ -183,14 +193,16 @@ def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
     channels = {}
     for key, (channel, schema) in found.items():
         counts[channel.topic] += 1
-        name, text = "", ""
+        name, text, is_idl = "", "", False
         if schema is not None:
             # A type of ROS 1 has its package and its name alone.
             name = schema.name.replace("/", "/msg/") if schema.name.count("/") == 1 else schema.name
-            if schema.encoding in ("ros1msg", "ros2msg"):
+            is_idl = schema.encoding in ("ros2idl", "omgidl")
+            if is_idl or schema.encoding in ("ros1msg", "ros2msg"):
                 text = schema.data.decode("utf-8", "replace")
+        number = counts[channel.topic]
         channels[key] = Channel(
-            channel.topic, name, counts[channel.topic], channel.message_encoding, text, ""
+            channel.topic, name, number, channel.message_encoding, text, is_idl, ""
         )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:

@@ -210,14 +210,16 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
 
 def read_npz(stream: BinaryIO) -> Iterator[Samples]:
     """Yield (time [s], hip) a block at a time."""
-    # Packed numbers of a recording take up to four times as much memory.
-    size = stream.seek(0, 2)
+    # Packed numbers of a recording take up to four times as much memory, of which 2 GiB are given.
+    size = min(stream.seek(0, 2), 512 << 20)
     raise_limits(4 * size, size >> 26)
     stream.seek(0)
     try:
         with np.load(stream) as archive:
             require_names(archive.files, NAMES)
             time, hip = (archive[name] for name in NAMES)
+        # A member without a header is bytes, which have no shape.
+        check_arrays({"time": time, "hip": hip}, ROWS)
     except SessionError:
         raise
     except Exception as error:
@@ -225,7 +227,6 @@ def read_npz(stream: BinaryIO) -> Iterator[Samples]:
         reason = str(error).partition("\n")[0] or type(error).__name__
         message = f"cannot be read as .npz: {reason}. Save the arrays again"
         raise SessionError(message, code="npz-broken") from None
-    check_arrays({"time": time, "hip": hip}, ROWS)
     yield from portions(time, hip)
 
 

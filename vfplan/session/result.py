@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.errors import InputError, VersionError
+from vfplan.errors import InputError, SessionError, VersionError
 from vfplan.io.files import OpenedFile, naming_place
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
@@ -125,10 +125,11 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
     """
-    with opened_hdf5(stream) as file:
+    with as_input_error(), opened_hdf5(stream) as file:
         attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
         if attrs.get("format") != RESULT_FORMAT:
-            message = f"format is not {RESULT_FORMAT!r}. Give a result of vfplan replay"
+            found = attrs.get("format")
+            message = f"format is {found!r}, not {RESULT_FORMAT!r}. Give a result of vfplan replay"
             raise InputError(message, code="not-a-result")
         version = str(attrs.get("version"))
         if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
@@ -141,6 +142,17 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
         length = check_arrays(dict(zip(TABLE, datasets, strict=True)), rows)
         for start in range(0, length, BLOCK):
             yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
+
+
+@contextmanager
+def as_input_error() -> Iterator[None]:
+    """Errors of what also reads sessions, as those of a result."""
+    try:
+        yield
+    except SessionError as error:
+        advice = "Give a result of vfplan replay"
+        message = error.message.replace("Write the file again", advice)
+        raise InputError(message, code=error.code) from None
 
 
 def check_values(ticks: TickBlock) -> None:

@@ -6,7 +6,6 @@ What is measured block by block, `WithPrevious`, `Largest` and `LongestRun`, ser
 from __future__ import annotations
 
 import itertools
-from array import array
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -98,12 +97,13 @@ class SamplingReport:
         self._longest_s = 0.0
         self._jitter_squares = 0.0
         self._intervals_without_gap = 0
-        # Beginning [s], length [s] and number of missing samples of each gap.
-        self._gaps: list[tuple[float, float, int]] = []
-        self._repeat_count = 0
+        # As they are reported.
+        self._counts = {"gaps": 0, "gap_s": 0.0, "missing_samples": 0, "repeats": 0}
+        self._gaps = []
         self._repeats = LongestRun()
         self._speed = Largest()
-        self._jumps = array("q")
+        self._jump_count = 0
+        self._jumps = []
 
     def update(self, time: Array, hip: Array) -> None:
         """Add the next samples."""
@@ -128,8 +128,14 @@ class SamplingReport:
             late = min(dt[k] - self._nominal_s, shift) / self._nominal_s
             missing = round(late)
             is_gap[k] = missing > 0
-            if missing:
-                self._gaps.append((float(time[k]), float(dt[k]), missing))
+            if not missing:
+                continue
+            gap = {"t_s": float(time[k]), "length_s": float(dt[k]), "missing": missing}
+            self._counts["missing_samples"] += missing
+            self._counts["gaps"] += 1
+            self._counts["gap_s"] += gap["length_s"]
+            if len(self._gaps) < MAX_LISTED:
+                self._gaps.append(gap)
         self._intervals_without_gap += int(np.count_nonzero(~is_gap))
         self._jitter_squares += float(((dt[~is_gap] - self._nominal_s) ** 2).sum())
         self._longest_s = max(self._longest_s, float(dt.max()))
@@ -137,11 +143,13 @@ class SamplingReport:
         # Positions: repeats and jumps.
         step = np.diff(hip, axis=0)
         is_repeat = (step == 0).all(axis=1)
-        self._repeat_count += int(np.count_nonzero(is_repeat))
+        self._counts["repeats"] += int(np.count_nonzero(is_repeat))
         self._repeats.update(is_repeat, first)
         speed = np.linalg.norm(step, axis=1) / dt
         self._speed.update(speed, first + 1)
-        self._jumps.extend((first + 1 + np.flatnonzero(speed > JUMP_M_S)).tolist())
+        jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
+        self._jump_count += len(jumps)
+        self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
 
     def report(self) -> dict[str, Any]:
         """The `session` part of a replay's report."""
@@ -152,23 +160,17 @@ class SamplingReport:
             "dt_nominal_s": self._nominal_s,
             "dt_max_s": self._longest_s,
             "jitter_rms_s": float(np.sqrt(jitter_squares)),
-            "gaps": len(self._gaps),
-            "gap_s": sum((length for _, length, _ in self._gaps), 0.0),
-            "missing_samples": sum(missing for *_, missing in self._gaps),
-            "repeats": self._repeat_count,
+            **self._counts,
             "repeats_longest": self._repeats.length,
-            "changes": self._count - 1 - self._repeat_count,
+            "changes": self._count - 1 - self._counts["repeats"],
             "speed_max_m_s": self._speed.value,
             "speed_max_tick": self._speed.tick,
         }
         if self._gaps:
-            names = ("t_s", "length_s", "missing")
-            data["gap_list"] = [
-                dict(zip(names, gap, strict=True)) for gap in self._gaps[:MAX_LISTED]
-            ]
-        if self._jumps:
-            data["jumps"] = len(self._jumps)
-            data["jump_ticks"] = self._jumps[:MAX_LISTED].tolist()
+            data["gap_list"] = self._gaps
+        if self._jump_count:
+            data["jumps"] = self._jump_count
+            data["jump_ticks"] = self._jumps
         return data
 
 
