@@ -300,6 +300,7 @@ def test_any_size_of_slice_fits(size):
     sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
+    assert "95 % band of markers and drawing, at true scale" in " ".join(words_of(sheet))
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():

@@ -409,8 +409,8 @@ def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: fl
     if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
     if plan.tre95_m is not None:
-        words = "Purple dashes: 95 % band of markers and drawing; see the last enlargement"
-        rows.append((words, paper.BAND_COLOUR, True))
+        words = "Purple dashes: 95 % band of markers and drawing, at true scale"
+        rows.append((f"{words}; see also the last enlargement", paper.BAND_COLOUR, True))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
