@@ -17,6 +17,7 @@ from vfplan.registration.checks import (
     scale_departures,
     side_finding,
 )
+from vfplan.registration.rectify import projected
 from vfplan.registration.registration import fit_registration, single_outlier, target_error
 
 table = load(ROOT / "docs" / "make_registration_table.py")
@@ -172,6 +173,9 @@ def test_the_homography_is_that_of_opencv():
     target = np.column_stack([plane[:, :2] / plane[:, 2:], np.zeros(9)]) * 1e-3
     target += np.random.default_rng(2).normal(0, 1e-6, target.shape)
     h, _ = cv2.findHomography(source, target[:, :2])
+    whole = np.array([[3, 4], [500, 7]])
+    assert projected(h, whole) == pytest.approx(cv2.perspectiveTransform(whole[None] / 1.0, h)[0])
+    assert projected(h, np.zeros((0, 2))).shape == (0, 2)
     mapped = np.column_stack([source, np.ones(9)]) @ h.T
     left = target.copy()
     left[:, :2] -= mapped[:, :2] / mapped[:, 2:]
