@@ -22,6 +22,7 @@ from vfplan.fixture import Fixture
 from vfplan.replaying.findings import open_words
 from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
+from vfplan.session.events import Event, Poses
 from vfplan.session.session import Session
 
 PAPER = {"rule": "paper", "engine": "reference"}
@@ -200,6 +201,21 @@ def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(
     assert found.verdict == "pass"
     assert ("pressed-within" in codes_of(found)) == is_within
     assert ("pressed from within" in open_words(found.metrics)) == is_within
+
+
+@pytest.mark.parametrize("changed", ["poses", "exchange"])
+def test_a_deep_start_proves_nothing_where_the_fixture_changes_either(changed):
+    body, limits = meshed(*sphere(30e-3, 3)), (("force_max_n", "at_most", 100.0),)
+    session = Session(1e-3 * np.arange(900), np.outer(np.linspace(10e-3, 34e-3, 900), [0, 0, 1]))
+    times = np.arange(0, 1, 0.02)
+    far = dataclasses.replace(body, points=body.points + np.array([0.3, 0, 0]))
+    fixture, changes = {
+        "poses": (body, {"poses": Poses(times, np.tile([0, 0, 0, 1.0, 0, 0, 0], (50, 1)), times)}),
+        "exchange": (far, {"events": [Event(10, body)]}),
+    }[changed]
+    found = replay(fixture, session, limits=limits, rule="exact", **changes)
+    assert found.verdict == "not-tested"
+    assert "started-in-mesh" in codes_of(found)
 
 
 def test_of_many_episodes_only_the_deepest_are_asked_whether_they_are_within(monkeypatch):

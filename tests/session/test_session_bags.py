@@ -239,14 +239,14 @@ def motion(count=50):
     return stamps, rng.normal(0.4, 0.1, (count, 3)), turns, quats
 
 
-def write_poses(path, topics=("/measured_cp",), length=1.0):
+def write_poses(path, topics=("/measured_cp",), length=1.0, unstamped=0):
     store = get_typestore(Stores.ROS2_HUMBLE)
     stamps, places, turns, quats = motion()
     kind = "geometry_msgs/msg/PoseStamped"
     rows = []
-    for stamp, place, quat in zip(stamps, places, quats, strict=True):
+    for k, (stamp, place, quat) in enumerate(zip(stamps, places, quats, strict=True)):
         body = pose_of(store, place, length * np.array(quat))
-        sent = store.types[kind](header_of(store, stamp), body)
+        sent = store.types[kind](header_of(store, stamp if k >= unstamped else 0), body)
         # The bag's own clock runs late; the header's is the one that counts.
         rows += [(number, stamp + 5_000_000, sent) for number in range(len(topics))]
     bag_of(path, store, kind, rows, topics)
@@ -268,6 +268,17 @@ def test_pose_with_and_without_a_tip(tmp_path):
     assert rounded.notes["poses_rounded"] == rounded.ticks
     by_name = RosOptions("/measured_cp", "pose.position")
     np.testing.assert_array_equal(read_session(tmp_path / "bag", ros=by_name).hip, session.hip)
+
+
+@pytest.mark.parametrize("unstamped", [0, 1, 50])
+def test_a_clock_that_some_messages_lack_is_named(unstamped, tmp_path):
+    time, *_ = write_poses(tmp_path / "bag", unstamped=unstamped)
+    session = read_session(tmp_path / "bag")
+    assert session.notes.get("unstamped", 0) == unstamped % 50
+    assert session.notes["stamp"] == ("bag" if unstamped else "header")
+    np.testing.assert_allclose(session.time, time, atol=1e-12)
+    of_log = read_session(tmp_path / "bag", ros=RosOptions(time="log"))
+    assert "unstamped" not in of_log.notes
 
 
 def test_several_topics_need_a_choice(tmp_path):

@@ -56,6 +56,8 @@ class ChangingFixture:
             with naming_place(self._place_of_event(i)):
                 self._exchanges.append(load_exchange(event, rule, trust))
 
+        changes = zip(self._events, self._exchanges, strict=True)
+        self._fixtures = [(0, fixture), *((e.tick, pair[0]) for e, pair in changes if pair)]
         self._engine = self._make_engine(fixture, rule)
         later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
         self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
@@ -86,6 +88,10 @@ class ChangingFixture:
     def left_out(self) -> dict[str, int]:
         """What the engine did not need."""
         return self._engine.left_out
+
+    def fixture_at(self, tick: int) -> Fixture:
+        """The fixture that is rendered in a tick."""
+        return [fixture for first, fixture in self._fixtures if first <= tick][-1]
 
     def distance(self, positions: Vector) -> Vector:
         """Distance (T,) [m] of `positions` (T, 3) [m] in the fixture's frame from it."""

@@ -100,6 +100,15 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             f"Positions are held: they change {changes_hz:.4g} times a second, of "
             f"{recorded['rate_hz']:.6g} samples. Speeds and force steps are those of the jumps "
             "between. Record each sample, or resample at that rate with --rate.")  # fmt: skip
+    if session.get("unstamped"):
+        yield finding("session-stamp", "warning",
+            f"{session['unstamped']} messages have no time of their own, so the times are those of "
+            "the log. If they are right, say --time log; if not, record the headers.")  # fmt: skip
+    frame = session.get("ros_frame_id")
+    if frame not in (None, session["frame"]):
+        yield finding("session-frame", "info",
+            f"The messages are in frame {frame!r}, taken as {session['frame']!r}. Check that it is "
+            "the same one.")  # fmt: skip
     if session.get("cut"):
         text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
         yield finding("session-cut", "warning", text)
@@ -147,6 +156,10 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
             f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
             "at the start or after a change. Start the hand outside, and change a fixture while "
             "the tool is away.")  # fmt: skip
+    if report.get("enclosed_episodes"):
+        yield finding("started-in-mesh", "error",
+            f"In {report['enclosed_episodes']} episodes (of the 20 deepest) the tool pressed from "
+            "within the closed mesh. Begin outside; check units, poses and events.")  # fmt: skip
     if report.get("within_episodes"):
         yield finding("pressed-within", "warning",
             f"In {report['within_episodes']} episodes (of the 20 deepest) the tool pressed from "
@@ -248,6 +261,8 @@ def open_words(report: dict[str, Any]) -> str:
         (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
         ("session-time" in codes, "its time may not be in seconds"),
         (session.get("cut"), "the recording was cut off"),
+        (session.get("unstamped"), "the times are those of the log"),
+        ("session-jump" in codes, "the tool jumps"),
         (left_out, f"{left_out} samples of the recording were left out"),
         (
             "session-changes" in codes,
@@ -268,6 +283,11 @@ def untested_reason(report: dict[str, Any]) -> str:
         return "the tool began inside the mesh, where nothing says which side is forbidden"
     if not has_touched(report):
         return "the tool never touched the fixture"
+    if 0 < report["ticks"] == report.get("inside_ticks"):
+        return "the proxy was not led out of the fixture in which it began"
+    if report.get("enclosed_episodes"):
+        pressed = count(report["enclosed_episodes"], "episode")
+        return f"in {pressed} the tool pressed from within the closed mesh"
     untrue = report.get("stale_contact_ticks")
     if untrue:
         return f"in {untrue} ticks of contact the fixture's pose was too old, or had not come"

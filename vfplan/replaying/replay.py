@@ -348,7 +348,7 @@ def replay(
     with naming_place(path):
         is_body = fixture.mesh is not None and poses is None and events is None
         corners = fixture.points[fixture.mesh] if is_body else None
-        is_open = is_body and open_edges(fixture.mesh) > 0
+        drawn = fixture
         # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
         changing = None
@@ -413,12 +413,9 @@ def replay(
     results = []
     for run in runs:
         numbers = run.finish()
-        if is_open:
-            depths = [episode["penetration_max_m"] for episode in numbers["episodes"]]
-            asked = np.argsort(depths)[-ASKED_WITHIN:]
-            pressed = [numbers["episodes"][k]["deepest"]["proxy_m"] for k in asked]
-            within = [share_around(np.array(place), corners) > WITHIN for place in pressed]
-            numbers["within_episodes"] = sum(within)
+        numbers |= within_report(
+            numbers["episodes"], (lambda _: drawn) if changing is None else changing.fixture_at
+        )
         parameters = run.engine.parameters
         metrics = {
             "rule": run.rule,
@@ -469,6 +466,24 @@ def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any
     if fixture.ignore_axis is not None:
         scene["ignore_axis"] = fixture.ignore_axis.tolist()
     return scene
+
+
+def within_report(
+    episodes: Sequence[dict[str, Any]], fixture_at: Callable[[int], Fixture]
+) -> dict[str, int]:
+    """In how many of the deepest episodes the tool pressed from within an open or a closed mesh."""
+    report = {}
+    by_depth = sorted(episodes, key=lambda episode: -episode["penetration_max_m"])
+    for place in (episode["deepest"] for episode in by_depth[:ASKED_WITHIN]):
+        fixture = fixture_at(place["tick"])
+        if fixture.mesh is None:
+            continue
+        key, least = "enclosed_episodes", ENCLOSED
+        if open_edges(fixture.mesh):
+            key, least = "within_episodes", WITHIN
+        share = share_around(np.array(place["proxy_m"]), fixture.points[fixture.mesh])
+        report[key] = report.get(key, 0) + int(share > least)
+    return report
 
 
 def share_around(place: Array, corners: Array) -> float:

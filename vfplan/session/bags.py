@@ -169,6 +169,7 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
         message = f"not every message of {topic!r} has a time of its own. Give --time log"
         raise SessionError(message, code="no-header-time")
     column = int(ros.time == "log" or not stamped)
+    unstamped = int(np.count_nonzero(times[:, 0] <= 0))
     times, numbers = times[:, column], np.array(which)[is_used]
     check_senders(topic, list(senders), {s: times[numbers == senders[s]] for s in chosen})
     for sender in chosen:
@@ -187,6 +188,8 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
             for sender, number in senders.items()
         ],
     }
+    if ros.time is None and 0 < unstamped < len(times):
+        notes["unstamped"] = unstamped
     if start > 1e18:
         notes["start_utc"] = f"{datetime.fromtimestamp(start // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"
     if bag.is_cut:
