@@ -58,6 +58,12 @@ def double(path, gap=8.0):
     return _write(path, _drawn(truth, truth + np.array([0.0, gap]))), truth
 
 
+def half_double(path):
+    """A line of which a part was drawn once more, 3 px beside it."""
+    truth = wave()
+    return _write(path, _drawn(truth, truth[200:420] + np.array([0.0, 3.0]))), truth
+
+
 def blue(path):
     """One line, drawn in blue."""
     picture = np.full((200, 300, 3), 90, np.uint8)

@@ -25,6 +25,7 @@ from review_slices import (
     clear,
     double,
     fork,
+    half_double,
     miss,
     photographed,
     two_candidates,
@@ -126,6 +127,14 @@ def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
             misses.append(miss(curve, truth) if len(curve) > 0.8 * np.ptp(truth[:, 0]) else 1e9)
             looked_at(chosen).approve("A. Planner")
     assert min(misses) < 0.3
+
+
+def test_a_chosen_line_that_was_refused_as_two_runs_asks_whether_both_are_meant(tmp_path):
+    session, _ = opened(half_double, tmp_path)
+    assert session.state()["refusal"]["code"] == "runs-side-by-side"
+    chosen = session.apply({"do": "choose", "candidate": 1})
+    assert [finding["code"] for finding in chosen.state()["findings"]] == ["width-changes"]
+    assert chosen.why_not()
 
 
 @pytest.mark.parametrize("kind", [two_candidates, fork, double])

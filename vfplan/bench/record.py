@@ -231,10 +231,11 @@ def cost_text(part: str, records: list[Record]) -> str:
     """What the records take and how far they err, in the median and at most."""
     time = duration(1e-6 * float(np.median([r["time_us_median"] for r in records])))
     if part == "tick":
-        time += f" (p99.9 {duration(1e-6 * max(r['time_us_p999'] for r in records))})"
+        time += f" (p99.9 at most {duration(1e-6 * max(r['time_us_p999'] for r in records))})"
     typical = records[0] | {"error_rms": float(np.median([r["error_rms"] for r in records]))}
     worst = max(records, key=itemgetter("error_rms"))
-    return f"takes {time} and errs by {error_text(typical)} RMS ({error_text(worst)} at most)"
+    errors = f"{error_text(typical)} RMS in the median (at most {error_text(worst)})"
+    return f"takes {time} and errs by {errors}"
 
 
 def table_lines(document: dict[str, Any]) -> list[str]:

@@ -31,6 +31,7 @@ from vfplan.curve.candidates import (
     walked_back,
 )
 from vfplan.curve.centreline import drawn_length
+from vfplan.curve.choose import finding_at
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
@@ -371,8 +372,10 @@ def with_chosen(
     """The geometry with one of its candidates as the curve.
 
     `vfplan extract` measures the candidate if it can. If it refuses the line, because it forks or
-    something lies beside it, the line is measured along the candidate itself.
+    something lies beside it, the line is measured along the candidate itself. Where it refuses two
+    runs side by side, it is asked whether both are the curve.
     """
+    asked: tuple[Finding, ...] = ()
     candidates = geometry.candidates
     if not 1 <= number <= len(candidates):
         text = f"There is no candidate {number}. There are {len(candidates)}, from 1."
@@ -389,6 +392,10 @@ def with_chosen(
         branches = branches_of(geometry, route)
         if branches:
             return replace(geometry, refusal=refusal_of(error), candidates=branches)
+        if error.code == "runs-side-by-side":
+            text = "two runs may lie side by side. Is all of it the curve?"
+            place = error.numbers["u_px"], error.numbers["v_px"]
+            asked = (finding_at(place, "width-changes", text),)
     else:
         strokes = extracted.extraction.strokes
         to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
@@ -396,7 +403,7 @@ def with_chosen(
             mended = MendedStroke.of(strokes[0])
             return replace(settled, strokes=(mended,), findings=extracted.findings)
     line = geometry.ink.trace(route.points, route.closed)
-    return replace(settled, strokes=(MendedStroke.of(line),), findings=())
+    return replace(settled, strokes=(MendedStroke.of(line),), findings=asked)
 
 
 def branches_of(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
