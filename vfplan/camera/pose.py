@@ -29,8 +29,8 @@ MAX_CALIBRATION_BYTES = 1 << 20
 MIN_TAGS = 2
 
 # Share by which a print may be longer one way than the other, or slanted. A printer keeps to 0.2 %,
-# and a page that was stretched onto another paper is off by 3 %.
-MAX_STRETCH = 0.01
+# and a page that was stretched onto another paper is off by 3 %. Half a percent moves a line by 0.2 mm.
+MAX_STRETCH = 0.004
 
 # Standard deviations by which a stretch must exceed 0 before it is called one.
 CERTAIN = 5.0
