@@ -29,7 +29,7 @@ MAX_CALIBRATION_BYTES = 1 << 20
 MIN_TAGS = 2
 
 # Share by which a print may be longer one way than the other, or slanted. A printer keeps to 0.2 %,
-# and a page that was stretched onto another paper is off by 3 %. Half a percent moves a line by 0.2 mm.
+# and a page that was stretched onto another paper is off by 3 %. Of 0.5 % a line moves by 0.2 mm.
 MAX_STRETCH = 0.004
 
 # Standard deviations by which a stretch must exceed 0 before it is called one.
