@@ -123,7 +123,8 @@ def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):
     median_ns = 1e3 * np.median([r["time_us_median"] for r in rows])
     tail_us = max(r["time_us_p999"] for r in rows)
     assert sentence.startswith(
-        f"Over 8 scenes, a tick of the chosen setting takes {median_ns:.3g} ns (p99.9 {tail_us:.3g}"
+        f"Over 8 scenes, a tick of the chosen setting takes {median_ns:.3g} ns "
+        f"(p99.9 at most {tail_us:.3g} µs) and errs by "
     )
     for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
         assert f"; {peer} takes " in sentence
