@@ -41,6 +41,12 @@ def finding_at(
     return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
 
 
+def two_runs_finding(place: tuple[float, float]) -> Finding:
+    """The doubt about a line that was refused as two runs side by side, once it is chosen."""
+    text = "two runs may lie side by side. Is all of it the curve?"
+    return finding_at(np.array(place), "width-changes", text)
+
+
 def choose_lines(
     lines: list[Candidate],
     passing: list[Candidate],

@@ -31,7 +31,7 @@ from vfplan.curve.candidates import (
     walked_back,
 )
 from vfplan.curve.centreline import drawn_length
-from vfplan.curve.choose import finding_at
+from vfplan.curve.choose import two_runs_finding
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
@@ -393,9 +393,7 @@ def with_chosen(
         if branches:
             return replace(geometry, refusal=refusal_of(error), candidates=branches)
         if error.code == "runs-side-by-side":
-            text = "two runs may lie side by side. Is all of it the curve?"
-            place = error.numbers["u_px"], error.numbers["v_px"]
-            asked = (finding_at(place, "width-changes", text),)
+            asked = (two_runs_finding((error.numbers["u_px"], error.numbers["v_px"])),)
     else:
         strokes = extracted.extraction.strokes
         to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
