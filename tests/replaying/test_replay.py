@@ -23,7 +23,7 @@ from vfplan.replaying.findings import open_words
 from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
 from vfplan.session.events import Event, Poses
-from vfplan.session.session import Session
+from vfplan.session.session import Session, resampled
 
 PAPER = {"rule": "paper", "engine": "reference"}
 
@@ -179,6 +179,30 @@ def test_a_start_under_the_skin_is_led_out_or_proves_nothing(depth, rule):
     assert ("started-in-mesh" in codes_of(found)) == (not is_outside)
     assert (np.linalg.norm(found.ticks.proxy[-1]) > 34e-3) == is_outside
     assert found.metrics["force_step_max_n"] < 0.05
+
+
+@pytest.mark.parametrize("rate_hz", [None, 1000.0, 250.0])
+def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
+    session = probing()
+    keep = np.ones(3000, bool)
+    keep[1000:1500] = keep[2000:2007] = False
+    recorded = Session(session.time[keep], session.hip[keep])
+    limits = (("force_max_n", "at_most", 1e3),)
+    if rate_hz is not None:
+        recorded = resampled(recorded, rate_hz)
+    found = replay(fixture_of(line()), recorded, **PAPER, limits=limits)
+    assert found.verdict == "pass"
+    seen = found.metrics["session"]
+    if rate_hz is not None:
+        # The lines that fill the gaps are no samples.
+        assert seen["gaps"] == 0
+        seen = seen["recorded"]
+    assert (seen["gaps"], seen["missing_samples"]) == (2, 507)
+    assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
+    assert "session-gap" in codes_of(found)
+    assert "0.509 s" in open_words(found.metrics)
+    whole = replay(fixture_of(line()), session, **PAPER, limits=limits)
+    assert open_words(whole.metrics) == ""
 
 
 @pytest.mark.parametrize("rule", ["exact", "robust"])
