@@ -46,7 +46,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "bench": "Measure error and run time of every step.",
         "campaign": "Simulate how often the tool crosses the line.",
         "burr": "Remove the points of a fixture under the tool.",
-        "export": "Write a bundle as PLY, CSV, .mrk.json or DXF.",
+        "export": "Write a bundle as a file of other programs.",
         "conformance": "Write files that test a reader of bundles.",
     },
 }

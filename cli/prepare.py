@@ -127,7 +127,7 @@ def marker_table(pairs: Any, places: list[list[float]]) -> str:
     option("--units", type=click.Choice(["m", "mm"]), default="m", help="Unit of the places."),
     option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
     option("--max-error", "max_error_m", type=MM, default="2",
-           help="Refuse a tip whose 95 % error is larger [mm]: a wrong unit or order shows so."),
+           help="Refuse a tip whose 95 % error is larger [mm]; a wrong unit or order makes it so."),
     option("--tool", default="tool", metavar="NAME",
            help="Name of the tool, which a controller can demand."),
     output_option("Write tool and tip to this file, for `plan --tip`.", required=False,

@@ -21,16 +21,18 @@ HEAD = """# Formats
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
 Reference. vfplan obeys what a file says of itself, or refuses the file. If the file leaves
-something open, vfplan asks: give an option, or answer a doubt before `vfplan sign`. *Tried with*
-names what the tests used to make or check such files.
+something open, vfplan asks: give an option, or answer a *doubt* before `vfplan sign`. A *note* only
+informs ([glossary](glossary.md#findings-and-approval)). *Tried with* names what the tests used to
+make or check such files.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
 TABLES = {
     "Slices": [
-        ("PNG, JPEG", "8 bits, PNG also 16; palettes; transparent pixels are laid over black",
-         "EXIF's orientation; the end of the picture: vfplan ignores bytes after it, with a note",
+        ("PNG, JPEG", "8 bits, PNG also 16; palettes; transparent pixels are laid over black; bytes after the "
+         "end of the picture are ignored, with a note",
+         "EXIF's orientation",
          "`--pixels`, if EXIF turns the picture and markers or curve are given in its pixels",
          "animations; files that are cut short", "Pillow, OpenCV"),
         ("TIFF", "8 and 16 bits, strips and tiles, one page by `--frame`",
@@ -41,9 +43,9 @@ TABLES = {
          "tifffile, Pillow, OpenCV"),
         ("BMP", "24 and 32 bits", "an alpha channel that is not empty", "",
          "a picture without pixels", "Pillow, OpenCV"),
-        ("DICOM", "colour, grey, one frame by `--frame`",
+        ("DICOM", "colour, grey, one frame by `--frame`; overlay planes are ignored, with a note",
          "PixelSpacing, position and orientation, also of each frame of an enhanced file; windows",
-         "`--imager-spacing`; vfplan ignores overlay planes, with a note",
+         "`--imager-spacing`",
          "pixels that are not square, if neither the file nor `--pixel-spacing` gives their size",
          "pydicom"),
     ],
@@ -59,9 +61,9 @@ TABLES = {
          "roifile"),
         ("CSV `u_px,v_px`", "any separator, decimal comma, UTF-8 or UTF-16, comments", "the header",
          "", "decimal commas and points in one table", "60 forms of one table"),
-        ("DICOM presentation state", "POLYLINE, INTERPOLATED", "the images that it names",
-         "`--stroke`, if there are several; a note asks you to compare the spline through points "
-         "of INTERPOLATED with the drawing", "units other than PIXEL",
+        ("DICOM presentation state",
+         "POLYLINE; INTERPOLATED as a spline, with a note to compare it with the drawing",
+         "the images that it names", "`--stroke`, if there are several", "units other than PIXEL",
          "pydicom"),
         ("DICOM SR (TID 1500)", "SCOORD and SCOORD3D lines, open and closed",
          "the images that it names", "`--stroke`", "ellipses, points", "pydicom"),
@@ -71,8 +73,8 @@ TABLES = {
     "Markers, poses, sessions": [
         ("CSV", "any separator, decimal comma, UTF-8 or UTF-16, comments, empty cells at the end",
          "units in the header",
-         "nothing: if x,y,z have no unit, vfplan takes m or mm from the size of the layout, with a "
-         "note",
+         "markers without a unit: nothing; vfplan takes m or mm, whichever suits the distances "
+         "between the markers, with a note. Poses and sessions: `--units`, otherwise metres",
          "decimal commas and points in one table", "60 forms of one table"),
         ("ImageJ's `X,Y`", "results, lists of points",
          "a unit in the header; the numbers of points; centroids of areas count from corners",
@@ -81,6 +83,14 @@ TABLES = {
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
          "LPS or RAS, units; status: points that are not *defined* are left out", "",
          "other versions of the format", "Slicer's formats 3, 4 and 5"),
+        ("HDF5, `.npz`", "sessions: `time` (T,) and `hip` (T, 3)",
+         "HDF5: the attributes `units` and `frame`", "`--units`, `--frame`",
+         "attributes that differ from the options", "h5py, NumPy"),
+        ("MCAP, ROS 1 and ROS 2 bags",
+         "sessions: what `vfplan live --mcap` wrote; topics with poses, transforms, points or "
+         "Franka states", "the frame and the time of each message",
+         "`--topic`, `--field`, `--sender`, `--frame`, `--units`",
+         "joint angles, forces, quaternions alone", "rosbags, mcap"),
     ],
     "Surfaces and clouds": [
         ("STL, PLY, OBJ", "triangles; PLY also points", f"{SPACES} in header or comment",

@@ -44,7 +44,7 @@ MAX_POSE_DELAY_S = 0.5
     option("--mcap", type=OutputFile(".mcap"), metavar="FILE",
            help="Record every tick in this file."),
     option("--poses-from", metavar="igtl://HOST:PORT/DEVICE",
-           help="Receive the fixture's poses from an OpenIGTLink server, as PLUS and Slicer are."),
+           help="Receive the fixture's poses from an OpenIGTLink server, such as PLUS or Slicer."),
     option("--poses-out", type=CSV, metavar="FILE",
            help="Write these poses at the end, for `replay --poses`."),
     option("--poses-axes", type=click.Choice(["as-sent", "ras"]), default="as-sent",

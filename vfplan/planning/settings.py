@@ -279,8 +279,8 @@ class FixtureSettings:
     )
     common: bool = setting(False, "Use the markers that both files have, and drop the others.")
     margin: str | float | None = setting(
-        None, "Add the 95 % bound (tre95), also with the tip's error in mm, or the margin that "
-        "--campaign gives for P, to the point radius.  [default: none]", form="tre95[+MM]|p=P",
+        None, "Add this to the point radius: the 95 % bound (tre95) and the tip's error (+MM), or "
+        "the margin that --campaign gives for P.  [default: none]", form="tre95[+MM]|p=P",
     )  # fmt: skip
     find_markers: bool = setting(
         False, "Move each marker to the centre of the cross or dot that is drawn near it."
