@@ -30,7 +30,8 @@ SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
 TABLES = {
     "Slices": [
-        ("PNG, JPEG", "8 bits, PNG also 16; palettes; transparent pixels are laid over black; bytes after the "
+        ("PNG, JPEG",
+         "8 bits, PNG also 16; palettes; transparent pixels are laid over black; bytes after the "
          "end of the picture are ignored, with a note",
          "EXIF's orientation",
          "`--pixels`, if EXIF turns the picture and markers or curve are given in its pixels",
