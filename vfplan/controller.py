@@ -83,7 +83,7 @@ class Controller(_core.Controller):
     moving
         (max_age_s, max_speed_m_s, max_turn_rad_s) of a fixture that moves.
     max_hip_step, hold_time_s
-        A tip further than this from the last one is no position [m], 0: none is; for how long the
+        A tip further than this from the last one is no position [m] (0: off); for how long the
         force is then held. Ten good ticks make up for a bad one.
     max_stiffness_n_per_m
         To which `set_stiffness` may raise K of the bundle.
