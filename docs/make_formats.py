@@ -78,7 +78,8 @@ TABLES = {
          "between the markers, with a note. Poses and sessions: `--units`, otherwise metres",
          "decimal commas and points in one table", "60 forms of one table"),
         ("ImageJ's `X,Y`", "results, lists of points",
-         "a unit in the header; the numbers of points; X,Y of areas count from the corner of a pixel",
+         "a unit in the header; the numbers of points; X,Y of areas count from the corner of a "
+         "pixel",
          "whether X,Y without a unit are pixels: a doubt", "units without `--pixel-spacing`",
          "tables as ImageJ 1.54 writes them"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
