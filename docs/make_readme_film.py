@@ -128,7 +128,7 @@ def pushed_frame(
     picture: np.ndarray, line: np.ndarray, hips: np.ndarray, proxy: np.ndarray, force: float
 ) -> Image.Image:
     """The slice with the tool, its path, the proxy, and the force on the tool."""
-    text = "3  The robot loads the file."
+    text = "3  The robot has loaded the file. Here the tool is free."
     if force > 0.05:
         text = f"3  The tool is pushed back with {force:.1f} N."
     figure, axis = stage(picture, text)
