@@ -173,7 +173,9 @@ class Governor:
         self.native.reset()
         self.held_back_n = 0.0
         self.status = GovernorStatus.OK
-        self._torque_size = 0
+        # (n,) the torques to command [N·m]; (0,) before the first Jacobian. They are Jᵀ F of the
+        # last tick, unless the status has TORQUE_LAGS.
+        self.torque_nm = np.zeros(0)
 
     def step(self, force: ArrayLike, jacobian: ArrayLike | None = None) -> Vector:
         """The force (3,) to command for the engine's force (3,) [N].
@@ -206,11 +208,13 @@ class Governor:
                 f"({len(wanted)}, 3, n)."
             )
         self._check_joints(None if matrices is None else matrices.shape[1:])
-        governed = Governed(*self.native.run(wanted, matrices))
+        torque, (force, held_back, status) = self.native.run(wanted, matrices)
         if len(wanted) > 0:
-            self.held_back_n = float(governed.held_back[-1])
-            self.status = GovernorStatus(int(governed.status[-1]))
-        return governed
+            self.held_back_n = float(held_back[-1])
+            self.status = GovernorStatus(int(status[-1]))
+            if matrices is not None:
+                self.torque_nm = torque.reshape(matrices.shape[::2])[-1].copy()
+        return Governed(force, torque, held_back, status)
 
     def _check_joints(self, shape: tuple[int, ...] | None) -> None:
         """Raise `SceneError` for a Jacobian of another shape; `None`: there is no Jacobian."""
@@ -226,16 +230,6 @@ class Governor:
         if len(shape) != 2 or shape[0] != 3 or shape[1] not in allowed:
             wanted = f"1 to {most}" if self._joints is None else self._joints
             raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
-        self._torque_size = shape[1]
-
-    @property
-    def torque_nm(self) -> Vector:
-        """(n,) the torques to command [N·m]; (0,) before the first Jacobian.
-
-        They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
-        """
-        size = self._torque_size
-        return self.native.torque(size).reshape(size)
 
     @property
     def energy_given_j(self) -> float:

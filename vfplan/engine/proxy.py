@@ -477,9 +477,7 @@ class ProxyEngine:
 
     def step(self, hip: ArrayLike) -> Step:
         """One tick for the HIP at `hip` (3,) [m]."""
-        rows, state, status = self.native.step(check_hip(hip))
-        self.status = Status(status)
-        return Step(rows[0], rows[1], rows[2], state, self.status)
+        return self.run(check_hip(hip)[None]).first()
 
     def run(self, hips: ArrayLike) -> Trace:
         """One tick for each row of `hips` (T, 3) [m], from the present proxy on.
@@ -492,7 +490,7 @@ class ProxyEngine:
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
-        *answer, seconds = self.native.run(check_path(hips), timed=True)
+        *answer, seconds = self.native.run(check_path(hips))
         return Trace(*answer), 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:

@@ -16,7 +16,7 @@ template <int D>
 class RollingBall {
   public:
     RollingBall(const Cloud<D>& cloud, double radius)
-        : R_(radius), source_(cloud, std::min(0.4 * radius, cell_of_few(cloud))) {
+        : R_(radius), source_(cloud, std::min(0.4 * radius, cell_of_few(cloud)), Search::grid) {
         const std::size_t n = cloud.size(), count = std::min(n, samples);
         for (std::size_t i = 0; i < count && looked_at_ < max_points_looked_at; ++i) {
             const double golden = 0.6180339887498949 * static_cast<double>(i);
@@ -175,7 +175,7 @@ class RollingBall {
 
     double R_, looked_at_ = 0;
     Kernels<D> kernels_ = kernels<D>();
-    Grid<D> source_;
+    PointIndex<D> source_;
     std::vector<Vec<D>> near_;
     std::vector<std::pair<double, double>> size_;  // of a dip, and its weight: length on a curve
 };

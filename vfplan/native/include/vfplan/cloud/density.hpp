@@ -119,12 +119,11 @@ class Thinning {
     }
 
     std::size_t size() const noexcept { return points_.size(); }
-    bool keeps(std::size_t i) const noexcept { return kept_[i]; }
     /// The points that were kept, in the order of the cloud.
     Cloud<D> kept() const {
         Cloud<D> out(size());
         for (std::size_t i = 0, k = 0; i < cloud_.size(); ++i)
-            if (keeps(i)) out.set(k++, cloud_[i]);
+            if (kept_[i]) out.set(k++, cloud_[i]);
         return out;
     }
 

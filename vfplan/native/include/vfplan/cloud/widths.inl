@@ -1,17 +1,12 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The loops of kernels.hpp, compiled for each width: kernels.hpp includes this, with VFPLAN_COMPILED
-// only in engine.cpp.
+// The loops of kernels.hpp, compiled for each width: kernels.hpp includes this, with
+// VFPLAN_COMPILED only in engine.cpp.
 #pragma once
 
-#if defined(__x86_64__) && defined(__GNUC__)
-#include <immintrin.h>
-#define VFPLAN_X86 1
-#else
-#define VFPLAN_X86 0
-#endif
 // Define VFPLAN_NARROW to compile the baseline only, in a third of the time; the bits are the same.
-#if VFPLAN_X86 && !defined(VFPLAN_NARROW)
+#if defined(__x86_64__) && !defined(VFPLAN_NARROW)
+#include <immintrin.h>
 #define VFPLAN_WIDE 1
 #else
 #define VFPLAN_WIDE 0
@@ -21,52 +16,36 @@ namespace vfplan::inline v1 {
 
 namespace detail {
 
-#if defined(__GNUC__)
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wpsabi"
-#endif
-
-#define VFPLAN_PRAGMA(...) _Pragma(#__VA_ARGS__)
-#if defined(__clang__)
-#define VFPLAN_BEGIN(features) \
-    VFPLAN_PRAGMA(clang attribute push(__attribute__((target(features))), apply_to = function))
-#define VFPLAN_END VFPLAN_PRAGMA(clang attribute pop)
-#else
-#define VFPLAN_BEGIN(features) \
-    VFPLAN_PRAGMA(GCC push_options) VFPLAN_PRAGMA(GCC target(features, "prefer-vector-width=512"))
-#define VFPLAN_END VFPLAN_PRAGMA(GCC pop_options)
-#endif
 
 #define VFPLAN_LANES 2
+#define VFPLAN_TARGET
 namespace lanes2 {
 #include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
+#undef VFPLAN_TARGET
 
 #if VFPLAN_WIDE
-VFPLAN_BEGIN("avx2")
 #define VFPLAN_LANES 4
+#define VFPLAN_TARGET target("avx2")
 namespace lanes4 {
 #include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
-VFPLAN_END
+#undef VFPLAN_TARGET
 
-VFPLAN_BEGIN("avx2,avx512f,avx512dq,avx512vl")
 #define VFPLAN_LANES 8
+#define VFPLAN_TARGET target("avx2,avx512f,avx512dq,avx512vl")
 namespace lanes8 {
 #include "vfplan/cloud/kernels.inl"
 }
 #undef VFPLAN_LANES
-VFPLAN_END
+#undef VFPLAN_TARGET
 #endif
-#undef VFPLAN_PRAGMA
-#undef VFPLAN_BEGIN
-#undef VFPLAN_END
 
-#if defined(__GNUC__)
 #pragma GCC diagnostic pop
-#endif
 
 }  // namespace detail
 
@@ -86,8 +65,7 @@ VFPLAN_COMPILED_ONCE Width widest() noexcept {
 template <int D>
 Kernels<D> kernels(Width width) noexcept {
     const Width available = widest();
-    if (width == Width::automatic || static_cast<int>(width) > static_cast<int>(available))
-        width = available;
+    if (width == Width::automatic || width > available) width = available;
 #if VFPLAN_WIDE
     if (width == Width::eight) return detail::lanes8::table<D>();
     if (width == Width::four) return detail::lanes4::table<D>();
