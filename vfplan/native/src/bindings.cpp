@@ -256,6 +256,9 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "triangles"_a, "cover"_a,
         "samples of a mesh, no place of it farther from one [m], and triangles between them");
+    m.def(
+        "use_width", [](int width) { vfplan::use_width(static_cast<vfplan::Width>(width)); },
+        "width"_a, "for tests: float64 in a register, 2, 4 or 8, or the most that there are");
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
@@ -267,12 +270,11 @@ NB_MODULE(_core, m) {
     engine
         .def(
             "__init__",
-            [](Engine* self, const Rows& points, const Parameters& p, int width) {
+            [](Engine* self, const Rows& points, const Parameters& p) {
                 nb::gil_scoped_release release;
-                new (self)
-                    Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));
+                new (self) Engine(points.data(), points.shape(0), p);
             },
-            "points"_a, "parameters"_a, "width"_a = 0)
+            "points"_a, "parameters"_a)
         .def("reset", &reset<Engine>, "hip"_a)
         .def("run", &run<Engine>, "hips"_a)
         .def(

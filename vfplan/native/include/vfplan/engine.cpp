@@ -13,9 +13,6 @@
 // What they declare:
 #include "vfplan/engine.inl"
 
-template vfplan::Kernels<2> vfplan::kernels<2>(Width) noexcept;
-template vfplan::Kernels<3> vfplan::kernels<3>(Width) noexcept;
-
 #ifdef __cpp_exceptions
 #include "vfplan/controller.hpp"
 #include "vfplan/controller.inl"

@@ -76,16 +76,16 @@ class RollingBall {
         const Ray<D> ray{from, -1.0 * way, R_ * R_, R_ * R_, 0};
         double s = 2 * R_, near2 = R_ * R_;
         visit(from, R_, [&](const PointSpan<D>& span) {
-            if (near2 >= R_ * R_) near2 = std::min(near2, kernels_.nearest2(span, from));
+            if (near2 >= R_ * R_) near2 = std::min(near2, kernels<D>.nearest2(span, from));
         });
         if (near2 < R_ * R_) return false;
         visit(from - R_ * way, 2 * R_,
-              [&](const PointSpan<D>& span) { s = std::min(s, kernels_.ray_hit(span, ray)); });
+              [&](const PointSpan<D>& span) { s = std::min(s, kernels<D>.ray_hit(span, ray)); });
         const Vec<D> centre = from - s * way;
         double least2 = R_ * R_ * (1 + 1e-6);
         Vec<D> touched = at;
         visit(centre, std::sqrt(least2), [&](const PointSpan<D>& span) {
-            if (!(kernels_.nearest2(span, centre) < least2)) return;
+            if (!(kernels<D>.nearest2(span, centre) < least2)) return;
             for (std::size_t i = 0; i < span.n; ++i) {
                 const Vec<D> p = span[i], d = p - centre;
                 if (dot(d, d) < least2) least2 = dot(d, d), touched = p;
@@ -174,7 +174,6 @@ class RollingBall {
     }
 
     double R_, looked_at_ = 0;
-    Kernels<D> kernels_ = kernels<D>();
     PointIndex<D> source_;
     std::vector<Vec<D>> near_;
     std::vector<std::pair<double, double>> size_;  // of a dip, and its weight: length on a curve

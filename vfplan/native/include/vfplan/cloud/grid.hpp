@@ -44,6 +44,7 @@ class PointIndex {
     /// `cell`: side of the grid's cells [m], about a third of the radius that will be asked for.
     PointIndex(const Cloud<D>& cloud, double cell, Search search)
         : box_(cloud.box()), cells_box_(box_) {
+        choose_kernels();
         if (search == Search::automatic && cloud.size() <= small_cloud) search = Search::brute;
         if (search == Search::brute) {
             cloud_ = cloud;
@@ -228,9 +229,8 @@ class Neighbours {
 
     /// `reach`: the largest radius that is asked for often [m]; `skin`: how far x may go before the
     /// list is gathered anew [m]; `cell`: side of the grid's cells [m].
-    Neighbours(const Cloud<D>& cloud, double reach, double skin, double cell, Search search,
-               const Kernels<D>& kernels)
-        : index_(cloud, cell, search), radius_(reach + skin), kernels_(kernels) {
+    Neighbours(const Cloud<D>& cloud, double reach, double skin, double cell, Search search)
+        : index_(cloud, cell, search), radius_(reach + skin) {
         if (index_.has_grid())
             list_ = Cloud<D>(std::clamp<std::size_t>(cloud.size() / 4, 1024, max_points));
     }
@@ -280,7 +280,7 @@ class Neighbours {
                 is_crowded_ = count_ + part.n > list_.size();
                 if (is_crowded_) return;
                 for (int k = 0; k < D; ++k) to[k] = list_.axis(k) + count_;
-                count_ += kernels_.gather(part, centre_, reach2, to);
+                count_ += kernels<D>.gather(part, centre_, reach2, to);
             }
         });
     }
@@ -288,7 +288,6 @@ class Neighbours {
     PointIndex<D> index_;
     Cloud<D> list_;
     double radius_;
-    Kernels<D> kernels_;
     Vec<D> centre_;
     std::size_t count_ = 0;
     bool is_gathered_ = false;
@@ -297,41 +296,39 @@ class Neighbours {
 
 /// Square of the distance from x to the nearest point within `reach`, or to one further off.
 template <class Points, int D>
-double nearest2(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach) noexcept {
+double nearest2(Points& points, const Vec<D>& x, double reach) noexcept {
     double smallest = infinity;
     points.visit(x, reach, [&](const PointSpan<D>& span) noexcept {
-        smallest = std::min(smallest, kernels.nearest2(span, x));
+        smallest = std::min(smallest, kernels<D>.nearest2(span, x));
     });
     return smallest;
 }
 
 /// Distance from x to the nearest point, or `reach` where that is less [m].
 template <int D>
-double distance_within(const PointIndex<D>& points, const Kernels<D>& kernels, const Vec<D>& x,
-                       double reach) noexcept {
-    return std::sqrt(std::min(reach * reach, nearest2(points, kernels, x, reach)));
+double distance_within(const PointIndex<D>& points, const Vec<D>& x, double reach) noexcept {
+    return std::sqrt(std::min(reach * reach, nearest2(points, x, reach)));
 }
 /// Distance from x to the nearest point [m]. Looks near by first, for that is where most places are
 /// asked about.
 template <int D>
-double distance(const PointIndex<D>& points, const Kernels<D>& kernels, const Vec<D>& x) noexcept {
+double distance(const PointIndex<D>& points, const Vec<D>& x) noexcept {
     double reach = points.cell();
     for (int i = 0; i < 3 && reach > 0; ++i, reach *= 2) {
-        const double d = distance_within(points, kernels, x, reach);
+        const double d = distance_within(points, x, reach);
         if (d < reach) return d;
     }
-    return distance_within(points, kernels, x, infinity);
+    return distance_within(points, x, infinity);
 }
 
 /// Calls f(proxy - point) for every point within `reach` of x, in the order of the spans.
 template <class Points, int D, class F>
-void visit_within(Points& points, const Kernels<D>& kernels, const Vec<D>& x, double reach,
-                  F&& f) noexcept {
+void visit_within(Points& points, const Vec<D>& x, double reach, F&& f) noexcept {
     points.visit(x, reach, [&](PointSpan<D> span) noexcept {
         std::uint32_t indices[256];
         while (span.n > 0) {
             const PointSpan<D> part = span.take(std::size(indices));
-            const std::size_t n = kernels.indices_within(part, x, reach * reach, indices);
+            const std::size_t n = kernels<D>.indices_within(part, x, reach * reach, indices);
             for (std::size_t i = 0; i < n; ++i) f(x - part[indices[i]]);
         }
     });

@@ -61,16 +61,29 @@ VFPLAN_COMPILED_ONCE Width widest() noexcept {
     return Width::two;
 }
 
-/// The loops for a width; one that the processor lacks falls back to the widest it has.
+namespace detail {
+
 template <int D>
-Kernels<D> kernels(Width width) noexcept {
-    const Width available = widest();
-    if (width == Width::automatic || width > available) width = available;
+Kernels<D> kernels_of(Width width) noexcept {
 #if VFPLAN_WIDE
-    if (width == Width::eight) return detail::lanes8::table<D>();
-    if (width == Width::four) return detail::lanes4::table<D>();
+    if (width == Width::eight) return lanes8::table<D>();
+    if (width == Width::four) return lanes4::table<D>();
 #endif
-    return detail::lanes2::table<D>();
+    return lanes2::table<D>();
+}
+
+}  // namespace detail
+
+VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept {
+    width = std::min(width, widest());
+    kernels<2> = detail::kernels_of<2>(width);
+    kernels<3> = detail::kernels_of<3>(width);
+}
+VFPLAN_COMPILED_ONCE void choose_kernels() noexcept {
+    [[maybe_unused]] static const bool once = [] {
+        if (!kernels<2>.gather) use_width(widest());
+        return true;
+    }();
 }
 
 }  // namespace vfplan::inline v1

@@ -253,9 +253,8 @@ class ContactSurfaces {
   public:
     static constexpr int max_surfaces = ContactGroups<D>::max_groups;
 
-    ContactSurfaces(const Kernels<D>& kernels, double radius, double band) noexcept
-        : kernels_(kernels),
-          R_(radius),
+    ContactSurfaces(double radius, double band) noexcept
+        : R_(radius),
           max_lift_(tuned::max_lift_bands * band),
           touch_radius_(R_ + max_lift_),
           g_(std::sqrt(band / R_)),
@@ -286,7 +285,7 @@ class ContactSurfaces {
         known_at_ = proxy;
         groups_.clear();
         WorkBudget& budget = neighbours.index().budget();
-        visit_within(neighbours, kernels_, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
+        visit_within(neighbours, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
             budget.spend(work::contact);
             groups_.add(away);
         });
@@ -362,7 +361,7 @@ class ContactSurfaces {
         const FitWindow<D> window = fit_window(proxy, contact);
         NormalEquations<D> sums;
         neighbours.visit(proxy, std::sqrt(window.outer2), [&](const PointSpan<D>& points) noexcept {
-            kernels_.accumulate_fit(points, window, sums);
+            kernels<D>.accumulate_fit(points, window, sums);
         });
         const QuadricFit<D> fit = fit_quadric(window, sums);
 
@@ -418,7 +417,6 @@ class ContactSurfaces {
         return k / std::max(1 + R_ * k, tuned::narrowest_hollow);
     }
 
-    Kernels<D> kernels_;
     double R_;
     double max_lift_;      // 2 b [m]
     double touch_radius_;  // R + 2 b [m]
