@@ -24,15 +24,27 @@ struct Float8 {
     VFPLAN_INLINE Float8(double x) { VFPLAN_EACH v[i] = Native{} + x; }
 };
 
-#define VFPLAN_ARITHMETIC(op)                              \
-    VFPLAN_INLINE Float8 operator op(Float8 a, Float8 b) { \
-        VFPLAN_EACH a.v[i] = a.v[i] op b.v[i];             \
-        return a;                                          \
+// Which of the eight: all bits of a lane, or none.
+struct Mask {
+    NativeMask v[parts];
+};
+
+#define VFPLAN_OPERATOR(Result, op, Operand)                 \
+    VFPLAN_INLINE Result operator op(Operand a, Operand b) { \
+        Result r;                                            \
+        VFPLAN_EACH r.v[i] = a.v[i] op b.v[i];               \
+        return r;                                            \
     }
-VFPLAN_ARITHMETIC(+)
-VFPLAN_ARITHMETIC(-)
-VFPLAN_ARITHMETIC(*)
-#undef VFPLAN_ARITHMETIC
+VFPLAN_OPERATOR(Float8, +, Float8)
+VFPLAN_OPERATOR(Float8, -, Float8)
+VFPLAN_OPERATOR(Float8, *, Float8)
+VFPLAN_OPERATOR(Mask, <, Float8)
+VFPLAN_OPERATOR(Mask, <=, Float8)
+VFPLAN_OPERATOR(Mask, >, Float8)
+VFPLAN_OPERATOR(Mask, >=, Float8)
+VFPLAN_OPERATOR(Mask, &, Mask)
+VFPLAN_OPERATOR(Mask, |, Mask)
+#undef VFPLAN_OPERATOR
 
 VFPLAN_INLINE Float8 operator-(Float8 a) {
     VFPLAN_EACH a.v[i] = -a.v[i];
@@ -47,30 +59,6 @@ VFPLAN_INLINE Float8 load(const double* p) {
     return a;
 }
 
-// Which of the eight: all bits of a lane, or none.
-struct Mask {
-    NativeMask v[parts];
-};
-#define VFPLAN_COMPARISON(op)                            \
-    VFPLAN_INLINE Mask operator op(Float8 a, Float8 b) { \
-        Mask m;                                          \
-        VFPLAN_EACH m.v[i] = a.v[i] op b.v[i];           \
-        return m;                                        \
-    }
-VFPLAN_COMPARISON(<)
-VFPLAN_COMPARISON(<=)
-VFPLAN_COMPARISON(>)
-VFPLAN_COMPARISON(>=)
-#undef VFPLAN_COMPARISON
-
-VFPLAN_INLINE Mask operator&(Mask a, Mask b) {
-    VFPLAN_EACH a.v[i] &= b.v[i];
-    return a;
-}
-VFPLAN_INLINE Mask operator|(Mask a, Mask b) {
-    VFPLAN_EACH a.v[i] |= b.v[i];
-    return a;
-}
 VFPLAN_INLINE Float8 choose(Mask m, Float8 a, Float8 b) {
     VFPLAN_EACH a.v[i] = m.v[i] ? a.v[i] : b.v[i];
     return a;
@@ -127,18 +115,6 @@ VFPLAN_INLINE unsigned bits(Mask m) {
     return b;
 }
 
-// Stores those of the eight float64 at `from` whose bit in `chosen` is set, one behind the other at
-// `to`, without a branch that a processor could guess wrong. All eight places there are written.
-// Returns how many were chosen.
-VFPLAN_INLINE std::size_t store_chosen(const double* from, unsigned chosen, double* to) {
-    std::size_t n = 0;
-    for (unsigned j = 0; j < 8; ++j) {
-        to[n] = from[j];
-        n += chosen >> j & 1;
-    }
-    return n;
-}
-
 VFPLAN_INLINE double sum(Float8 a) {
     double v[8];
     store(a, v);
@@ -182,9 +158,9 @@ std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, doubl
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, x);
         const unsigned within = bits(b.d2 <= reach2);
-        std::size_t found = 0;
-        for (int k = 0; k < D; ++k) found = store_chosen(in.c[k] + i, within, out[k] + n);
-        n += found;
+        // Without a branch that a processor could guess wrong.
+        for (unsigned j = 0; j < 8; n += within >> j++ & 1)
+            for (int k = 0; k < D; ++k) out[k][n] = in.c[k][i + j];
     }
     return n;
 }
@@ -357,3 +333,5 @@ Kernels<D> table() {
 #undef VFPLAN_EACH
 #undef VFPLAN_INLINE
 #undef VFPLAN_LOOP
+#undef VFPLAN_LANES
+#undef VFPLAN_TARGET

@@ -24,8 +24,6 @@ namespace detail {
 namespace lanes2 {
 #include "vfplan/cloud/kernels.inl"
 }
-#undef VFPLAN_LANES
-#undef VFPLAN_TARGET
 
 #if VFPLAN_WIDE
 #define VFPLAN_LANES 4
@@ -33,16 +31,12 @@ namespace lanes2 {
 namespace lanes4 {
 #include "vfplan/cloud/kernels.inl"
 }
-#undef VFPLAN_LANES
-#undef VFPLAN_TARGET
 
 #define VFPLAN_LANES 8
 #define VFPLAN_TARGET target("avx2,avx512f,avx512dq,avx512vl")
 namespace lanes8 {
 #include "vfplan/cloud/kernels.inl"
 }
-#undef VFPLAN_LANES
-#undef VFPLAN_TARGET
 #endif
 
 #pragma GCC diagnostic pop
