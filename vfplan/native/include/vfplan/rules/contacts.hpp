@@ -199,26 +199,11 @@ QuadricFit<D> fit_quadric(const FitWindow<D>& window, const NormalEquations<D>& 
         if (r == 5) ridge = 0.5 * tuned::curvature_ridge;
         l[r][r] += weight * ridge;
     }
-    // Factors them into L D L^T.
-    double d[terms];
-    for (int j = 0; j < terms; ++j) {
-        d[j] = l[j][j];
-        for (int k = 0; k < j; ++k) d[j] -= l[j][k] * l[j][k] * d[k];
-        if (!(d[j] > 0)) return {window.up};
-        for (int i = j + 1; i < terms; ++i) {
-            for (int k = 0; k < j; ++k) l[i][j] -= l[i][k] * l[j][k] * d[k];
-            l[i][j] /= d[j];
-        }
-    }
     double x[terms];
-    for (int i = 0; i < terms; ++i) {
-        x[i] = sums.z[i];
-        for (int k = 0; k < i; ++k) x[i] -= l[i][k] * x[k];
-    }
-    for (int i = terms - 1; i >= 0; --i) {
-        x[i] /= d[i];
-        for (int k = i + 1; k < terms; ++k) x[i] -= l[k][i] * x[k];
-    }
+    std::copy_n(sums.z, terms, x);
+    solve_symmetric(l, x);
+    for (int r = 0; r < terms; ++r)
+        if (!(l[r][r] > 0)) return {window.up};
     // From right under the proxy to the foot.
     const double height = window.height * window.scale;
     slopes_at_foot<D>(x, height);
