@@ -186,9 +186,11 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
         is_over = sign * columns > sign * bounds
         for j in np.flatnonzero(is_over.any(axis=0)).tolist():
             ticks = np.flatnonzero(is_over[:, j]).tolist()
-            joint = {"joint": j + 1} if values.ndim == 2 else {}
-            found = {"value": float(columns[ticks[0], j]), "limit": float(bounds[j])}
-            stops.append({"tick": ticks[0], "kind": kind, **joint, **found, "ticks": len(ticks)})
+            stop = {"tick": ticks[0], "kind": kind}
+            if values.ndim == 2:
+                stop["joint"] = j + 1
+            stop |= {"value": float(columns[ticks[0], j]), "limit": float(bounds[j])}
+            stops.append(stop | {"ticks": len(ticks)})
     if not np.abs(motion.speed[-1]).max() < LOST_SPEED_RAD_S:
         stops.append({"tick": len(motion.q) - 1, "kind": "lost"})
     return sorted(stops, key=lambda stop: (stop["tick"], stop["kind"]))

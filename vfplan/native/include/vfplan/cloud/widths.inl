@@ -58,7 +58,7 @@ VFPLAN_COMPILED_ONCE Width widest() noexcept {
 namespace detail {
 
 template <int D>
-Kernels<D> kernels_of(Width width) noexcept {
+Kernels<D> kernels_of([[maybe_unused]] Width width) noexcept {
 #if VFPLAN_WIDE
     if (width == Width::eight) return lanes8::table<D>();
     if (width == Width::four) return lanes4::table<D>();
