@@ -8,6 +8,7 @@
 #define VFPLAN_COMPILING
 #include "vfplan/engine.hpp"
 
+#include "vfplan/cloud/band.hpp"
 #include "vfplan/tick_time.hpp"
 
 // What they declare:

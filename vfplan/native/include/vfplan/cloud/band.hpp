@@ -8,6 +8,14 @@
 #include "vfplan/rules/contacts.hpp"
 
 namespace vfplan::inline v1 {
+
+/// The band that the cloud of n points of three coordinates each asks for [m]: the paper's 10 µm,
+/// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
+/// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
+/// of r_c. Throws as `check_radii` and `make_cloud`.
+VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p);
+
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
 
 /// Balls that come from two sides towards points of a cloud, and roll on each way until they touch
@@ -181,11 +189,7 @@ class RollingBall {
 
 }  // namespace detail
 
-/// The band that the cloud of n points of three coordinates each asks for [m]: the paper's 10 µm,
-/// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
-/// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
-/// of r_c. Throws as `check_radii` and `make_cloud`.
-inline double band_for(const double* points, std::size_t n, const Parameters& p) {
+VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p) {
     check_radii(p);
     const auto of = [&](const auto& rolling) {
         const double typical = rolling.depth(0.5), rough = rolling.depth(0.9) - typical;
@@ -197,5 +201,6 @@ inline double band_for(const double* points, std::size_t n, const Parameters& p)
             : of(detail::RollingBall<3>(make_cloud(Space{}, points, n), p.R()));
     return std::min(band, p.contact_radius / 2);
 }
+#endif
 
 }  // namespace vfplan::inline v1
