@@ -128,6 +128,8 @@ class Controller(_core.Controller):
         governor = governor or Governor(
             force_step_n=1.0, force_max_n=20.0, stiffness_n_per_m=1.0, mass_kg=1.0
         )
+        if moving is not None:
+            moving = real_array(moving, "moving")
         with self._demanded(path) as data:
             super().__init__(
                 data,
@@ -138,7 +140,7 @@ class Controller(_core.Controller):
                 max_hip_step=real_number("max_hip_step", max_hip_step),
                 hold_time=real_number("hold_time_s", hold_time_s),
                 max_stiffness=real_number("max_stiffness_n_per_m", max_stiffness_n_per_m),
-                moving=None if moving is None else real_array(moving, "moving"),
+                moving=moving,
             )
         self._joints = 0
 

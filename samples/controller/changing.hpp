@@ -37,7 +37,7 @@ struct Event {
     std::filesystem::path bundle;
     std::vector<std::uint32_t> remove;
     std::vector<double> add;
-    std::optional<vfplan::Engine> engine;  // of an exchange
+    std::optional<vfplan::Controller> made;  // of an exchange
 
     [[nodiscard]] bool exchanges() const { return what == "exchange"; }
 };
@@ -168,14 +168,18 @@ inline std::vector<Event> read_events(const std::string& path) {
     return events;
 }
 
-/// Hands an event to an engine, with the one that an exchange brings; what the engine cannot do is
+/// Hands an event to a controller, with the one that an exchange brings; what cannot be done is
 /// said with the event's line.
-inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine* other) try {
+inline void hand_over(const Event& event, vfplan::Controller& controller,
+                      vfplan::Controller* other) try {
     const std::size_t n = event.remove.size(), m = event.add.size() / 3;
-    const bool done = event.exchanges() ? region.exchange(std::move(*other))
-                      : event.what == "edit"
-                          ? region.edit(event.remove.data(), n, event.add.data(), m)
-                          : region.remake();
+    bool done = false;
+    if (event.exchanges())
+        done = controller.exchange(std::move(*other));
+    else if (event.what == "edit")
+        done = controller.edit(event.remove.data(), n, event.add.data(), m);
+    else
+        done = controller.remake();
     if (!done) throw FileError("too much waits for the loop. Put more ticks between the events.");
 } catch (const std::exception& error) {
     throw FileError(event.where + ": " + reason(error));
@@ -184,7 +188,8 @@ inline void hand_over(const Event& event, vfplan::Engine& region, vfplan::Engine
 class Changing {
   public:
     Changing(vfplan::Controller& controller, std::vector<Posed> poses, std::vector<Event> events)
-        : region_(controller.region()),
+        : controller_(controller),
+          region_(controller.region()),
           frame_(controller.frame()),
           poses_(std::move(poses)),
           events_(std::move(events)) {
@@ -195,8 +200,8 @@ class Changing {
     void due(std::size_t k, double t) noexcept try {
         if (failed_) return;
         for (; posed_ < poses_.size() && poses_[posed_].arrived <= t; ++posed_) {
-            if (frame_->room() == 0) frame_->at(t);
-            frame_->pose(poses_[posed_].time, poses_[posed_].pose);
+            if (frame_->room() == 0) controller_.take_poses(t);
+            controller_.pose(poses_[posed_].time, poses_[posed_].pose);
         }
         while (before_.size() < events_.size() && events_[before_.size()].tick <= k) next();
     } catch (...) {
@@ -245,7 +250,7 @@ class Changing {
     void next() {
         Event& event = events_[before_.size()];
         before_.push_back(region_->changes_applied() + region_->changes_pending());
-        hand_over(event, *region_, event.exchanges() ? &*event.engine : nullptr);
+        hand_over(event, controller_, event.exchanges() ? &*event.made : nullptr);
     }
 
     void serve(const std::stop_token& over, double period) {
@@ -265,7 +270,7 @@ class Changing {
                 before_.size() < events_.size() ? &events_[before_.size()] : nullptr;
             if (pose && !(event && double(event->tick) * period < pose->arrived)) {
                 if (!wait(pose->arrived, [&] { return frame_->room() > 0; })) return;
-                frame_->pose(pose->time, pose->pose);
+                controller_.pose(pose->time, pose->pose);
                 ++posed_;
             } else {  // the loop has all of the one before: what a tick takes up is then the file's
                 const auto idle = [&] { return region_->changes_pending() == 0; };
@@ -275,8 +280,9 @@ class Changing {
         }
     }
 
-    vfplan::Engine* region_;      // null for a guide, which no event changes
-    vfplan::MovingFrame* frame_;  // null for a fixture that stays
+    vfplan::Controller& controller_;
+    const vfplan::Engine* region_;      // null for a guide, which no event changes
+    const vfplan::MovingFrame* frame_;  // null for a fixture that stays
     std::vector<Posed> poses_;
     std::vector<Event> events_;
     std::size_t posed_ = 0;

@@ -106,15 +106,21 @@ vfplan::Controller govern(const vfplan::bundle::Fixture& fixture, const Options&
     throw UsageError(option + (": " + reason(error)));
 }
 
-/// The engines that the events exchange, each by its own best rule where the first one's is exact;
-/// the stiffness of the stiffest [N/m]. Every event is tried on an engine `trial` first: what it
-/// cannot do is found before the loop.
-double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule rule,
-                    vfplan::Use use, vfplan::Search search, vfplan::Engine& trial) {
+/// Makes what the events exchange, each by its own best rule where the first one's is exact;
+/// returns the stiffness of the stiffest [N/m]. Every event is tried on another controller first:
+/// what it cannot do is found before the loop.
+double make_exchanged(std::vector<Event>& events, const Options& o,
+                      const vfplan::bundle::Fixture& fixture, vfplan::ControllerSettings settings) {
+    const vfplan::Rule rule = *settings.rule;
+    settings.moving.reset();
+    settings.governor.force_step = 2 * settings.governor.force_max;  // any K: `govern` checks it
+    vfplan::ControllerSettings any = settings;
+    any.any_tick_time = true;
+    vfplan::Controller trial(fixture, o.demand, any);
     double stiffness = 0;
     vfplan::Rule now = rule;
     for (Event& event : events) {
-        while (trial.changes_pending() > 0) trial.step({});
+        while (trial.region()->changes_pending() > 0) trial.step({});
         if (!event.exchanges()) {
             if (now == vfplan::Rule::exact)
                 throw FileError(event.where +
@@ -126,15 +132,12 @@ double make_engines(std::vector<Event>& events, const Options& o, vfplan::Rule r
         const auto other = load(o, event.bundle.string());
         if (other.guidance)
             throw FileError(event.where + ": no forbidden region. Exchange it for one that is.");
-        const bool exact = rule == vfplan::Rule::exact;
-        const vfplan::Rule own = exact ? vfplan::bundle::best_rule(other) : rule;
-        vfplan::Parameters p = vfplan::bundle::parameters(other, own);
-        p.search = search;
-        stiffness = std::max(stiffness, p.stiffest());
-        event.engine.emplace(vfplan::bundle::make_engine(other, p, use));
-        vfplan::Engine another = vfplan::bundle::make_engine(other, p, vfplan::Use::replay);
+        now = rule == vfplan::Rule::exact ? vfplan::bundle::best_rule(other) : rule;
+        settings.rule = any.rule = now;
+        event.made.emplace(other, o.demand, settings);
+        stiffness = std::max(stiffness, event.made->stiffness());
+        vfplan::Controller another(other, o.demand, any);
         hand_over(event, trial, &another);
-        now = own;
     }
     return stiffness;
 }
@@ -158,7 +161,6 @@ int control(const Options& o) {
             o.fixture +
             ": --rule exact needs lines and arcs, or triangles, and it has none. Plan it "
             "with --arcs, or give --rule robust, which takes its points.");
-    const auto use = o.simulated_time ? vfplan::Use::replay : vfplan::Use::real_time;
     vfplan::Parameters p = vfplan::bundle::parameters(fixture, o.rule);
     vfplan::ControllerSettings settings = o.settings;
     settings.rule = p.rule;
@@ -166,13 +168,7 @@ int control(const Options& o) {
     if (!poses.empty() && !settings.moving) settings.moving.emplace();
     if (!std::all_of(events.begin(), events.end(), [](auto& e) { return e.exchanges(); }))
         settings.search = vfplan::Search::editable;
-    if (!events.empty()) {
-        vfplan::ControllerSettings any = settings;
-        any.any_tick_time = true;
-        vfplan::Controller trial(fixture, o.demand, any);
-        settings.max_stiffness =
-            make_engines(events, o, p.rule, use, settings.search, *trial.region());
-    }
+    if (!events.empty()) settings.max_stiffness = make_exchanged(events, o, fixture, settings);
     vfplan::Controller controller = govern(fixture, o, settings);
     Changing changing(controller, std::move(poses), std::move(events));
     const Hand hand(fixture.points, 4 * p.R(), p.ignore_axis, o.seconds);

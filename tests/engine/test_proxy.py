@@ -31,7 +31,8 @@ def test_widths_and_searches_give_the_same_path(rule, axis):
     make = partial(vfplan.ProxyEngine, cloud, rule=rule, ignore_axis=axis)
     trace, microseconds = make().run_timed(hips)
     for width in (2, 4, 8):
-        rows = _core.Engine(cloud, make().parameters, width).run(hips)
+        _core.use_width(width)
+        rows = _core.Engine(cloud, make().parameters).run(hips)
         same(trace, vfplan.Trace(*rows[:5]))
     assert microseconds.shape == (800,)
     assert (microseconds > 0).all()

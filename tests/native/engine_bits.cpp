@@ -67,8 +67,8 @@ std::vector<scenes::Scene> clouds() {
     return all;
 }
 
-void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks, vfplan::Width width) {
-    vfplan::Engine engine = scene.engine(scene.parameters(rule), width);
+void play(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
+    vfplan::Engine engine = scene.engine(scene.parameters(rule));
     scenes::Path path(scene.points);
     Sum in, out;
     for (long t = 0; t < ticks; ++t) {
@@ -202,8 +202,8 @@ void moving(const std::string& name, const scenes::Points& points, long ticks, S
     print("moving, " + name, in, out, ticks);
 }
 
-void moving_engine(const scenes::Scene& scene, vfplan::Rule rule, long ticks, vfplan::Width width) {
-    vfplan::Engine engine = scene.engine(scene.parameters(rule), width);
+void moving_engine(const scenes::Scene& scene, vfplan::Rule rule, long ticks) {
+    vfplan::Engine engine = scene.engine(scene.parameters(rule));
     moving(scene.name + ", rule " + std::to_string(static_cast<int>(rule)), scene.points, ticks,
            [&](vfplan::MovingFrame& frame, double t, const Vec3& hip, Sum& out) {
                out.add(frame.step(engine, t, hip));
@@ -230,8 +230,7 @@ void moving_guide(long ticks) {
 }
 
 /// Every 170 ticks the engine is exchanged for one of another rule, radius, stiffness or fixture.
-void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long ticks,
-              vfplan::Width width) {
+void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long ticks) {
     const auto made = [&](long k) {
         const scenes::Scene& scene = fixtures[static_cast<std::size_t>(k) % fixtures.size()];
         const bool drawn = !scene.strokes.empty() || !scene.triangles.empty();
@@ -240,7 +239,7 @@ void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long
                                                              : vfplan::Rule::robust);
         p.contact_radius = 4e-3 + 1e-3 * double(k % 3);
         for (double& c : p.stiffness.c) c = 500.0 * double(1 + k % 4);
-        return scene.engine(p, width);
+        return scene.engine(p);
     };
     vfplan::Engine engine = made(0);
     scenes::Path path(fixtures[0].points);
@@ -256,14 +255,14 @@ void exchange(const char* name, const std::vector<scenes::Scene>& fixtures, long
 }
 
 /// Every 5 ticks eight points of a sheet are taken away and those of eight ticks ago are put back.
-void edit(long ticks, vfplan::Width width) {
+void edit(long ticks) {
     const scenes::Points sheet = scenes::sheet(81, 5e-4);
     vfplan::Parameters p;
     p.max_hip_step = 0;
     p.band = 2e-5;
     p.search = vfplan::Search::editable;
     const auto size = static_cast<std::uint32_t>(sheet.size() / 3);
-    vfplan::Engine engine(sheet.data(), size, p, width);
+    vfplan::Engine engine(sheet.data(), size, p);
     std::vector<std::uint32_t> number(size);  // of the point at each place
     for (std::uint32_t i = 0; i < size; ++i) number[i] = i;
     scenes::Path path(sheet);
@@ -302,24 +301,24 @@ void edit(long ticks, vfplan::Width width) {
 
 int main(int argc, char** argv) {
     const long ticks = argc > 1 ? std::atol(argv[1]) : 1000;
-    const auto width = static_cast<vfplan::Width>(argc > 2 ? std::atoi(argv[2]) : 0);
+    if (argc > 2 && std::atoi(argv[2]) > 0)
+        vfplan::use_width(static_cast<vfplan::Width>(std::atoi(argv[2])));
     const auto clouds = ::clouds(), curves = scenes::curves(), meshes = scenes::meshes();
     for (const auto& scene : clouds)
-        for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust})
-            play(scene, rule, ticks, width);
-    for (const auto& scene : curves) play(scene, vfplan::Rule::exact, ticks, width);
-    for (const auto& scene : meshes) play(scene, vfplan::Rule::exact, ticks, width);
+        for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust}) play(scene, rule, ticks);
+    for (const auto& scene : curves) play(scene, vfplan::Rule::exact, ticks);
+    for (const auto& scene : meshes) play(scene, vfplan::Rule::exact, ticks);
     for (const auto& shape : guide_shapes::shapes)
         for (const bool leads : {false, true}) guide(shape, leads, ticks);
     for (const bool torques : {false, true}) governor(torques, ticks);
-    moving_engine(clouds[0], vfplan::Rule::paper, ticks, width);
-    moving_engine(clouds[0], vfplan::Rule::robust, ticks, width);
-    moving_engine(clouds[5], vfplan::Rule::robust, ticks, width);
-    moving_engine(curves[2], vfplan::Rule::exact, ticks, width);
-    moving_engine(meshes[1], vfplan::Rule::exact, ticks, width);
+    moving_engine(clouds[0], vfplan::Rule::paper, ticks);
+    moving_engine(clouds[0], vfplan::Rule::robust, ticks);
+    moving_engine(clouds[5], vfplan::Rule::robust, ticks);
+    moving_engine(curves[2], vfplan::Rule::exact, ticks);
+    moving_engine(meshes[1], vfplan::Rule::exact, ticks);
     moving_guide(ticks);
     exchange("exchange, clouds and curves",
-             {clouds[1], curves[0], clouds[7], clouds[5], curves[2], clouds[9]}, ticks, width);
-    exchange("exchange, meshes", {meshes[0], clouds[0], meshes[2]}, ticks, width);
-    edit(ticks, width);
+             {clouds[1], curves[0], clouds[7], clouds[5], curves[2], clouds[9]}, ticks);
+    exchange("exchange, meshes", {meshes[0], clouds[0], meshes[2]}, ticks);
+    edit(ticks);
 }

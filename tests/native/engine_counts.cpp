@@ -37,8 +37,8 @@ void count(R (*&loop)(const vfplan::PointSpan<D>&, A...)) {
 }
 
 template <int D>
-vfplan::Kernels<D> counting() {
-    auto k = vfplan::kernels<D>();
+void count_all() {
+    auto& k = vfplan::kernels<D>;
     count<0>(k.gather);
     count<1>(k.nearest2);
     count<2>(k.normal);
@@ -48,7 +48,6 @@ vfplan::Kernels<D> counting() {
     count<6>(k.ray_hit);
     count<7>(k.indices_within);
     count<8>(k.accumulate_fit);
-    return k;
 }
 
 template <class RuleOf, class Space>
@@ -56,7 +55,7 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
           const vfplan::Parameters& parameters = {}) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, xyz.data(), xyz.size() / 3);
-    RuleOf rule({cloud}, parameters, counting<D>());
+    RuleOf rule({cloud}, parameters);
     scenes::Path path(xyz);
     Count by_state[4][loops] = {};
     long ticks[4] = {};
@@ -80,6 +79,9 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
 }  // namespace
 
 int main() {
+    vfplan::choose_kernels();
+    count_all<2>();
+    count_all<3>();
     const auto sheet = scenes::sheet(81, 5e-4), circle = scenes::circle(377, 0.03);
     const vfplan::Slice slice(vfplan::Vec3{{0, 0, 1}});
     play<vfplan::PaperRule<3>>("paper", vfplan::Space{}, sheet);

@@ -122,11 +122,10 @@ double median(std::vector<double> v) {
     return v[v.size() / 2];
 }
 
-vfplan::Engine engine(const scenes::Points& xyz, vfplan::Parameters p, vfplan::Rule rule,
-                      vfplan::Width width = vfplan::Width::automatic) {
+vfplan::Engine engine(const scenes::Points& xyz, vfplan::Parameters p, vfplan::Rule rule) {
     p.rule = rule;
     if (rule == vfplan::Rule::robust) p.band = 1.2516e-5;  // dimple depth of the sheet
-    return vfplan::Engine(xyz.data(), xyz.size() / 3, p, width);
+    return vfplan::Engine(xyz.data(), xyz.size() / 3, p);
 }
 
 #if HAVE_NANOFLANN
@@ -236,7 +235,7 @@ void parts(int rounds, long ticks) {
         if (norm(Vec3{{xyz[i], xyz[i + 1], xyz[i + 2]}} - x) <= 1.05 * p.outer_radius)
             scenes::add(near, xyz[i], xyz[i + 1], xyz[i + 2]);
     const auto list = vfplan::make_cloud(vfplan::Space{}, near.data(), near.size() / 3);
-    const auto loops = vfplan::kernels<3>();
+    const auto& loops = vfplan::kernels<3>;
     std::vector<double> us;
     for (int r = 0; r < rounds; ++r)
         us.push_back(microseconds(still, [&](const Vec3&) {
@@ -354,9 +353,8 @@ void density(bool brief) {
 
 void left_out(int rounds, long ticks) {
     std::printf("time of a tick [us] with / without a part of the engine\n");
-    const auto time = [&](const scenes::Points& xyz, const vfplan::Parameters& p,
-                          vfplan::Width width = vfplan::Width::automatic) {
-        vfplan::Engine e(xyz.data(), xyz.size() / 3, p, width);
+    const auto time = [&](const scenes::Points& xyz, const vfplan::Parameters& p) {
+        vfplan::Engine e(xyz.data(), xyz.size() / 3, p);
         std::vector<double> us;
         const auto path = pressing(ticks);
         for (int r = 0; r < rounds; ++r) {
@@ -398,7 +396,8 @@ void left_out(int rounds, long ticks) {
     for (auto rule : {vfplan::Rule::paper, vfplan::Rule::robust})
         for (int width : {2, 4, 8}) {
             if (width > static_cast<int>(vfplan::widest())) continue;
-            auto e = engine(xyz, {}, rule, static_cast<vfplan::Width>(width));
+            vfplan::use_width(static_cast<vfplan::Width>(width));
+            auto e = engine(xyz, {}, rule);
             std::vector<double> us;
             for (int r = 0; r < rounds; ++r)
                 us.push_back(microseconds(path, [&](const Vec3& h) { e.step(h); }));

@@ -54,8 +54,7 @@ void play(const scenes::Scene& scene, Space space) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, scene.points.data(), scene.points.size() / 3);
     const double radius = 6e-3, skin = 1e-3;
-    vfplan::Neighbours<D> near(cloud, radius, skin, 2e-3, vfplan::Search::grid,
-                               vfplan::kernels<D>());
+    vfplan::Neighbours<D> near(cloud, radius, skin, 2e-3, vfplan::Search::grid);
     scenes::Random random{5};
     scenes::Path path(scene.points);
     Most most;

@@ -98,13 +98,11 @@ struct Scene {
         return p;
     }
 
-    /// `width` counts for a cloud alone: curves and meshes have no vector loops.
-    vfplan::Engine engine(const vfplan::Parameters& p,
-                          vfplan::Width width = vfplan::Width::automatic) const {
+    vfplan::Engine engine(const vfplan::Parameters& p) const {
         if (!triangles.empty())
             return {{points.data(), points.size() / 3, triangles.data(), triangles.size() / 3}, p};
         if (p.rule == vfplan::Rule::exact) return {strokes, p};
-        return {points.data(), points.size() / 3, p, width};
+        return {points.data(), points.size() / 3, p};
     }
 };
 

@@ -24,6 +24,11 @@ static_assert(!std::is_convertible_v<std::array<double, 16>, Vec3> &&
 static_assert(!std::is_convertible_v<const double*, Vec3>);
 static_assert(!std::is_convertible_v<double[16], Vec3>);
 static_assert(std::is_trivially_copyable_v<Vec3>);
+// Nothing that a controller shows can change what stops it or what K is at most.
+using Shown = const vfplan::Controller&;
+static_assert(std::is_same_v<decltype(std::declval<Shown>().region()), const vfplan::Engine*> &&
+              std::is_same_v<decltype(std::declval<Shown>().frame()), const vfplan::MovingFrame*> &&
+              std::is_same_v<decltype(std::declval<Shown>().governor()), const vfplan::Governor&>);
 int main() {
     const Vec3 a(1, 2, 3), b{{1, 2, 3}}, c = std::array<double, 3>{1, 2, 3}, d = Own{{1, 2, 3}},
                                          e{1.0, 2.0, 3.0};
@@ -94,6 +99,24 @@ int main() {
         assert(with([&](auto& s) { s.governor.force_step = value; }));
     }
     assert(refused([&] { holds.set_stiffness(1001); }) && holds.set_stiffness(900));
+    // Whatever changes a fixture keeps to the governor's bound on K, and one that is spent is none.
+    vfplan::bundle::Fixture stiff = wall, soft = wall;
+    stiff.rendering->stiffness = {3000, 3000, 3000};
+    soft.rendering->stiffness = {500, 500, 500};
+    vfplan::ControllerSettings fast, slow, edits;
+    slow.governor.force_step = 0.35;  // passive to 1225 N/m
+    edits.search = vfplan::Search::editable;
+    vfplan::Controller bounded(wall, {}, slow), made(stiff, {}, fast), other(soft),
+        edited(wall, {}, edits);
+    assert(refused([&] { bounded.exchange(std::move(made)); }) && bounded.stiffness() == 1000);
+    assert(bounded.exchange(std::move(other)) && bounded.stiffness() == 500);
+    assert(refused([&] { bounded.set_stiffness(501); }));
+    assert(refused([&] { bounded.exchange(std::move(other)); }));
+    const double more[3] = {0, 0, 0.1};
+    assert(refused([&] { bounded.edit(nullptr, 0, more, 1); }));
+    assert(edited.edit(nullptr, 0, more, 1) && edited.remake());
+    for (int i = 0; i < 3; ++i) edited.step(a);
+    assert(edited.region()->distance(Vec3(0, 0, 0.1)) == 0);
     vfplan::MovingFrame frame;
     assert(!frame.pose(0, {{0, 500, 0}, 1, {}}) && frame.pose(0, {{0, 99, 0}, 1, {}}));
     // A rule that asks for a path which the format does not have is not answered that it is absent.

@@ -108,8 +108,7 @@ def run_loop(
     wrench, twist = np.zeros(6), np.zeros(3)
     start_quaternion, quaternion = np.zeros((2, 4))
     mj.mju_mat2Quat(start_quaternion, rotation.ravel())
-    engine_step = engine.native.step
-    native_governor = governor.native if governor is not None else None
+    run_engine = engine.native.run
     delayed = deque([np.zeros(joints)] * arm.robot.delay_ticks)
     engine.reset(tip)
 
@@ -117,16 +116,17 @@ def run_loop(
         # The robot: position, force, torques.
         mj.mj_step1(model, data)
         mj.mj_jacSite(model, data, position_jacobian, rotation_jacobian, site)
-        answer, rows.state[k], _ = engine_step(tip)
-        rows.proxy[k], rows.normal[k], rows.rendered[k] = answer
-        if native_governor is None:
-            rows.force[k] = rows.rendered[k]
+        tick = slice(k, k + 1)
+        proxy, normal, rendered, state, *_ = run_engine(tip[None])
+        rows.proxy[tick], rows.normal[tick], rows.rendered[tick] = proxy, normal, rendered
+        rows.state[tick] = state
+        if governor is None:
+            rows.force[tick] = rendered
             rows.torque[k] = position_jacobian.T @ rows.rendered[k]
         else:
-            rows.force[k], _, rows.governed[k] = native_governor.step(
-                rows.rendered[k], position_jacobian
+            rows.torque[tick], (rows.force[tick], _, rows.governed[tick]) = governor.native.run(
+                rendered, position_jacobian[None]
             )
-            rows.torque[k] = native_governor.torque(joints)
         delayed.append(np.minimum(np.maximum(rows.torque[k], -torque_limit), torque_limit))
 
         # The hand: a force to the place, and a torque against turning.
@@ -186,9 +186,11 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
         is_over = sign * columns > sign * bounds
         for j in np.flatnonzero(is_over.any(axis=0)).tolist():
             ticks = np.flatnonzero(is_over[:, j]).tolist()
-            joint = {"joint": j + 1} if values.ndim == 2 else {}
-            found = {"value": float(columns[ticks[0], j]), "limit": float(bounds[j])}
-            stops.append({"tick": ticks[0], "kind": kind, **joint, **found, "ticks": len(ticks)})
+            stop = {"tick": ticks[0], "kind": kind}
+            if values.ndim == 2:
+                stop["joint"] = j + 1
+            stop |= {"value": float(columns[ticks[0], j]), "limit": float(bounds[j])}
+            stops.append(stop | {"ticks": len(ticks)})
     if not np.abs(motion.speed[-1]).max() < LOST_SPEED_RAD_S:
         stops.append({"tick": len(motion.q) - 1, "kind": "lost"})
     return sorted(stops, key=lambda stop: (stop["tick"], stop["kind"]))

@@ -173,7 +173,9 @@ class Governor:
         self.native.reset()
         self.held_back_n = 0.0
         self.status = GovernorStatus.OK
-        self._torque_size = 0
+        # (n,) the torques to command [N·m]; (0,) before the first Jacobian. They are Jᵀ F of the
+        # last tick, unless the status has TORQUE_LAGS.
+        self.torque_nm = np.zeros(0)
 
     def step(self, force: ArrayLike, jacobian: ArrayLike | None = None) -> Vector:
         """The force (3,) to command for the engine's force (3,) [N].
@@ -189,8 +191,9 @@ class Governor:
         SceneError
             Arrays of another shape, or no Jacobian though torques are limited.
         """
-        matrices = None if jacobian is None else real_array(jacobian, "jacobian")[None]
-        return self.trace(check_hip(force, "force")[None], matrices).force[0]
+        if jacobian is not None:
+            jacobian = real_array(jacobian, "jacobian")[None]
+        return self.trace(check_hip(force, "force")[None], jacobian).force[0]
 
     def run(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Vector:
         """One tick a row: (T, 3) [N], from (T, 3) [N] and Jacobians (T, 3, n) [m]."""
@@ -199,43 +202,36 @@ class Governor:
     def trace(self, forces: ArrayLike, jacobians: ArrayLike | None = None) -> Governed:
         """As `run`, with the torques and what was held back in each tick."""
         wanted = check_path(forces, "forces")
-        matrices = None if jacobians is None else real_array(jacobians, "jacobians")
-        if matrices is not None and matrices.shape[:1] != (len(wanted),):
-            raise SceneError(
-                f"jacobians has shape {matrices.shape}. Give one for each force: "
-                f"({len(wanted)}, 3, n)."
-            )
-        self._check_joints(None if matrices is None else matrices.shape[1:])
-        governed = Governed(*self.native.run(wanted, matrices))
+        matrices = self._checked_jacobians(jacobians, len(wanted))
+        torque, (force, held_back, status) = self.native.run(wanted, matrices)
         if len(wanted) > 0:
-            self.held_back_n = float(governed.held_back[-1])
-            self.status = GovernorStatus(int(governed.status[-1]))
-        return governed
+            self.held_back_n = float(held_back[-1])
+            self.status = GovernorStatus(int(status[-1]))
+            if matrices is not None:
+                self.torque_nm = torque.reshape(matrices.shape[::2])[-1].copy()
+        return Governed(force, torque, held_back, status)
 
-    def _check_joints(self, shape: tuple[int, ...] | None) -> None:
-        """Raise `SceneError` for a Jacobian of another shape; `None`: there is no Jacobian."""
-        if shape is None:
+    def _checked_jacobians(self, jacobians: ArrayLike | None, ticks: int) -> Vector | None:
+        """Jacobians (ticks, 3, n); raises `SceneError` for another shape or a missing one."""
+        if jacobians is None:
             if self._limits_torques:
                 raise SceneError(
                     "jacobian is missing, and torques are limited. Give one of shape (3, n) in "
                     "each tick."
                 )
-            return
-        most = _core.most_joints
-        allowed = range(1, most + 1) if self._joints is None else [self._joints]
+            return None
+        matrices = real_array(jacobians, "jacobians")
+        if matrices.shape[:1] != (ticks,):
+            raise SceneError(
+                f"jacobians has shape {matrices.shape}. Give one for each force: ({ticks}, 3, n)."
+            )
+        shape = matrices.shape[1:]
+        allowed, wanted = range(1, _core.most_joints + 1), f"1 to {_core.most_joints}"
+        if self._joints is not None:
+            allowed, wanted = [self._joints], str(self._joints)
         if len(shape) != 2 or shape[0] != 3 or shape[1] not in allowed:
-            wanted = f"1 to {most}" if self._joints is None else self._joints
             raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
-        self._torque_size = shape[1]
-
-    @property
-    def torque_nm(self) -> Vector:
-        """(n,) the torques to command [N·m]; (0,) before the first Jacobian.
-
-        They are Jᵀ F of the last tick, unless the status has TORQUE_LAGS.
-        """
-        size = self._torque_size
-        return self.native.torque(size).reshape(size)
+        return matrices
 
     @property
     def energy_given_j(self) -> float:

@@ -220,7 +220,9 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    return fixture if rule == "exact" else sampled(fixture)
+    if rule == "exact":
+        return fixture
+    return sampled(fixture)
 
 
 def mesh_findings(fixture: Fixture) -> list[Finding]:
@@ -456,15 +458,16 @@ class ProxyEngine:
     @property
     def left_out(self) -> dict[str, int]:
         """What this scene did not need, and how much of it. What it needed has no key."""
-        stiffness = self.parameters.stiffness
-        counts = {
-            # One of three of each point.
-            "coordinates": 0 if self.parameters.ignore_axis is None else self._points,
-            "point_radius": int(self.parameters.point_radius == 0),
-            "stiffness_axes": 2 if np.all(stiffness == stiffness[0]) else 0,
-            "grid": int(self.native.cells == 0),
-        }
-        return {name: count for name, count in counts.items() if count > 0}
+        counts = {}
+        if self.parameters.ignore_axis is not None:
+            counts["coordinates"] = self._points  # One of three of each point.
+        if self.parameters.point_radius == 0:
+            counts["point_radius"] = 1
+        if np.ptp(self.parameters.stiffness) == 0:
+            counts["stiffness_axes"] = 2
+        if self.native.cells == 0:
+            counts["grid"] = 1
+        return counts
 
     @property
     def bytes(self) -> int:
@@ -477,9 +480,7 @@ class ProxyEngine:
 
     def step(self, hip: ArrayLike) -> Step:
         """One tick for the HIP at `hip` (3,) [m]."""
-        rows, state, status = self.native.step(check_hip(hip))
-        self.status = Status(status)
-        return Step(rows[0], rows[1], rows[2], state, self.status)
+        return self.run(check_hip(hip)[None]).first()
 
     def run(self, hips: ArrayLike) -> Trace:
         """One tick for each row of `hips` (T, 3) [m], from the present proxy on.
@@ -487,12 +488,13 @@ class ProxyEngine:
         Other threads of Python run meanwhile.
         """
         trace = Trace(*self.native.run(check_path(hips))[:5])
-        self.status = Status(int(trace.status[-1])) if len(trace) > 0 else self.status
+        if len(trace) > 0:
+            self.status = Status(int(trace.status[-1]))
         return trace
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
-        *answer, seconds = self.native.run(check_path(hips), timed=True)
+        *answer, seconds = self.native.run(check_path(hips))
         return Trace(*answer), 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:

@@ -65,48 +65,45 @@ void bind_shape(nb::module_& m, nb::class_<Engine>& engine, Shape (*shape)(const
 }
 
 // False where the loop takes up nothing.
-bool edit(Engine& engine, const std::optional<Numbers32>& remove, const std::optional<Rows>& add) {
+bool edit(Engine& engine, const Numbers32& remove, const Rows& add) {
     const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
     nb::gil_scoped_release release;
-    return engine.edit(remove ? remove->data() : nullptr, remove ? remove->shape(0) : 0,
-                       add ? add->data() : nullptr, add ? add->shape(0) : 0);
+    return engine.edit(remove.data(), remove.shape(0), add.data(), add.shape(0));
 }
 
 bool exchange(Engine& engine, Engine& other) {
     const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
-    const EngineUse theirs(other);
+    const Use theirs(other);
     return engine.exchange(std::move(other));
+}
+
+// A number (T,) for each of some points (T, 3).
+template <class F>
+nb::object each(const Rows& points, F&& number) {
+    const std::size_t n = points.shape(0);
+    auto out = array<double>(n, 1);
+    double* to = out.data();
+    const double* x = points.data();
+    {
+        nb::gil_scoped_release release;
+        for (std::size_t i = 0; i < n; ++i) to[i] = number(vfplan::point_at(x, i));
+    }
+    return nb::cast(out);
 }
 
 // Distances (T,) of points (T, 3) from lines and arcs, across an axis.
 nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
                               const Flags& closed, const Row& axis, const Rows& points) {
     const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
+    vfplan::check(all);
     const vfplan::Slice space(vec(axis));
-    const std::size_t n = points.shape(0);
-    auto out = array<double>(n, 1);
-    {
-        nb::gil_scoped_release release;
-        vfplan::check(all);
-        const vfplan::curve::Curve curve(all, space, 1);
-        const double* x = points.data();
-        for (std::size_t i = 0; i < n; ++i)
-            out.data()[i] = curve.distance(space.project(vfplan::point_at(x, i)));
-    }
-    return nb::cast(out);
+    const vfplan::curve::Curve curve(all, space, 1);
+    return each(points, [&](const vfplan::Vec3& x) { return curve.distance(space.project(x)); });
 }
 
 nb::object distance(Engine& engine, const Rows& points) {
-    const EngineUse turn(engine);
-    const std::size_t n = points.shape(0);
-    auto out = array<double>(n, 1);
-    double* d = out.data();
-    const double* x = points.data();
-    {
-        nb::gil_scoped_release release;
-        for (std::size_t i = 0; i < n; ++i) d[i] = engine.distance(vfplan::point_at(x, i));
-    }
-    return nb::cast(out);
+    const Use turn(engine);
+    return each(points, [&](const vfplan::Vec3& x) { return engine.distance(x); });
 }
 
 // OutOfRange -> the exception of Python of the same name, with (message, name, value) as arguments.
@@ -259,6 +256,9 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "triangles"_a, "cover"_a,
         "samples of a mesh, no place of it farther from one [m], and triangles between them");
+    m.def(
+        "use_width", [](int width) { vfplan::use_width(static_cast<vfplan::Width>(width)); },
+        "width"_a, "for tests: float64 in a register, 2, 4 or 8, or the most that there are");
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
@@ -270,44 +270,22 @@ NB_MODULE(_core, m) {
     engine
         .def(
             "__init__",
-            [](Engine* self, const Rows& points, const Parameters& p, int width) {
+            [](Engine* self, const Rows& points, const Parameters& p) {
                 nb::gil_scoped_release release;
-                new (self)
-                    Engine(points.data(), points.shape(0), p, static_cast<vfplan::Width>(width));
+                new (self) Engine(points.data(), points.shape(0), p);
             },
-            "points"_a, "parameters"_a, "width"_a = 0)
-        .def(
-            "reset",
-            [](Engine& e, const Row& hip) {
-                const EngineUse turn(e);
-                e.reset(vec(hip));
-            },
-            "hip"_a)
-        .def(
-            "step",
-            [](Engine& e, const Row& hip) {
-                const EngineUse turn(e);
-                return answer(e.step(vec(hip)));
-            },
-            "hip"_a)
-        .def(
-            "run",
-            [](Engine& e, const Rows& hips, bool timed) {
-                const EngineUse turn(e);
-                return ticks(hips, timed, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
-                    return e.step(hip);
-                });
-            },
-            "hips"_a, "timed"_a = false)
+            "points"_a, "parameters"_a)
+        .def("reset", &reset<Engine>, "hip"_a)
+        .def("run", &run<Engine>, "hips"_a)
         .def(
             "set_skin",
             [](Engine& e, const Rows& points, const Triples& triangles) {
-                const EngineUse turn(e);
+                const Use turn(e);
                 e.set_skin(surface(points, triangles));
             },
             "points"_a, "triangles"_a, "the mesh of which its points are samples")
         .def("exchange", &exchange, "other"_a)
-        .def("edit", &edit, "remove"_a.none(), "add"_a.none())
+        .def("edit", &edit, "remove"_a, "add"_a)
         .def("remake",
              [](Engine& e) {
                  const ExclusiveUse turn(e.edited, "ProxyEngine", "editor");

@@ -1,9 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of the governor. No logic here.
-#include "vfplan/governor.hpp"
-
-#include "numpy.hpp"
+#include "ticks.hpp"
 
 namespace {
 
@@ -11,38 +9,31 @@ using Joints = nb::ndarray<const double, nb::shape<vfplan::GovernorLimits::max_j
                            nb::c_contig, nb::device::cpu>;
 using Jacobians = nb::ndarray<const double, nb::shape<-1, 3, -1>, nb::c_contig, nb::device::cpu>;
 
-nb::tuple answer(const vfplan::Governed& g) {
-    auto force = array<double>(1, 3);
-    std::memcpy(force.data(), g.force.c, sizeof g.force.c);
-    return nb::make_tuple(force, g.held_back, static_cast<int>(g.status));
-}
-
-// Force (T, 3), torque (T, n), what was held back and status (T,).
-nb::tuple govern(vfplan::Governor& governor, const Rows& forces,
+// Torque (T, n); and force (T, 3), what was held back and status (T,).
+nb::tuple govern(Governor& governor, const Rows& forces,
                  const std::optional<Jacobians>& jacobians) {
-    const std::size_t n = forces.shape(0);
-    auto force = array<double>(n, 3), held = array<double>(n, 1);
-    auto status = array<std::uint8_t>(n, 1);
-    const std::size_t joints = jacobians ? jacobians->shape(2) : 0;
+    const Use turn(governor);
+    const std::size_t n = forces.shape(0), joints = jacobians ? jacobians->shape(2) : 0;
     auto torque = array<double>(n, joints);
-    for (std::size_t i = 0; i < n; ++i) {
-        const double* f = forces.data() + 3 * i;
-        const vfplan::Vec3 asked{{f[0], f[1], f[2]}};
+    double* to = torque.data();
+    const auto tick = [&](std::size_t i) noexcept {
+        const vfplan::Vec3 asked = vfplan::point_at(forces.data(), i);
+        if (!jacobians) return governor.step(asked);
         const vfplan::Governed g =
-            jacobians ? governor.step(asked, jacobians->data() + 3 * joints * i, int(joints))
-                      : governor.step(asked);
-        std::memcpy(force.data() + 3 * i, g.force.c, sizeof g.force.c);
-        std::copy_n(governor.torque(), joints, torque.data() + joints * i);
-        held.data()[i] = g.held_back;
-        status.data()[i] = g.status;
-    }
-    return nb::make_tuple(force, torque, held, status);
+            governor.step(asked, jacobians->data() + 3 * joints * i, int(joints));
+        std::copy_n(governor.torque(), joints, to + joints * i);
+        return g;
+    };
+    using vfplan::Governed;
+    const nb::tuple governed =
+        table(n, tick, &Governed::force, &Governed::held_back, &Governed::status);
+    return nb::make_tuple(torque, governed);
 }
 
 }  // namespace
 
 void bind_governor(nb::module_& m) {
-    using vfplan::Governor, vfplan::GovernorLimits;
+    using vfplan::GovernorLimits;
     m.attr("most_joints") = GovernorLimits::max_joints;
     nb::class_<GovernorLimits>(m, "GovernorLimits", "what an arm takes, SI")
         .def(
@@ -65,18 +56,7 @@ void bind_governor(nb::module_& m) {
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())
         .def("reset", &Governor::reset)
-        .def("step", [](Governor& g, const Row& force) { return answer(g.step(vec(force))); })
-        .def("step",
-             [](Governor& g, const Row& force, const Jacobian& j) {
-                 return answer(g.step(vec(force), j.data(), int(j.shape(1))));
-             })
         .def("run", &govern, "forces"_a, "jacobians"_a = nb::none())
-        .def("torque",
-             [](const Governor& g, int joints) {
-                 auto torque = array<double>(1, joints);
-                 std::copy_n(g.torque(), joints, torque.data());
-                 return torque;
-             })
         .def_prop_ro("energy_given", &Governor::energy_given)
         .def_prop_ro("energy_stored", &Governor::energy_stored);
 }

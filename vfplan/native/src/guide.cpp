@@ -3,8 +3,8 @@
 // The Python face of the guide. No logic here.
 #include <nanobind/stl/vector.h>
 
-#include "guides.hpp"
 #include "strokes.hpp"
+#include "ticks.hpp"
 
 namespace {
 
@@ -69,22 +69,8 @@ void bind_guide(nb::module_& m) {
                 new (self) Guide(strokes(vertices, bulges, stroke, closed), p);
             },
             "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a, "parameters"_a)
-        .def(
-            "reset",
-            [](Guide& g, const Row& hip) {
-                const GuideUse turn(g);
-                g.reset(vec(hip));
-            },
-            "hip"_a)
-        .def(
-            "run",
-            [](Guide& g, const Rows& hips) {
-                const GuideUse turn(g);
-                return guided(hips, [&](std::size_t, const vfplan::Vec3& hip) noexcept {
-                    return g.step(hip);
-                });
-            },
-            "hips"_a)
+        .def("reset", &reset<Guide>, "hip"_a)
+        .def("run", &run<Guide>, "hips"_a)
         .def("at", &at, "strand"_a, "arcs"_a)
         .def("tight_bend", &tight_bend)
         .def_prop_ro("lengths",

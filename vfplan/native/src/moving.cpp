@@ -3,7 +3,6 @@
 // The Python face of the moving frame. No logic here.
 #include "vfplan/moving.hpp"
 
-#include "guides.hpp"
 #include "ticks.hpp"
 
 namespace {
@@ -18,21 +17,22 @@ void write(const Pose& pose, double* to) noexcept {
     std::copy_n(all, 7, to);
 }
 
-// What `answered` gives of ticks of an engine or a guide in its frame, with the frame's poses (T,
-// 7) and their ages (T,).
-template <class E, class F>
-nb::tuple run(MovingFrame& f, E& engine, const Numbers& t, const Rows& hips, F&& answered) {
+// The answers of an engine or a guide in its frame, with the frame's poses (T, 7) and their ages
+// (T,).
+template <class E>
+nb::tuple run_in_frame(MovingFrame& f, E& engine, const Numbers& t, const Rows& hips) {
+    const Use turn(engine);
     const std::size_t n = hips.shape(0);
     if (t.shape(0) != n) throw std::invalid_argument("vfplan: a time a HIP");
     auto poses = array<double>(n, 7), ages = array<double>(n, 1);
     double *p = poses.data(), *a = ages.data();
-    const auto answers = answered(hips, [&](std::size_t i, const Vec3& hip) noexcept {
+    const nb::tuple rows = answers(hips, [&](std::size_t i, const Vec3& hip) noexcept {
         const auto s = f.step(engine, t.data()[i], hip);
         write(f.now(), p + 7 * i);
         a[i] = f.age();
         return s;
     });
-    return nb::make_tuple(answers, poses, ages);
+    return nb::make_tuple(rows, poses, ages);
 }
 
 }  // namespace
@@ -58,18 +58,8 @@ void bind_moving(nb::module_& m) {
                  write(f.at(t), row.data());
                  return row;
              })
-        .def("run",
-             [](MovingFrame& f, Engine& engine, const Numbers& t, const Rows& hips) {
-                 const EngineUse turn(engine);
-                 return run(f, engine, t, hips,
-                            [](const Rows& rows, auto&& tick) { return ticks(rows, true, tick); });
-             })
-        .def("run",
-             [](MovingFrame& f, Guide& guide, const Numbers& t, const Rows& hips) {
-                 const GuideUse turn(guide);
-                 return run(f, guide, t, hips,
-                            [](const Rows& rows, auto&& tick) { return guided(rows, tick); });
-             })
+        .def("run", &run_in_frame<Engine>)
+        .def("run", &run_in_frame<Guide>)
         .def("lag", [](const MovingFrame& f, const Row& place) { return f.lag(vec(place)); })
         .def_prop_ro("stale", &MovingFrame::stale)
         .def_prop_ro("age", &MovingFrame::age)

@@ -41,6 +41,47 @@ inline std::optional<vfplan::Vec3> vec(const std::optional<Row>& r) {
     return r ? std::optional(vec(*r)) : std::nullopt;
 }
 
+// How NumPy holds a member of a row.
+template <class V>
+struct Held {
+    using type = V;
+};
+template <>
+struct Held<vfplan::Vec3> {
+    using type = double;
+};
+template <>
+struct Held<std::uint32_t> {
+    using type = std::int32_t;
+};
+template <class V>
+    requires std::is_enum_v<V>
+struct Held<V> {
+    using type = std::underlying_type_t<V>;
+};
+
+// An array for each member of the n rows that `row` gives by number, (n, 3) of a position, else
+// (n,). Other threads of Python run meanwhile.
+template <class F, class... T, class... V>
+nb::tuple table(std::size_t n, F&& row, V T::*... member) {
+    const auto column = [&]<class M>(M*) {
+        using type = typename Held<M>::type;
+        return array<type>(n, sizeof(M) / sizeof(type));
+    };
+    const std::tuple columns{column(static_cast<V*>(nullptr))...};
+    {
+        nb::gil_scoped_release release;
+        for (std::size_t i = 0; i < n; ++i) {
+            const auto from = row(i);
+            const auto write = [&](void* to, const auto& value) {
+                std::memcpy(static_cast<char*>(to) + i * sizeof value, &value, sizeof value);
+            };
+            std::apply([&](auto&... to) { (write(to.data(), from.*member), ...); }, columns);
+        }
+    }
+    return std::apply([](auto&... arrays) { return nb::make_tuple(arrays...); }, columns);
+}
+
 // A position or direction (3,) that Python reads and cannot change.
 inline nb::object fixed_row(const vfplan::Vec3& x) {
     auto row = array<double>(3, 1);

@@ -1,58 +1,76 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// An engine as the bindings hold it, and ticks as they answer them.
+// What keeps a state from tick to tick as the bindings hold it, and ticks as they answer them.
 #pragma once
 
 #include <chrono>
 
 #include "numpy.hpp"
 #include "vfplan/engine.hpp"
+#include "vfplan/governor.hpp"
+#include "vfplan/guide.hpp"
 
-// An engine keeps its proxy from tick to tick: a call while another is under way is refused.
 struct Engine : vfplan::Engine {
     using vfplan::Engine::Engine;
     std::atomic_flag busy = ATOMIC_FLAG_INIT, edited = ATOMIC_FLAG_INIT;
 };
+struct Guide : vfplan::Guide {
+    using vfplan::Guide::Guide;
+    std::atomic_flag busy = ATOMIC_FLAG_INIT;
+};
+struct Governor : vfplan::Governor {
+    using vfplan::Governor::Governor;
+    std::atomic_flag busy = ATOMIC_FLAG_INIT;
+};
 
-struct EngineUse : ExclusiveUse {
-    explicit EngineUse(Engine& engine) : ExclusiveUse(engine.busy, "ProxyEngine", "engine") {
+// A call while another is under way is refused.
+struct Use : ExclusiveUse {
+    explicit Use(Guide& guide) : ExclusiveUse(guide.busy, "Guide", "guide") {}
+    explicit Use(Governor& governor) : ExclusiveUse(governor.busy, "Governor", "governor") {}
+    explicit Use(Engine& engine) : ExclusiveUse(engine.busy, "ProxyEngine", "engine") {
         if (engine.was_exchanged())
             throw std::runtime_error("this ProxyEngine was given to another one in exchange");
     }
 };
 
-inline nb::tuple answer(const vfplan::Step& s) {
-    auto rows = array<double>(3, 3);
-    const vfplan::Vec3* from[] = {&s.proxy, &s.normal, &s.force};
-    for (int i = 0; i < 3; ++i) std::memcpy(rows.data() + 3 * i, from[i]->c, sizeof from[i]->c);
-    return nb::make_tuple(rows, static_cast<int>(s.state), static_cast<int>(s.status));
+struct TimedStep : vfplan::Step {
+    double seconds = 0;
+};
+
+// What an engine or a guide answers a path, an array a member; `tick` gives the step for the number
+// of a tick and its HIP. Of an engine the last array has the time of each tick [s].
+template <class F>
+nb::tuple answers(const Rows& hips, F&& tick) {
+    const auto step = [&](std::size_t i) noexcept {
+        return tick(i, vfplan::point_at(hips.data(), i));
+    };
+    if constexpr (std::is_same_v<decltype(step(0)), vfplan::GuideStep>) {
+        using vfplan::GuideStep;
+        return table(hips.shape(0), step, &GuideStep::proxy, &GuideStep::force, &GuideStep::arc,
+                     &GuideStep::lateral, &GuideStep::remaining, &GuideStep::strand,
+                     &GuideStep::held, &GuideStep::status);
+    } else {
+        const auto timed = [&](std::size_t i) noexcept {
+            using clock = std::chrono::steady_clock;
+            const clock::time_point before = clock::now();
+            TimedStep s{step(i)};
+            s.seconds = std::chrono::duration<double>(clock::now() - before).count();
+            return s;
+        };
+        return table(hips.shape(0), timed, &TimedStep::proxy, &TimedStep::normal, &TimedStep::force,
+                     &TimedStep::state, &TimedStep::status, &TimedStep::seconds);
+    }
 }
 
-// Proxy, normal, force (T, 3), state, status (T,), and the time of each tick [s] when asked for;
-// `tick` gives a Step for the number of a tick and its HIP.
-template <class F>
-nb::tuple ticks(const Rows& hips, bool timed, F&& tick) {
-    const std::size_t n = hips.shape(0);
-    auto proxy = array<double>(n, 3), normal = array<double>(n, 3), force = array<double>(n, 3);
-    auto state = array<std::int8_t>(n, 1);
-    auto status = array<std::uint8_t>(n, 1);
-    auto seconds = array<double>(timed ? n : 0, 1);
-    const double* h = hips.data();
-    {
-        nb::gil_scoped_release release;
-        using clock = std::chrono::steady_clock;
-        for (std::size_t i = 0; i < n; ++i) {
-            clock::time_point before;
-            if (timed) before = clock::now();
-            const vfplan::Step s = tick(i, vfplan::point_at(h, i));
-            if (timed)
-                seconds.data()[i] = std::chrono::duration<double>(clock::now() - before).count();
-            std::memcpy(proxy.data() + 3 * i, s.proxy.c, sizeof s.proxy.c);
-            std::memcpy(normal.data() + 3 * i, s.normal.c, sizeof s.normal.c);
-            std::memcpy(force.data() + 3 * i, s.force.c, sizeof s.force.c);
-            state.data()[i] = static_cast<std::int8_t>(s.state);
-            status.data()[i] = s.status;
-        }
-    }
-    return nb::make_tuple(proxy, normal, force, state, status, seconds);
+template <class T>
+void reset(T& rendered, const Row& hip) {
+    const Use turn(rendered);
+    rendered.reset(vec(hip));
+}
+
+template <class T>
+nb::tuple run(T& rendered, const Rows& hips) {
+    const Use turn(rendered);
+    return answers(
+        hips, [&](std::size_t, const vfplan::Vec3& hip) noexcept { return rendered.step(hip); });
 }

@@ -124,10 +124,20 @@ class Controller {
 
     /// Hands over where the moving fixture was at `stamp` [s]: as MovingFrame::pose.
     bool pose(double stamp, const Pose& pose) noexcept;
+    /// Hands the poses that wait to the frame, as the tick at this time does; for the loop, where
+    /// it is the tracker's thread too.
+    void take_poses(double time_s) noexcept;
     /// Exchanges a fixture for that of another bundle, which meets the same demands; false where
     /// too many changes wait. Throws as the constructor does.
     bool exchange(const std::filesystem::path& fixture, std::size_t which = 0);
     bool exchange(const bundle::Fixture& fixture, std::size_t which = 0);
+    /// Exchanges it for the first fixture of a controller that was made before, and is then spent.
+    bool exchange(Controller&& other, std::size_t which = 0);
+    /// Takes points of a region away and adds others, as Engine::edit and Engine::remake; of
+    /// settings with Search::editable.
+    bool edit(const std::uint32_t* remove, std::size_t n, const double* add, std::size_t m,
+              std::size_t which = 0);
+    bool remake(std::size_t which = 0);
     /// Changes K of a region [N/m]; false where too many changes wait. Throws std::invalid_argument
     /// for one that is out of range, that is larger than the bundle's and than max_stiffness, or
     /// with which the governor would not be passive.
@@ -141,11 +151,10 @@ class Controller {
     Rule rule(std::size_t which = 0) const;
     /// Number of different fixtures.
     std::size_t size() const noexcept;
-    /// The engine of a fixture, to edit it; null where it only guides. Neither the demands nor the
-    /// bound on K hold for what is exchanged or changed by it.
-    Engine* region(std::size_t which = 0);
+    /// The engine of a fixture, to look at it; null where it only guides.
+    const Engine* region(std::size_t which = 0) const;
     /// The frame of a fixture that moves, or null.
-    MovingFrame* frame() noexcept;
+    const MovingFrame* frame() const noexcept;
     const Governor& governor() const;
 
   private:

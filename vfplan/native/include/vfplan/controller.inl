@@ -248,6 +248,18 @@ struct ControllerImpl {
         governor = governor_of(stiffness() + made.stiffness());
         all.parts.push_back(std::move(made));
     }
+    Engine& region(std::size_t which) {
+        auto& region = all.parts.at(which).region;
+        if (!region) reject("the fixture guides, and has no region to change.");
+        return *region;
+    }
+    bool exchange(Rendered&& made, std::size_t which) {
+        Rendered& part = all.parts.at(which);
+        if (made.guide || part.guide)
+            reject("a fixture that guides cannot be exchanged. Make a controller of each.");
+        governor_of(stiffness() - part.stiffness() + made.stiffness());
+        return part.exchange(std::move(made));
+    }
     /// Throws std::invalid_argument where it would not be passive.
     Governor governor_of(double stiffness) const {
         GovernorLimits limits = settings.governor;
@@ -404,28 +416,36 @@ VFPLAN_COMPILED_ONCE void Controller::request_stop() noexcept {
 VFPLAN_COMPILED_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
     return impl_ && impl_->frame && impl_->frame->pose(stamp, pose);
 }
+VFPLAN_COMPILED_ONCE void Controller::take_poses(double time_s) noexcept {
+    if (impl_ && impl_->frame) impl_->frame->at(time_s);
+}
 VFPLAN_COMPILED_ONCE bool Controller::exchange(const std::filesystem::path& fixture,
                                                std::size_t which) {
     return exchange(load(fixture, impl().demand), which);
 }
 VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, std::size_t which) {
-    detail::Rendered& part = impl().all.parts.at(which);
-    if (fixture.guidance || part.guide)
-        reject("a fixture that guides cannot be exchanged. Make a controller of each.");
-    detail::Rendered made = impl_->make(fixture);
-    impl_->governor_of(impl_->stiffness() - part.stiffness() + made.stiffness());
-    return part.exchange(std::move(made));
+    return impl().exchange(impl_->make(fixture), which);
+}
+VFPLAN_COMPILED_ONCE bool Controller::exchange(Controller&& other, std::size_t which) {
+    if (this == &other) reject("exchange of a fixture for itself. Make another controller.");
+    return impl().exchange(std::move(other.impl().all.parts[0]), which);
+}
+VFPLAN_COMPILED_ONCE bool Controller::edit(const std::uint32_t* remove, std::size_t n,
+                                           const double* add, std::size_t m, std::size_t which) {
+    return impl().region(which).edit(remove, n, add, m);
+}
+VFPLAN_COMPILED_ONCE bool Controller::remake(std::size_t which) {
+    return impl().region(which).remake();
 }
 VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
     detail::Rendered& part = impl().all.parts.at(which);
-    if (!part.region) reject("set_stiffness: the fixture guides, and has no region.");
     check_stiffness(k);
     check_from("stiffness", stiffness, 0,
                std::max(part.stiffness_of_bundle(), impl_->settings.max_stiffness), " N/m",
                "at most the bundle's, or max_stiffness of the controller's settings");
     impl_->governor_of(impl_->stiffness() - part.parameters.stiffest() + stiffness);
-    if (!part.region->set_stiffness(k)) return false;
+    if (!impl_->region(which).set_stiffness(k)) return false;
     part.parameters.stiffness = k;
     return true;
 }
@@ -441,11 +461,11 @@ VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const {
 VFPLAN_COMPILED_ONCE std::size_t Controller::size() const noexcept {
     return impl_ ? impl_->all.parts.size() : 0;
 }
-VFPLAN_COMPILED_ONCE Engine* Controller::region(std::size_t which) {
-    auto& region = impl().all.parts.at(which).region;
+VFPLAN_COMPILED_ONCE const Engine* Controller::region(std::size_t which) const {
+    const auto& region = impl().all.parts.at(which).region;
     return region ? &*region : nullptr;
 }
-VFPLAN_COMPILED_ONCE MovingFrame* Controller::frame() noexcept {
+VFPLAN_COMPILED_ONCE const MovingFrame* Controller::frame() const noexcept {
     return impl_ ? impl_->frame.get() : nullptr;
 }
 VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const { return impl().governor; }

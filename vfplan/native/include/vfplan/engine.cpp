@@ -8,13 +8,11 @@
 #define VFPLAN_COMPILING
 #include "vfplan/engine.hpp"
 
+#include "vfplan/cloud/band.hpp"
 #include "vfplan/tick_time.hpp"
 
 // What they declare:
 #include "vfplan/engine.inl"
-
-template vfplan::Kernels<2> vfplan::kernels<2>(Width) noexcept;
-template vfplan::Kernels<3> vfplan::kernels<3>(Width) noexcept;
 
 #ifdef __cpp_exceptions
 #include "vfplan/controller.hpp"

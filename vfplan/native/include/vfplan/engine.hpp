@@ -30,8 +30,7 @@ struct Fixture;
 namespace detail {
 
 /// The engine of n points [m], x y z of each in turn. Throws std::invalid_argument, as the others.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p,
-                                       Width width);
+VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p);
 /// The engine of lines and arcs.
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p);
 /// The engine of a mesh.
@@ -52,8 +51,7 @@ class Engine {
     static constexpr std::size_t max_edit_in_place = detail::PendingChanges::capacity / 2;
 
     /// The engine of n points `xyz` [m], x y z of each in turn. Throws std::invalid_argument.
-    Engine(const double* xyz, std::size_t n, const Parameters& p, Width width = Width::automatic)
-        : parameters_(p), width_(width) {
+    Engine(const double* xyz, std::size_t n, const Parameters& p) : parameters_(p) {
         if (p.search == Search::editable) numbers_ = std::make_unique<detail::PointNumbers>(xyz, n);
         impl_ = make_impl(xyz, n);
     }
@@ -91,7 +89,6 @@ class Engine {
         previous_ = std::move(other.previous_);
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
-        width_ = other.width_;
         last_ = other.last_;
         gate_ = other.gate_;
         return *this;
@@ -145,7 +142,6 @@ class Engine {
             while (other.apply_next(*theirs, true)) continue;
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
-        width_ = other.width_;
         other.was_given_ = true;
         return c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
     }
@@ -231,7 +227,7 @@ class Engine {
         const bool is_small = n < detail::PointNumbers::min_to_edit;
         if (p.search == Search::editable && (is_small || p.rule == Rule::paper))
             p.search = Search::automatic;
-        return detail::make_impl(xyz, n, p, width_);
+        return detail::make_impl(xyz, n, p);
     }
 
     void check_given() const {
@@ -306,7 +302,6 @@ class Engine {
     std::atomic<detail::PendingChanges*> changes_{nullptr};
     std::unique_ptr<detail::PointNumbers> numbers_;  // the editor's, as what follows
     Parameters parameters_;
-    Width width_ = Width::automatic;
     bool was_given_ = false;
 };
 

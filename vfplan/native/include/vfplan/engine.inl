@@ -98,11 +98,9 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     /// `points`: those that the rule looks at, all or a thinned cloud. `all`: all of them, where
     /// the rule has not.
     template <class Points>
-    CloudEngine(Space space, const Parameters& p, const Points& points, const Kernels<D>& kernels,
+    CloudEngine(Space space, const Parameters& p, const Points& points,
                 std::unique_ptr<PointIndex<D>> all)
-        : RuleInSpace<Space, RuleOf>(space, p, points, p, kernels),
-          kernels_(kernels),
-          all_(std::move(all)) {}
+        : RuleInSpace<Space, RuleOf>(space, p, points, p), all_(std::move(all)) {}
 
     void remove(std::size_t id) noexcept override {
         if constexpr (is_editable) {
@@ -131,10 +129,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     }
     std::size_t cells() noexcept override { return index().cells(); }
     double distance_within(const Vec3& x, double reach) noexcept override {
-        return vfplan::distance_within(index(), kernels_, this->space_.project(x), reach);
+        return vfplan::distance_within(index(), this->space_.project(x), reach);
     }
     double distance(const Vec3& x) noexcept override {
-        return vfplan::distance(all_ ? *all_ : index(), kernels_, this->space_.project(x));
+        return vfplan::distance(all_ ? *all_ : index(), this->space_.project(x));
     }
 
   private:
@@ -143,7 +141,6 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
 
     PointIndex<D>& index() noexcept { return this->rule_.neighbours().index(); }
 
-    Kernels<D> kernels_;
     std::unique_ptr<PointIndex<D>> all_;
     std::unique_ptr<mesh::Mesh> skin_;
 };
@@ -163,28 +160,25 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
 };
 
 template <class Space>
-ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Parameters& p,
-                      Width width) {
+ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Parameters& p) {
     constexpr int D = Space::dimension;
     Cloud<D> cloud = make_cloud(space, xyz, n);
     check_resolved(p, xyz, n);
-    const Kernels<D> loops = kernels<D>(width);
     if (p.rule == Rule::paper)
-        return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, loops, nullptr);
+        return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, nullptr);
     const Thinned<D> thinned_cloud = thinned(cloud, p);
     std::unique_ptr<PointIndex<D>> all;
     if (thinned_cloud.lent > 0)
         all = std::make_unique<PointIndex<D>>(cloud, 2 * tuned::list_margin * p.R(), Search::grid);
-    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, thinned_cloud, loops,
+    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, thinned_cloud,
                                                                std::move(all));
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p,
-                                       Width width) {
+VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
-    if (p.ignore_axis) return make_in_space(Slice(*p.ignore_axis), xyz, n, p, width);
-    return make_in_space(Space{}, xyz, n, p, width);
+    if (p.ignore_axis) return make_in_space(Slice(*p.ignore_axis), xyz, n, p);
+    return make_in_space(Space{}, xyz, n, p);
 }
 
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
@@ -225,7 +219,7 @@ double robust_tick_time(const Cloud<D>& cloud, const Parameters& p) {
     constexpr double a_point = 1.25e-9;                                    // in the list [s]
     constexpr double a_contact = 10e-9;                                    // [s]
     constexpr double budget = 1.3e-9 * static_cast<double>(work::motion);  // among many planes
-    const ContactSurfaces<D> surfaces(kernels<D>(Width::automatic), p.R(), p.band);
+    const ContactSurfaces<D> surfaces(p.R(), p.band);
     const double list = std::max((1 + tuned::list_margin) * p.R(), surfaces.reach());
     const double near = most_within(cloud, list + 0.75 * tuned::list_margin * p.R());
     // From R - band to the shell, on one surface: as far around the foot.

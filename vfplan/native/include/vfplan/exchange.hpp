@@ -152,11 +152,10 @@ class PointNumbers {
     }
 
     std::size_t size() const noexcept { return left_; }
-    /// x y z of those that are left, in the order of their numbers.
-    std::vector<double> points_left() const {
+    /// x y z of those that are left, in the order of their numbers, from number `first` on.
+    std::vector<double> points_left(std::size_t first = 0) const {
         std::vector<double> all;
-        all.reserve(3 * left_);
-        for (std::size_t i = 0; i < local_.size(); ++i)
+        for (std::size_t i = first; i < local_.size(); ++i)
             if (local_[i] != gone) all.insert(all.end(), &xyz_[3 * i], &xyz_[3 * i] + 3);
         return all;
     }
@@ -188,8 +187,9 @@ class PointNumbers {
         check_resolved(p, add, m);
         const std::size_t added = next_ - base_;
         if ((added + m) / points_a_check > added / points_a_check) {
-            const std::vector<double> added_points = points_added(add, m);
-            if (is_too_dense(added_points.data(), added_points.size() / 3, p))
+            std::vector<double> all_added = points_left(local_.size() - added);
+            all_added.insert(all_added.end(), add, add + 3 * m);
+            if (is_too_dense(all_added.data(), all_added.size() / 3, p))
                 reject(
                     "add: so many points in one place that a tick would take longer than 0.3 ms");
         }
@@ -218,14 +218,6 @@ class PointNumbers {
     static constexpr std::size_t gone = ~std::size_t{0};
     /// So many points in one place are less than max_tick_time: they are checked that often.
     static constexpr std::size_t points_a_check = 1024;
-
-    /// x y z of the points that came since the engine was made, and of m more.
-    std::vector<double> points_added(const double* add, std::size_t m) const {
-        std::vector<double> all(add, add + 3 * m);
-        for (std::size_t i = local_.size() - (next_ - base_); i < local_.size(); ++i)
-            if (local_[i] != gone) all.insert(all.end(), &xyz_[3 * i], &xyz_[3 * i] + 3);
-        return all;
-    }
 
     std::vector<double> xyz_;
     std::vector<std::size_t> local_;  // each point's number in the engine made last

@@ -107,13 +107,10 @@ class Governor {
     }
 
     /// Nothing is commanded and nothing was given, as when the controller of an arm starts.
-    void reset() noexcept { *this = Governor(limits_, by_torque_); }
+    void reset() noexcept { *this = Governor(limits_); }
 
     /// The next tick of an arm that takes forces.
-    Governed step(const Vec3& force) noexcept {
-        const bool good = is_sound(force.c, 3);
-        return govern(force, good, good ? 0 : GovernorStatus::bad_force, {});
-    }
+    Governed step(const Vec3& force) noexcept { return govern(force, {}, 0); }
 
     /// The next tick of an arm that takes torques.
     ///
@@ -121,14 +118,11 @@ class Governor {
     /// 16 joints at most.
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
         const int n = std::clamp(joints, 0, max_joints);
-        if (n == 0 || !is_sound(jacobian, 3 * n)) {
-            constexpr double none[max_joints] = {};
-            const Governed g = govern({}, false, GovernorStatus::bad_jacobian, {});
-            ramp_torques(none, max_joints);
-            return g;
-        }
-        const bool good = is_sound(force.c, 3);
-        return govern(force, good, good ? 0 : GovernorStatus::bad_force, {jacobian, n});
+        if (n > 0 && is_sound(jacobian, 3 * n)) return govern(force, {jacobian, n}, 0);
+        constexpr double none[max_joints] = {};
+        const Governed g = govern({}, {}, GovernorStatus::bad_jacobian);
+        ramp_torques(none, max_joints);
+        return g;
     }
 
     /// The next tick for what an engine answered, whose status is kept; with a Jacobian, of an arm
@@ -192,22 +186,21 @@ class Governor {
         }
     };
 
-    Governor(const GovernorLimits& limits, bool by_torque) noexcept
-        : limits_(limits), by_torque_(by_torque) {}
-
     static bool is_sound(const double* values, int n) noexcept {
         const auto is_number = [](double x) { return std::abs(x) <= largest; };
         return values != nullptr && std::all_of(values, values + n, is_number);
     }
 
     /// One tick. A force that is not sound counts as none.
-    Governed govern(const Vec3& force, bool is_force_sound, int status,
-                    const Jacobian& jacobian) noexcept {
+    Governed govern(const Vec3& force, const Jacobian& jacobian, std::uint8_t status) noexcept {
         Governed g;
-        g.status = static_cast<std::uint8_t>(status);
-        if (by_torque_ && jacobian.values == nullptr && !(status & GovernorStatus::bad_jacobian))
-            g.status |= GovernorStatus::no_jacobian;
-        const Vec3 wanted = is_force_sound ? force : Vec3{};
+        g.status = status;
+        if (by_torque_ && !jacobian.values && !status) g.status |= GovernorStatus::no_jacobian;
+        Vec3 wanted;
+        if (is_sound(force.c, 3))
+            wanted = force;
+        else
+            g.status |= GovernorStatus::bad_force;
         const Vec3 target = clipped(wanted, jacobian);
         if (!accept(target, jacobian) && !ramp_towards(target, jacobian))
             g.status |= GovernorStatus::torque_lags;
@@ -261,8 +254,11 @@ class Governor {
             shares.keep(torque, torque_change, nearly * limits_.torque_max[j]);  // (G3)
         }
         if (shares.is_empty()) {
+            // The Jacobian has changed by more than the torques' steps allow.
             force_ = force_ + force_share * change;
-            torques_towards(jacobian);
+            double goal[max_joints];
+            for (int j = 0; j < jacobian.joints; ++j) goal[j] = jacobian.torque(j, force_);
+            ramp_torques(goal, jacobian.joints);
             return false;
         }
         force_ = force_ + shares.largest * change;
@@ -270,13 +266,6 @@ class Governor {
         return true;
     }
 
-    /// Moves the torques towards J^T F where the Jacobian has changed by more than their steps
-    /// allow.
-    void torques_towards(const Jacobian& jacobian) noexcept {
-        double goal[max_joints];
-        for (int j = 0; j < jacobian.joints; ++j) goal[j] = jacobian.torque(j, force_);
-        ramp_torques(goal, jacobian.joints);
-    }
     void ramp_torques(const double* goal, int n) noexcept {
         Shares shares;
         double change[max_joints];

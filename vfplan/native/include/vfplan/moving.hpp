@@ -47,20 +47,6 @@ struct Pose {
               close(dot(x, y), 0) && close(dot(y, z), 0) && close(dot(z, x), 0) &&
               dot(cross(x, y), z) > 0))
             reject("a pose is no rotation and translation. Give a rigid matrix.");
-        return of_rigid(m);
-    }
-    /// The same, given column by column.
-    static Pose of_columns(const double* m) {
-        double rows[16];
-        for (int i = 0; i < 16; ++i) rows[i] = m[4 * (i % 4) + i / 4];
-        return of_rows(rows);
-    }
-
-  private:
-    /// How far an entry of R^T R may be from that of the unit matrix: files have six digits.
-    static constexpr double matrix_tolerance = 1e-5;
-
-    static Pose of_rigid(const double* m) noexcept {
         const double d[3] = {m[0], m[5], m[10]};
         Pose p{{{m[3], m[7], m[11]}}, 0, {}};
         // From the largest of four squares, so that no small difference is divided by.
@@ -83,6 +69,16 @@ struct Pose {
         }
         return p;
     }
+    /// The same, given column by column.
+    static Pose of_columns(const double* m) {
+        double rows[16];
+        for (int i = 0; i < 16; ++i) rows[i] = m[4 * (i % 4) + i / 4];
+        return of_rows(rows);
+    }
+
+  private:
+    /// How far an entry of R^T R may be from that of the unit matrix: files have six digits.
+    static constexpr double matrix_tolerance = 1e-5;
 };
 
 struct MovingLimits {

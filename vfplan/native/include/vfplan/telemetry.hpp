@@ -25,8 +25,8 @@ namespace vfplan::inline v1 {
 /// A tick as it is sent.
 struct TelemetryRecord {
     std::uint64_t index;
-    double t;           ///< [s]
-    double values[12];  ///< HIP, proxy, normal, force
+    double t;        ///< [s]
+    Vec3 values[4];  ///< HIP, proxy, normal, force
     std::int8_t state;
     std::uint8_t status;
     std::uint8_t nothing[6];
@@ -65,22 +65,15 @@ class Telemetry {
         sender_.join();
         ::close(socket_);
     }
-    Telemetry(const Telemetry&) = delete;
-    Telemetry& operator=(const Telemetry&) = delete;
 
     /// Takes a tick in; false where the queue was full and the tick was dropped. It never waits.
     /// @param t time of the tick [s]
     /// @param hip where the tool is [m]
     /// @param step what the engine answered
     bool publish(double t, const Vec3& hip, const Step& step) noexcept {
-        TelemetryRecord tick{};
-        tick.index = index_++;
-        tick.t = t;
-        const Vec3* vectors[] = {&hip, &step.proxy, &step.normal, &step.force};
-        for (std::size_t v = 0; v < 4; ++v)
-            for (std::size_t k = 0; k < 3; ++k) tick.values[3 * v + k] = (*vectors[v])[int(k)];
-        tick.state = std::int8_t(step.state);
-        tick.status = step.status;
+        const TelemetryRecord tick{
+            index_++,    t, {hip, step.proxy, step.normal, step.force}, std::int8_t(step.state),
+            step.status, {}};
         if (queue_.push(tick)) return true;
         dropped_.fetch_add(1, std::memory_order_relaxed);
         return false;
@@ -107,12 +100,9 @@ class Telemetry {
     bool send_some() noexcept {
         std::array<char, header_bytes + most_ticks * tick_bytes> bytes{};
         std::uint16_t count = 0;
-        for (const TelemetryRecord* tick = queue_.front(); tick && count < most_ticks;
-             tick = queue_.front()) {
-            std::memcpy(bytes.data() + header_bytes + count * tick_bytes, tick, tick_bytes);
-            queue_.pop();
-            ++count;
-        }
+        for (; count < most_ticks && queue_.front(); ++count, queue_.pop())
+            std::memcpy(bytes.data() + header_bytes + count * tick_bytes, queue_.front(),
+                        tick_bytes);
         if (count == 0) return false;
         const std::uint16_t version = 1;
         const std::uint64_t lost = dropped();

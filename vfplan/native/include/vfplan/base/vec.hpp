@@ -221,6 +221,23 @@ void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     }
 }
 
+/// Solves A x = b, whose first n rows count, with the lower triangle of a symmetric A: as L D L^T,
+/// of which D is left on the diagonal of `a`, and x in `b`.
+template <int N>
+void solve_symmetric(double (&a)[N][N], double (&b)[N], int n = N) noexcept {
+    for (int r = 0; r < n; ++r) {
+        for (int c = 0; c <= r; ++c) {
+            for (int k = 0; k < c; ++k) a[r][c] -= a[r][k] * a[c][k] * a[k][k];
+            if (c < r) a[r][c] /= a[c][c];
+        }
+        for (int k = 0; k < r; ++k) b[r] -= a[r][k] * b[k];
+    }
+    for (int r = n; r-- > 0;) {
+        b[r] /= a[r][r];
+        for (int k = r + 1; k < n; ++k) b[r] -= a[k][r] * b[k];
+    }
+}
+
 template <int D>
 Vec<D> filled(double c) noexcept {
     Vec<D> v;

@@ -8,6 +8,14 @@
 #include "vfplan/rules/contacts.hpp"
 
 namespace vfplan::inline v1 {
+
+/// The band that the cloud of n points of three coordinates each asks for [m]: the paper's 10 µm,
+/// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
+/// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
+/// of r_c. Throws as `check_radii` and `make_cloud`.
+VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p);
+
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
 
 /// Balls that come from two sides towards points of a cloud, and roll on each way until they touch
@@ -16,7 +24,7 @@ template <int D>
 class RollingBall {
   public:
     RollingBall(const Cloud<D>& cloud, double radius)
-        : R_(radius), source_(cloud, std::min(0.4 * radius, cell_of_few(cloud))) {
+        : R_(radius), source_(cloud, std::min(0.4 * radius, cell_of_few(cloud)), Search::grid) {
         const std::size_t n = cloud.size(), count = std::min(n, samples);
         for (std::size_t i = 0; i < count && looked_at_ < max_points_looked_at; ++i) {
             const double golden = 0.6180339887498949 * static_cast<double>(i);
@@ -76,16 +84,16 @@ class RollingBall {
         const Ray<D> ray{from, -1.0 * way, R_ * R_, R_ * R_, 0};
         double s = 2 * R_, near2 = R_ * R_;
         visit(from, R_, [&](const PointSpan<D>& span) {
-            if (near2 >= R_ * R_) near2 = std::min(near2, kernels_.nearest2(span, from));
+            if (near2 >= R_ * R_) near2 = std::min(near2, kernels<D>.nearest2(span, from));
         });
         if (near2 < R_ * R_) return false;
         visit(from - R_ * way, 2 * R_,
-              [&](const PointSpan<D>& span) { s = std::min(s, kernels_.ray_hit(span, ray)); });
+              [&](const PointSpan<D>& span) { s = std::min(s, kernels<D>.ray_hit(span, ray)); });
         const Vec<D> centre = from - s * way;
         double least2 = R_ * R_ * (1 + 1e-6);
         Vec<D> touched = at;
         visit(centre, std::sqrt(least2), [&](const PointSpan<D>& span) {
-            if (!(kernels_.nearest2(span, centre) < least2)) return;
+            if (!(kernels<D>.nearest2(span, centre) < least2)) return;
             for (std::size_t i = 0; i < span.n; ++i) {
                 const Vec<D> p = span[i], d = p - centre;
                 if (dot(d, d) < least2) least2 = dot(d, d), touched = p;
@@ -174,19 +182,14 @@ class RollingBall {
     }
 
     double R_, looked_at_ = 0;
-    Kernels<D> kernels_ = kernels<D>();
-    Grid<D> source_;
+    PointIndex<D> source_;
     std::vector<Vec<D>> near_;
     std::vector<std::pair<double, double>> size_;  // of a dip, and its weight: length on a curve
 };
 
 }  // namespace detail
 
-/// The band that the cloud of n points of three coordinates each asks for [m]: the paper's 10 µm,
-/// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
-/// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
-/// of r_c. Throws as `check_radii` and `make_cloud`.
-inline double band_for(const double* points, std::size_t n, const Parameters& p) {
+VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p) {
     check_radii(p);
     const auto of = [&](const auto& rolling) {
         const double typical = rolling.depth(0.5), rough = rolling.depth(0.9) - typical;
@@ -198,5 +201,6 @@ inline double band_for(const double* points, std::size_t n, const Parameters& p)
             : of(detail::RollingBall<3>(make_cloud(Space{}, points, n), p.R()));
     return std::min(band, p.contact_radius / 2);
 }
+#endif
 
 }  // namespace vfplan::inline v1

@@ -119,12 +119,11 @@ class Thinning {
     }
 
     std::size_t size() const noexcept { return points_.size(); }
-    bool keeps(std::size_t i) const noexcept { return kept_[i]; }
     /// The points that were kept, in the order of the cloud.
     Cloud<D> kept() const {
         Cloud<D> out(size());
         for (std::size_t i = 0, k = 0; i < cloud_.size(); ++i)
-            if (keeps(i)) out.set(k++, cloud_[i]);
+            if (kept_[i]) out.set(k++, cloud_[i]);
         return out;
     }
 
@@ -241,32 +240,27 @@ class Thinning {
     }
     /// Whether these n points cover it with the shares that bring their centre nearest to it.
     bool is_held_by(const NearPoint* const* q, int n) const noexcept {
-        double l[D][D], b[D] = {}, share[D + 1] = {1};
+        double a[D][D] = {}, share[D] = {};
         Vec<D> edge[D];
-        // The shares solve the normal equations of the edges, as L D L^T.
+        // The shares solve the normal equations of the edges.
         for (int r = 0; r < n - 1; ++r) {
             edge[r] = q[r + 1]->d - q[0]->d;
-            b[r] = -dot(edge[r], q[0]->d);
-            for (int c = 0; c <= r; ++c) {
-                l[r][c] = dot(edge[r], edge[c]);
-                for (int k = 0; k < c; ++k) l[r][c] -= l[r][k] * l[c][k] * l[k][k];
-                if (c < r) l[r][c] /= l[c][c];
-            }
-            for (int k = 0; k < r; ++k) b[r] -= l[r][k] * b[k];
+            share[r] = -dot(edge[r], q[0]->d);
+            for (int c = 0; c <= r; ++c) a[r][c] = dot(edge[r], edge[c]);
         }
+        solve_symmetric(a, share, n - 1);
+        double first_share = 1;
         for (int r = n - 1; r-- > 0;) {
-            share[r + 1] = b[r] / l[r][r];
-            for (int k = r + 1; k < n - 1; ++k) share[r + 1] -= l[k][r] * share[k + 1];
-            if (!(share[r + 1] >= 0)) return false;
-            share[0] -= share[r + 1];
+            if (!(share[r] >= 0)) return false;
+            first_share -= share[r];
         }
-        Vec<D> centre;
-        double square = 0;
-        for (int k = 0; k < n; ++k) {
-            centre = centre + share[k] * q[k]->d;
-            square += share[k] * q[k]->d2;
+        Vec<D> centre = first_share * q[0]->d;
+        double square = first_share * q[0]->d2;
+        for (int r = 0; r < n - 1; ++r) {
+            centre = centre + share[r] * q[r + 1]->d;
+            square += share[r] * q[r + 1]->d2;
         }
-        return share[0] >= 0 && 2 * inner_ * norm(centre) + square <= slack2_;
+        return first_share >= 0 && 2 * inner_ * norm(centre) + square <= slack2_;
     }
 
     const Cloud<D>& cloud_;

@@ -1,9 +1,9 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // Eight points at a time, whatever the processor: the loops over points exist once, in kernels.inl,
-// and are compiled for the baseline and, on x86-64, for AVX2 and AVX-512. The width is chosen once,
-// when an engine is made. All widths keep eight partial sums, add them in one order and use only
-// correctly rounded operations, so they give the same bits.
+// and are compiled for the baseline and, on x86-64, for AVX2 and AVX-512. The width is chosen once
+// in a program. All widths keep eight partial sums, add them in one order and use only correctly
+// rounded operations, so they give the same bits.
 #pragma once
 
 #include <cstring>
@@ -12,8 +12,8 @@
 
 namespace vfplan::inline v1 {
 
-/// How many float64 the processor's registers are asked to hold; `automatic`: the most it has.
-enum class Width { automatic = 0, two = 2, four = 4, eight = 8 };
+/// How many float64 the processor's registers are asked to hold.
+enum class Width { two = 2, four = 4, eight = 8 };
 
 /// Points stored as one array a coordinate. Seven doubles behind the last may be read.
 template <int D>
@@ -115,9 +115,14 @@ inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 
 /// The widest the processor at hand can run.
 VFPLAN_COMPILED_ONCE Width widest() noexcept;
-/// The loops for a width; one that the processor lacks falls back to the widest it has.
+/// The loops in use.
 template <int D>
-Kernels<D> kernels(Width width = Width::automatic) noexcept;
+inline Kernels<D> kernels{};
+/// Takes the widest loops, where there are none yet; who makes an index of points calls it.
+VFPLAN_COMPILED_ONCE void choose_kernels() noexcept;
+/// For tests, before any tick: takes the loops of another width, or the widest where the processor
+/// lacks it.
+VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept;
 
 }  // namespace vfplan::inline v1
 

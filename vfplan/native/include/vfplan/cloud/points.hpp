@@ -23,9 +23,7 @@ class Cloud {
         for (int k = 0; k < D; ++k) axes_[k][i] = p.c[k];
     }
     /// A lane without a point: no loop sees it.
-    void clear(std::size_t i) noexcept {
-        for (auto& axis : axes_) axis[i] = detail::far_away;
-    }
+    void clear(std::size_t i) noexcept { set(i, filled<D>(detail::far_away)); }
     Vec<D> operator[](std::size_t i) const noexcept { return span(i, i + 1)[0]; }
     PointSpan<D> span(std::size_t begin, std::size_t end) const noexcept {
         PointSpan<D> s;

@@ -199,26 +199,11 @@ QuadricFit<D> fit_quadric(const FitWindow<D>& window, const NormalEquations<D>& 
         if (r == 5) ridge = 0.5 * tuned::curvature_ridge;
         l[r][r] += weight * ridge;
     }
-    // Factors them into L D L^T.
-    double d[terms];
-    for (int j = 0; j < terms; ++j) {
-        d[j] = l[j][j];
-        for (int k = 0; k < j; ++k) d[j] -= l[j][k] * l[j][k] * d[k];
-        if (!(d[j] > 0)) return {window.up};
-        for (int i = j + 1; i < terms; ++i) {
-            for (int k = 0; k < j; ++k) l[i][j] -= l[i][k] * l[j][k] * d[k];
-            l[i][j] /= d[j];
-        }
-    }
     double x[terms];
-    for (int i = 0; i < terms; ++i) {
-        x[i] = sums.z[i];
-        for (int k = 0; k < i; ++k) x[i] -= l[i][k] * x[k];
-    }
-    for (int i = terms - 1; i >= 0; --i) {
-        x[i] /= d[i];
-        for (int k = i + 1; k < terms; ++k) x[i] -= l[k][i] * x[k];
-    }
+    std::copy_n(sums.z, terms, x);
+    solve_symmetric(l, x);
+    for (int r = 0; r < terms; ++r)
+        if (!(l[r][r] > 0)) return {window.up};
     // From right under the proxy to the foot.
     const double height = window.height * window.scale;
     slopes_at_foot<D>(x, height);
@@ -253,9 +238,8 @@ class ContactSurfaces {
   public:
     static constexpr int max_surfaces = ContactGroups<D>::max_groups;
 
-    ContactSurfaces(const Kernels<D>& kernels, double radius, double band) noexcept
-        : kernels_(kernels),
-          R_(radius),
+    ContactSurfaces(double radius, double band) noexcept
+        : R_(radius),
           max_lift_(tuned::max_lift_bands * band),
           touch_radius_(R_ + max_lift_),
           g_(std::sqrt(band / R_)),
@@ -286,7 +270,7 @@ class ContactSurfaces {
         known_at_ = proxy;
         groups_.clear();
         WorkBudget& budget = neighbours.index().budget();
-        visit_within(neighbours, kernels_, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
+        visit_within(neighbours, proxy, touch_radius_, [&](const Vec<D>& away) noexcept {
             budget.spend(work::contact);
             groups_.add(away);
         });
@@ -362,7 +346,7 @@ class ContactSurfaces {
         const FitWindow<D> window = fit_window(proxy, contact);
         NormalEquations<D> sums;
         neighbours.visit(proxy, std::sqrt(window.outer2), [&](const PointSpan<D>& points) noexcept {
-            kernels_.accumulate_fit(points, window, sums);
+            kernels<D>.accumulate_fit(points, window, sums);
         });
         const QuadricFit<D> fit = fit_quadric(window, sums);
 
@@ -418,7 +402,6 @@ class ContactSurfaces {
         return k / std::max(1 + R_ * k, tuned::narrowest_hollow);
     }
 
-    Kernels<D> kernels_;
     double R_;
     double max_lift_;      // 2 b [m]
     double touch_radius_;  // R + 2 b [m]

@@ -13,11 +13,10 @@ class PaperRule {
   public:
     static constexpr int dimension = D;
 
-    PaperRule(const Cloud<D>& cloud, const Parameters& p, const Kernels<D>& kernels)
+    PaperRule(const Cloud<D>& cloud, const Parameters& p)
         : p_(p),
-          kernels_(kernels),
           reach_(p.outer_radius + p.point_radius),
-          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search, kernels) {}
+          neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search) {}
 
     void reset() noexcept {
         neighbours_.forget();
@@ -65,7 +64,7 @@ class PaperRule {
         if (known_ && proxy == from_) return sight_;
         NormalSum<D> near;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            kernels_.normal(s, proxy, p_.r1(), p_.outer_radius, near);
+            kernels<D>.normal(s, proxy, p_.r1(), p_.outer_radius, near);
         });
         sight_.nearest = std::sqrt(near.nearest2);
         sight_.normal = sight_.nearest < reach_ ? direction(proxy, near) : Vec<D>{};
@@ -124,7 +123,7 @@ class PaperRule {
         const Vec<D> way = (1 / length) * u;
         double d = infinity;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            d = std::min(d, kernels_.first_root_eq3(s, proxy, way, reach_ * reach_, R * R));
+            d = std::min(d, kernels<D>.first_root_eq3(s, proxy, way, reach_ * reach_, R * R));
         });
         if (d >= length) return u;  // nothing in the way: special case 2 would change nothing
         const bool hip_inside = dot(n, u) < 0;
@@ -137,7 +136,7 @@ class PaperRule {
     bool moves_away(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
         Distances sum;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            kernels_.distances(s, proxy, hip, reach_ * reach_, sum);
+            kernels<D>.distances(s, proxy, hip, reach_ * reach_, sum);
         });
         return sum.to_hip / sum.count > sum.to_proxy / sum.count;
     }
@@ -148,7 +147,7 @@ class PaperRule {
         double most = 0;
         bool any = false;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            const double d = kernels_.last_root_eq7(s, proxy, n, inside * inside, R * R);
+            const double d = kernels<D>.last_root_eq7(s, proxy, n, inside * inside, R * R);
             most = any ? std::max(most, d) : d;
             any = true;
         });
@@ -156,7 +155,6 @@ class PaperRule {
     }
 
     Parameters p_;
-    Kernels<D> kernels_;
     double reach_;
     Neighbours<D> neighbours_;
     Sight sight_;  // from from_, where known_

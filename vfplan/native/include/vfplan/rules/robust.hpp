@@ -60,7 +60,7 @@ class Sweep {
     /// have this many parts.
     static constexpr int max_parts = 128;
 
-    Sweep(const Kernels<D>& kernels, double radius) noexcept : kernels_(kernels), R_(radius) {}
+    explicit Sweep(double radius) noexcept : R_(radius) {}
 
     void begin_tick() noexcept { parts_left_ = max_parts; }
 
@@ -95,7 +95,7 @@ class Sweep {
     double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
         double hit = infinity;
         const auto include = [&](const PointSpan<D>& points) noexcept {
-            hit = std::min(hit, kernels_.ray_hit(points, ray));
+            hit = std::min(hit, kernels<D>.ray_hit(points, ray));
         };
         if (length <= tuned::list_margin * R_) {
             neighbours.visit(ray.from, R_ + length, include);
@@ -108,7 +108,6 @@ class Sweep {
         return std::max(0.0, hit - tuned::stop_before * R_);
     }
 
-    Kernels<D> kernels_;
     double R_;
     int parts_left_ = max_parts;
 };
@@ -128,9 +127,8 @@ class RobustMotion {
     /// moved, until it is stalled. So a tick with an unmoved HIP is computed again.
     static constexpr bool rest_is_final = false;
 
-    RobustMotion(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
+    RobustMotion(const Thinned<D>& thinned, const Parameters& p)
         : p_(p),
-          kernels_(kernels),
           R_(p.R()),
           safe2_((R_ - p.band + thinned.lent) * (R_ - p.band + thinned.lent)),
           g_(std::sqrt(p.band / R_)),
@@ -138,15 +136,15 @@ class RobustMotion {
               R_, inner_radius(thinned, p),
               std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
           free_radii_{R_, inner_radius(thinned, p), 0},
-          surfaces_(kernels, R_, p.band),
+          surfaces_(R_, p.band),
           // The three lengths are how far the list of points reaches, how far the proxy may go
           // before it is gathered anew, and the side of a cell of the grid [m].
           neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
-                      2 * tuned::list_margin * R_, p.search, kernels),
-          sweep_(kernels, R_) {}
+                      2 * tuned::list_margin * R_, p.search),
+          sweep_(R_) {}
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
-    InsideCloud<D> inside() noexcept { return {neighbours_.index(), kernels_, R_, body_}; }
+    InsideCloud<D> inside() noexcept { return {neighbours_.index(), R_, body_}; }
     void set_skin(const mesh::Mesh* skin) noexcept { body_ = mesh::BodySearch(skin); }
     /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
     /// is put elsewhere: what it keeps, it keeps with the place it was found for.
@@ -411,7 +409,7 @@ class RobustMotion {
                 steepest = approach / r;
                 planes[count] = {(1 / r) * away, slack};
             };
-            visit_within(neighbours_, kernels_, x, R_ + min_step(), include);
+            visit_within(neighbours_, x, R_ + min_step(), include);
             if (steepest == 0 || budget().is_spent()) break;
             charge_plane_choices(count + 1);
             step = nearest_step(to_goal, planes, count + 1, 0.5 * slack);
@@ -452,7 +450,7 @@ class RobustMotion {
     /// Square of the distance from x to the nearest point within `reach`; one further off, or
     /// infinity, where there is none [m^2].
     double nearest2(const Vec<D>& x, double reach) noexcept {
-        return vfplan::nearest2(neighbours_, kernels_, x, reach);
+        return vfplan::nearest2(neighbours_, x, reach);
     }
     /// Radius of the spheres that a sweep may graze but not enter [m]: R - b, and above it a margin
     /// and what thinning the cloud has used of the band.
@@ -466,7 +464,6 @@ class RobustMotion {
     double plane_slack() const noexcept { return tuned::plane_slack * p_.band; }
 
     Parameters p_;
-    Kernels<D> kernels_;
     double R_;
     double safe2_;  // (R - b + lent)^2, the squared distance from every point that is outside [m^2]
     double g_;      // sqrt(b / R)
@@ -490,8 +487,8 @@ class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
     using Guarded = GuardedRule<RobustMotion<D>, StallTest<D>>;
 
   public:
-    RobustRule(const Thinned<D>& thinned, const Parameters& p, const Kernels<D>& kernels)
-        : Guarded(p.R(), p.band, p.pace(), thinned, p, kernels) {}
+    RobustRule(const Thinned<D>& thinned, const Parameters& p)
+        : Guarded(p.R(), p.band, p.pace(), thinned, p) {}
 
     Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
     /// The points are samples of this closed mesh, or of none.

@@ -45,16 +45,15 @@ class FreeBefore {
 template <int D>
 class InsideCloud {
   public:
-    InsideCloud(const PointIndex<D>& points, const Kernels<D>& kernels, double radius,
-                mesh::BodySearch& body) noexcept
-        : points_(points), kernels_(kernels), R_(radius), body_(body) {}
+    InsideCloud(const PointIndex<D>& points, double radius, mesh::BodySearch& body) noexcept
+        : points_(points), R_(radius), body_(body) {}
 
     /// From the nearest point within R to x; 0 where there is none but at x itself.
     Vec<D> from_nearest(const Vec<D>& x) const noexcept {
         double best2 = infinity;
         Vec<D> best;
         points_.visit(x, R_ * (1 + tuned::reach_margin), [&](const PointSpan<D>& span) noexcept {
-            if (!(kernels_.nearest2(span, x) < best2)) return;
+            if (!(kernels<D>.nearest2(span, x) < best2)) return;
             for (std::size_t i = 0; i < span.n; ++i) {
                 const Vec<D> away = x - span[i];
                 const double d2 = dot(away, away);
@@ -74,7 +73,7 @@ class InsideCloud {
         double distance = -infinity;
         points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
             distance =
-                std::max(distance, kernels_.last_root_eq7(span, y, direction, inside2, R_ * R_));
+                std::max(distance, kernels<D>.last_root_eq7(span, y, direction, inside2, R_ * R_));
         });
         return distance;
     }
@@ -87,7 +86,6 @@ class InsideCloud {
 
   private:
     const PointIndex<D>& points_;
-    Kernels<D> kernels_;
     double R_;
     mesh::BodySearch& body_;
 };
