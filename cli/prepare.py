@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import (
     FILE,
     MM,
@@ -88,11 +89,16 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         {"label": label, "u_px": place[0], "v_px": place[1], "residual_m": residual}
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
-    files = [output, markers_path]
-    if pairs.target_frame != "robot_base":
-        files.append(markers2)
     spacing = f"{flat.pixel_spacing_mm:g}"
-    following = command_of("plan", *files, "--pixel-spacing", spacing)
+    words = ["plan", output, markers_path]
+    # What was said of the photograph's file and of its marks does not hold for the flat picture.
+    of_photograph = ["--frame", "--pixels", "--find-markers"]
+    if pairs.target_frame == "robot_base":
+        of_photograph.append("--common")
+    else:
+        words.append(markers2)
+    words += typed_options("plan", overwrites=False, leaving_out=of_photograph)
+    words += ["--pixel-spacing", spacing, "-o", file_beside(output, "plan")]
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
          "homography": flat.homography, "residual_rms_m": flat.residual_rms_m,
@@ -101,7 +107,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         f"{len(rows)} markers fit a homography to {millimetres(flat.residual_rms_m)} rms; a marker "
         f"is off by {millimetres(flat.error_m)}\n{flat.width_px} x {flat.height_px} px of "
         f"{spacing} mm\n{wrote(output)} and {quoted(markers_path)}",
-        findings=findings, verdict="made flat", next_step=following,
+        findings=findings, verdict="made flat", next_step=command_of(*words),
     )  # fmt: skip
 
 
@@ -124,7 +130,7 @@ def marker_table(pairs: Any, places: list[list[float]]) -> str:
 @command("tip")
 @click.argument("poses", type=FILE, metavar="POSES.csv")
 @options_in_order(
-    option("--units", type=click.Choice(["m", "mm"]), default="m", help="Unit of the places."),
+    option("--units", type=options.UNIT, default="m", help="Unit of the places."),
     option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
     option("--max-error", "max_error_m", type=MM, default="2",
            help="Refuse a tip whose 95 % error is larger [mm]: a wrong unit or order shows so."),
@@ -147,7 +153,7 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     matrices = read_tool_poses(poses, units, row_major)
     tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
-    place, pivot = (",".join(f"{x:.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
+    place, pivot = (",".join(f"{x:z.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m
     text = (
         f"{count(len(matrices), 'pose')}, turned by {tip.turn_deg:.1f}° or more about two axes\n"

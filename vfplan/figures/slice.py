@@ -16,7 +16,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.display import MAX_NUMBERED
+from vfplan.display import MAX_NUMBERED, finding_name
 from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
 from vfplan.geometry.lines import normals, ring_of
 from vfplan.io.writing import write_whole
@@ -114,7 +114,7 @@ def draw_overlay(
             axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
         for number, finding in enumerate(findings, 1):
             if finding.place_px is not None:
-                write_beside(axes, image, finding.place_px, f"F{number}", FORCE)
+                write_beside(axes, image, finding.place_px, finding_name(number), FORCE)
 
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:

@@ -40,7 +40,7 @@ from vfplan.io.files import (
     split_rows,
 )
 from vfplan.io.writing import write_whole
-from vfplan.session.session import UNITS, Array, unit_factor
+from vfplan.session.session import Array, unit_factor
 
 TURN_COLUMNS = ("qw", "qx", "qy", "qz")
 POSE_COLUMNS = ("t", "x", "y", "z", *TURN_COLUMNS)
@@ -61,13 +61,13 @@ class Poses:
 
 
 def read_poses(path: str | Path, units: str = "m") -> Poses:
-    """Read a CSV of poses, whose places are in "m" or "mm".
+    """Read a CSV of poses, whose places are in `units`.
 
     Raises SessionError: the file is no such table, or a pose in it is not one
     """
     file = OpenedFile(Path(path), SessionError)
     table = open_number_table(file.view, str(path), SessionError, ("t", *TURN_COLUMNS))
-    columns = ("t", *named_columns(table, units, UNITS), *TURN_COLUMNS)
+    columns = ("t", *named_columns(table, units), *TURN_COLUMNS)
     if "arrived" in table.columns:
         columns += ("arrived",)
     blocks = list(table.blocks(columns))
