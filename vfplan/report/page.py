@@ -380,9 +380,9 @@ def _text(value: Any) -> str:
 
 def summary(metrics: dict[str, Any]) -> str:
     """The main numbers; of two rules a column each."""
-    rules = {escape(metrics["rule"]): metrics}
+    rules = {metrics["rule"]: metrics}
     if "paper" in metrics:
-        rules["paper"] = metrics["paper"]
+        rules = {"robust": metrics, "paper": metrics["paper"]}
     columns = [
         {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
         for rule in rules.values()

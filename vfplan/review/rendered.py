@@ -339,7 +339,7 @@ def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
         words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
     stiffness = stiffness_in_words(rendering.stiffness)
     if fixture.region is None:
-        return "Wall", f"none; {millimetres(radius, 3)} and {stiffness} have no effect"
+        return "Wall", f"none; {millimetres(radius, 2)} and {stiffness} have no effect"
     return "Wall", f"{words}; {stiffness}"
 
 
