@@ -113,17 +113,16 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
 
 def marker_table(pairs: Any, places: list[list[float]]) -> str:
     """A CSV of the markers on the flat picture, with the positions in front of the robot."""
-    header = ["label", "u_px", "v_px"]
-    rows = [[label, *place] for label, place in zip(pairs.labels, places, strict=True)]
+    header, columns = ["label", "u_px", "v_px"], [pairs.labels, *zip(*places, strict=True)]
     if pairs.target_frame == "robot_base":
         header += ["x_m", "y_m", "z_m"]
-        rows = [[*row, *target] for row, target in zip(rows, pairs.target.tolist(), strict=True)]
+        columns += pairs.target.T.tolist()
         if pairs.sigma is not None:
-            sigma = pairs.sigma.reshape(len(rows), -1).tolist()
-            header += ["sigma_m"] if len(sigma[0]) == 1 else ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
-            rows = [[*row, *values] for row, values in zip(rows, sigma, strict=True)]
+            sigma = pairs.sigma.reshape(len(places), -1).T.tolist()
+            header += ["sigma_m"] if len(sigma) == 1 else ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
+            columns += sigma
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    csv.writer(text, lineterminator="\n").writerows([header, *zip(*columns, strict=True)])
     return text.getvalue()
 
 
