@@ -86,9 +86,9 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
     if not good.all():
         i = int(np.argmin(good))
         message = (
-            f"pose {i + 1}, {pose[i].tolist()} at {time[i]} s, arrived at {arrived[i]} s, is none. "
-            "Give a place within 1e6 m, a quaternion of length 1, and a time of arrival after that "
-            "of the pose before it"
+            f"row {i + 1} holds no pose: {pose[i].tolist()} at {time[i]} s, arrived at "
+            f"{arrived[i]} s. Give a place within 1e6 m, a quaternion of length 1, and a time of "
+            "arrival after that of the pose before it"
         )
         raise SessionError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
     rounded = np.abs(length - 1) >= UNIT_ROUNDED
