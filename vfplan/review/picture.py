@@ -94,8 +94,6 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
-        # No line of the view goes through the words.
-        sheet.part(box)[-44:-6, 12:300] = WHITE
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
     rows = rendered_legend(outlines)
@@ -113,9 +111,12 @@ def draw_scale_bar(
 ) -> None:
     """Draw a bar of a round length with its words beside it; a unit takes so many pixels."""
     length = nice_length(longest_px / unit_px)
-    end, middle = x + length * unit_px, y + BODY.line_height / 2
+    end, middle, words = x + length * unit_px, y + BODY.line_height / 2, f"{length:g} {unit}"
+    # No line of a picture goes through the words.
+    right = round(end + 18 + BODY.width_of(words))
+    sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
     paper.draw_line(sheet.canvas, np.array([[x, middle], [end, middle]]), BLACK, 4)
-    sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
+    sheet.text(end + 14, y, words, BODY)
 
 
 def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
