@@ -375,7 +375,7 @@ def _text(value: Any) -> str:
         return ", ".join(map(_text, value))
     if isinstance(value, bool):
         return ("no", "yes")[value]
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    return f"{value:z.9g}" if isinstance(value, float) else str(value)
 
 
 def summary(metrics: dict[str, Any]) -> str:
