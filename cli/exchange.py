@@ -11,6 +11,7 @@ from vfplan.cli.options import (
     FILE,
     FIXTURE,
     MM,
+    UNIT,
     OutputFile,
     option,
     options_in_order,
@@ -29,7 +30,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 @command("import")
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|obj|csv|npy")
 @options_in_order(
-    option("--units", type=click.Choice(["m", "cm", "mm", "um", "in"]), required=True,
+    option("--units", type=UNIT, required=True,
            help="Unit of the numbers in the file."),
     option("--frame", type=click.Choice(["robot_base", "patient_lps"]),
            help="Frame of the numbers in the file.  [default: robot_base, or patient_lps if the "

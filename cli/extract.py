@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.next_commands import page_command, register_command
+from vfplan.cli.next_commands import page_command, rectify_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     FILE,
@@ -110,6 +110,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
     try:
         yield
     except (CurveError, MarkerError, CheckFailed) as error:
+        from vfplan.registration.checks import TO_RECTIFY
+
         general = "vfplan review IMAGE"
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
@@ -118,6 +120,11 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
             if message.endswith(f"{general}."):
                 message = message.removesuffix(".")
             error.message = message.replace(general, page_command(*files, **options))
+        elif TO_RECTIFY in error.message:
+            ways = (
+                f"on a page: {page_command(*files, **options)} or here: {rectify_command(*files)}"
+            )
+            error.message = error.message.replace(TO_RECTIFY, ways)
         elif error.code in MENDED_ON_PAGE:
             page = page_command(*files, **options)
             error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"

@@ -6,6 +6,7 @@ In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,11 +136,19 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
     return command_of(*words, *typed_options("review", overwrites=overwrites), "-o", output)
 
 
-def typed_options(name: str, *, overwrites: bool) -> list[str]:
+def rectify_command(image: Path, *markers: Path | None) -> str:
+    """The command that makes a photograph flat by its markers, with the same options."""
+    words = ["rectify", image, *(file for file in markers if file is not None)]
+    words += typed_options("rectify", overwrites=False)
+    return command_of(*words, "-o", file_beside(Path(image.name), "flat", ".png"))
+
+
+def typed_options(name: str, *, overwrites: bool, leaving_out: Sequence[str] = ()) -> list[str]:
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
     overwrites: as `page_command` takes it
+    leaving_out: options that mean something else to the other command
     """
     named = cli.get_command(click.Context(cli), name)
     takes_value = {
@@ -147,8 +156,8 @@ def typed_options(name: str, *, overwrites: bool) -> list[str]:
         for parameter in named.params
         if isinstance(parameter, click.Option)
         and not parameter.name.endswith(("as_json", "_out", "output", "paper"))
-        for opt in parameter.opts
-    }
+        for opt in parameter.opts if opt not in leaving_out
+    }  # fmt: skip
     words = []
     typed = iter(sys.argv[2:])
     for word in typed:

@@ -303,7 +303,9 @@ def parse_margin(text: str) -> str | float:
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
 FIXTURE = click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 SESSION = click.argument("session", type=FILE, metavar="SESSION")
-UNITS = option("--units", type=click.Choice(["m", "mm"]), default="m",
+# As `vfplan.io.files.METRES`.
+UNIT = click.Choice(["m", "cm", "mm", "um", "in"])
+UNITS = option("--units", type=UNIT, default="m",
                help="Unit of the session's positions.")  # fmt: skip
 ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli import options
+from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import (
     FILE,
     MM,
@@ -88,11 +89,16 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         {"label": label, "u_px": place[0], "v_px": place[1], "residual_m": residual}
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
-    files = [output, markers_path]
-    if pairs.target_frame != "robot_base":
-        files.append(markers2)
     spacing = f"{flat.pixel_spacing_mm:g}"
-    following = command_of("plan", *files, "--pixel-spacing", spacing)
+    words = ["plan", output, markers_path]
+    # What was said of the photograph's file and of its marks does not hold for the flat picture.
+    of_photograph = ["--frame", "--pixels", "--find-markers"]
+    if pairs.target_frame == "robot_base":
+        of_photograph.append("--common")
+    else:
+        words.append(markers2)
+    words += typed_options("plan", overwrites=False, leaving_out=of_photograph)
+    words += ["--pixel-spacing", spacing, "-o", file_beside(output, "plan")]
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
          "homography": flat.homography, "residual_rms_m": flat.residual_rms_m,
@@ -101,30 +107,29 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         f"{len(rows)} markers fit a homography to {millimetres(flat.residual_rms_m)} rms; a marker "
         f"is off by {millimetres(flat.error_m)}\n{flat.width_px} x {flat.height_px} px of "
         f"{spacing} mm\n{wrote(output)} and {quoted(markers_path)}",
-        findings=findings, verdict="made flat", next_step=following,
+        findings=findings, verdict="made flat", next_step=command_of(*words),
     )  # fmt: skip
 
 
 def marker_table(pairs: Any, places: list[list[float]]) -> str:
     """A CSV of the markers on the flat picture, with the positions in front of the robot."""
-    header = ["label", "u_px", "v_px"]
-    rows = [[label, *place] for label, place in zip(pairs.labels, places, strict=True)]
+    header, columns = ["label", "u_px", "v_px"], [pairs.labels, *zip(*places, strict=True)]
     if pairs.target_frame == "robot_base":
         header += ["x_m", "y_m", "z_m"]
-        rows = [[*row, *target] for row, target in zip(rows, pairs.target.tolist(), strict=True)]
+        columns += pairs.target.T.tolist()
         if pairs.sigma is not None:
-            sigma = pairs.sigma.reshape(len(rows), -1).tolist()
-            header += ["sigma_m"] if len(sigma[0]) == 1 else ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
-            rows = [[*row, *values] for row, values in zip(rows, sigma, strict=True)]
+            sigma = pairs.sigma.reshape(len(places), -1).T.tolist()
+            header += ["sigma_m"] if len(sigma) == 1 else ["sigma_x_m", "sigma_y_m", "sigma_z_m"]
+            columns += sigma
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([header, *rows])
+    csv.writer(text, lineterminator="\n").writerows([header, *zip(*columns, strict=True)])
     return text.getvalue()
 
 
 @command("tip")
 @click.argument("poses", type=FILE, metavar="POSES.csv")
 @options_in_order(
-    option("--units", type=click.Choice(["m", "mm"]), default="m", help="Unit of the places."),
+    option("--units", type=options.UNIT, default="m", help="Unit of the places."),
     option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
     option("--max-error", "max_error_m", type=MM, default="2",
            help="Refuse a tip whose 95 % error is larger [mm]; a wrong unit or order makes it so."),
@@ -147,7 +152,7 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     matrices = read_tool_poses(poses, units, row_major)
     tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
-    place, pivot = (",".join(f"{x:.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
+    place, pivot = (",".join(f"{x:z.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m
     text = (
         f"{count(len(matrices), 'pose')}, turned by {tip.turn_deg:.1f}° or more about two axes\n"

@@ -256,7 +256,7 @@ def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
                 f"  {place}{name}[{i}] = {json.dumps(part)}" for i, part in enumerate(value)
             )
         else:
-            shown = f"{value:.9g}" if isinstance(value, float) else json.dumps(value)
+            shown = f"{value:z.9g}" if isinstance(value, float) else json.dumps(value)
             yield f"  {place}{name} = {shown}"
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Iterable
 from pathlib import Path
 
 # Things of one kind that a text or a report lists one by one; of more, their number.
@@ -51,7 +52,7 @@ def nice_length(longest: float) -> float:
 def three_digits(value: float) -> str:
     """A number with three digits that count, never with an exponent: "0.0125", "12.5", "1250"."""
     if value == 0 or not math.isfinite(value):
-        return f"{value:g}"
+        return f"{value:zg}"
     decimals = max(0, 2 - math.floor(math.log10(abs(value))))
     return f"{value:.{decimals}f}"
 
@@ -81,6 +82,16 @@ def command_of(*words: str | Path) -> str:
     parts = [f"./{word}" if str(word).startswith("-") and isinstance(word, Path) else str(word)
              for word in words]  # fmt: skip
     return shlex.join(["vfplan", *parts])
+
+
+def coordinates(values: Iterable[float], decimals: int = 0, separator: str = ", ") -> str:
+    """Numbers such as coordinates, e.g. "12.5, -4.0, 0.0"; none that rounds to 0 has a sign."""
+    return separator.join(f"{value:z.{decimals}f}" for value in values)
+
+
+def finding_name(number: int) -> str:
+    """What a finding is called on sheet, page and pictures: markers are often named F1, F2."""
+    return f"#{number}"
 
 
 def quoted(path: str | Path) -> str:

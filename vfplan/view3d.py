@@ -277,5 +277,5 @@ def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
     scale = 1.4 * radius / max(force.max(), 1e-12)
     plotter.add_arrows(hip, ticks.force[tick], scale, color=FORCE, name="force")
     depth = 1e3 * ticks.penetration[tick]
-    text = f"t = {ticks.time[tick]:.3f} s   force {force[tick]:.3f} N   depth {depth:.3f} mm"
+    text = f"t = {ticks.time[tick]:z.3f} s   force {force[tick]:.3f} N   depth {depth:.3f} mm"
     plotter.add_text(text, font_size=10, color="black", name="readout")

@@ -25,7 +25,7 @@ from replays import fixture_of
 
 from vfplan.bundle.write import write_fixture
 from vfplan.camera.overlay import Overlay
-from vfplan.camera.pose import Camera, find_tags, locate, make_finder
+from vfplan.camera.pose import Camera, find_tags, locate, make_finder, read_camera
 from vfplan.camera.sheet import (
     DICTIONARY,
     draw_board,
@@ -193,6 +193,54 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
     run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
+
+
+def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
+    data = to_json_types(asdict(CAMERA))
+    nested = {name: data[name] for name in ("image_width", "image_height")}
+    for name, columns in (("camera_matrix", 3), ("distortion_coefficients", 5)):
+        values = np.ravel(data[name]).tolist()
+        nested[name] = {"rows": len(values) // columns, "cols": columns, "data": values}
+    path = tmp_path / "ros.json"
+    path.write_text(json.dumps(nested))
+    camera = read_camera(path)
+    assert np.array_equal(camera.camera_matrix, CAMERA.camera_matrix)
+    assert np.array_equal(camera.distortion_coefficients, CAMERA.distortion_coefficients)
+    path.write_text("image_width: 640")
+    with refuses(InputError, "calibration-file") as refused:
+        read_camera(path)
+    assert "image_height, camera_matrix" in str(refused.value)
+
+
+def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
+    page, tmp_path, vfplan_cli
+):
+    write_fixture(FIXTURE, tmp_path / "plan.h5")
+    (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
+    hand = np.column_stack([T, LINE + np.array([0, 0.003, 0])])
+    np.savetxt(tmp_path / "s.csv", hand, "%.9f", ",", header="t,x,y,z", comments="")
+    rng = np.random.default_rng(0)
+    cv2.imwrite(str(tmp_path / "a.png"), scene.photograph(page, scene.pose(rng), rng)[..., ::-1])
+
+    def run(*words):
+        usual = "--camera", "calib.json", "--measured-mm", 100, "--overwrite", "-o", "out.png"
+        found = vfplan_cli("ar", "plan.h5", "a.png", *usual, *words, cwd=tmp_path)
+        return found, cv2.imread(str(tmp_path / "out.png")).astype(int)
+
+    _, plain = run()
+    _, during = run("--session", "s.csv", "--session-start", 0.5)
+    _, after = run("--session", "s.csv", "--session-start", 1.01)
+    assert (during[30:] != plain[30:]).any()
+    assert (after[30:] == plain[30:]).all()
+    is_red = after[:30, :, 2] > after[:30, :, 0] + 50
+    assert is_red.any()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    silent, said = run("--live", f"udp://127.0.0.1:{port}")
+    assert silent.code == 1
+    assert f"no tick of udp://127.0.0.1:{port} came" in silent.stderr
+    assert (said[:30, :, 2] > said[:30, :, 0] + 50).any()
 
 
 @pytest.mark.parametrize("words", [

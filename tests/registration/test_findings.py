@@ -7,12 +7,15 @@ import pytest
 from conftest import ROOT
 from docs_modules import load
 from layouts import MODELS, NAMES, PX, bent, fit, grid, photograph, planar, solid
+from refusals import refuses
 
+from vfplan.errors import CheckFailed
 from vfplan.registration.checks import (
     describe_checks,
     error_findings,
     label_mistake,
     perspective_test,
+    refuse_wrong_markers,
     registration_findings,
     scale_departures,
     side_finding,
@@ -193,6 +196,21 @@ def test_a_bad_marker_is_not_called_perspective():
         r = fit_registration(grid(), target)
         assert not perspective_test(r).is_significant
         assert r.outliers == (bad,)
+
+
+def test_five_markers_show_perspective_and_one_bad_of_five_does_not():
+    five = grid()[[0, 1, 2, 6, 8]]
+    for seed in range(20):
+        for bad in range(5):
+            target = planar(grid(), seed=seed)[[0, 1, 2, 6, 8]]
+            target[bad] += [0.004, 0.003, 0]
+            assert not perspective_test(fit_registration(five, target), 5).is_significant
+    seen = fit_registration(five, bent(grid())[[0, 1, 2, 6, 8]])
+    assert perspective_test(seen, 5).is_significant
+    assert perspective_test(seen) is None
+    with refuses(CheckFailed, "residual-large") as refused:
+        refuse_wrong_markers(seen, 1e-3)
+    assert str(refused.value).endswith("Make it flat with vfplan rectify")
 
 
 def test_good_markers_show_perspective_seldom():

@@ -402,7 +402,8 @@ def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tm
     refusal = Session.open(SLICE, *files).state()["refusal"]
     assert refusal["code"] == "labels-mistaken"
     assert "--" not in refusal["text"]
-    assert refusal["text"].startswith("The labels a and b seem exchanged")
+    text = "The labels a and b seem exchanged. With them exchanged, all markers fit to "
+    assert refusal["text"].startswith(text)
 
 
 def test_a_review_without_the_slice_asks_about_that(tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from io import BytesIO
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import bundles
 import cv2
@@ -21,11 +21,21 @@ from vector_files import RING_MM, polyline, slicer
 import vfplan
 from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
+from vfplan.display import three_digits
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.planning.extraction import extract
-from vfplan.review.paper import DPI, GUIDE_COLOUR, INSET_PX, PAGE_HEIGHT, PAGE_WIDTH
+from vfplan.review.paper import (
+    DPI,
+    FOOT,
+    GUIDE_COLOUR,
+    HEADING,
+    INSET_PX,
+    PAGE_HEIGHT,
+    PAGE_WIDTH,
+    draw_arrow,
+)
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import check_slice
@@ -247,9 +257,46 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     # Heading, heads and texts stand together; all heads begin in the same column.
     texts = [box for box in sheet.boxes if box.kind == "text"]
     [heading] = [box for box in texts if box.words.startswith("Findings")]
-    heads = [box for box in texts if box.words.startswith("F") and "wants an answer" in box.words]
+    heads = [box for box in texts if box.words.startswith("#") and "wants an answer" in box.words]
     assert len(heads) == count
     assert {(box.page, box.x) for box in heads} <= {(heading.page, heading.x)}
+
+
+@pytest.mark.parametrize(("count", "pieces"), [(0, 0), (4, 11), (5, 9), (8, 3), (9, 0)])
+def test_no_line_stands_alone_on_a_page(count, pieces):
+    finding = doubt("width-changes", "extract", "Is all of it the curve?", place_px=(300.0, 300.0))
+    ink = tuple(AccountEntry(k + 1, 200.0, 296.0, 12, 0.1, 30.0, "ink") for k in range(pieces))
+    shown = drawn_ends.shown(drawn_ends.draw(2, covered=""), metres_per_px=5e-4)
+    sheet = checked(drawn_ends.with_values(shown, findings=(finding,) * count, account=ink))
+    lines = [box for box in sheet.boxes if box.kind == "text" and box.y < FOOT]
+    for box, after in pairwise(lines):
+        if box.style == HEADING and not box.words.endswith("none"):
+            assert box.page == after.page, box.words
+    for page in range(len(sheet.page_pngs())):
+        assert sum(box.page == page for box in lines) != 1
+
+
+def test_an_arrow_that_the_edge_would_cut_is_moved_inside():
+    canvas = np.full((120, 160, 3), 200, np.uint8)
+    start, tip = draw_arrow(canvas, np.array([80.0, 20.0]), np.array([70.0, -9.0]), (0, 0, 0))
+    assert np.allclose(tip - start, [-10, -29])
+    # The whole arrow is drawn, and the edge is left free.
+    assert (canvas[0] == 200).all()
+    assert not canvas[round(tip[1]), round(tip[0])].any()
+    # One that begins elsewhere is none of this picture.
+    before = canvas.copy()
+    draw_arrow(canvas, np.array([80.0, -60.0]), np.array([80.0, -20.0]), (0, 0, 0))
+    assert (canvas == before).all()
+
+
+def test_a_number_that_rounds_to_zero_has_no_sign():
+    fixture = bundles.sheet()
+    rendering = replace(fixture.rendering, ignore_axis=np.array([-1e-9, 0.0, 1.0]))
+    shown = Plan.of(replace(fixture, points=fixture.points - 1e-7, rendering=rendering), "f.h5")
+    words = " ".join(words_of(draw_sheet(shown)))
+    assert "(0.0000, 0.0000, 1.0000)" in words
+    assert "x 0.00 to" in words
+    assert three_digits(-0.0) == "0"
 
 
 def test_open_line_has_both_ends_and_each_bridge_enlarged():
@@ -316,7 +363,7 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     assert {word for word in on_sheet if word.isdecimal()} <= {str(k) for k in range(1, 13)}
     words = " ".join(on_sheet)
     for number in range(1, 101):
-        assert f"F{number}  wants an answer" in words
+        assert f"#{number}  wants an answer" in words
     assert "100" in verdict_of(shown)
 
 

@@ -55,6 +55,8 @@ def test_csv_is_read_by_its_columns_and_units(tmp_path):
     session = read_session(tmp_path / "s.csv", units="mm")
     np.testing.assert_allclose(session.hip, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]], rtol=1e-15)
     assert session.notes["ignored_columns"] == ["force"]
+    (tmp_path / "s.csv").write_text("t,x_cm,y_cm,z_cm\n0,1,2,3\n0.001,4,5,6\n")
+    assert read_session(tmp_path / "s.csv", units="cm").hip[0].tolist() == [0.01, 0.02, 0.03]
 
 
 ROW = "0,1,2,3\n"
@@ -111,6 +113,7 @@ DISORDER = {
     "far too late": ([*range(500), *range(501, 70_000), 500], (0, 1)),
     "many doubled": (sorted([*range(500)] * 2), None),
     "begins again": ([*range(500), *range(400)], None),
+    "many swapped": ([k ^ 1 for k in range(500)], None),
 }
 
 
@@ -120,8 +123,11 @@ def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, name):
     time, hip = recording(max(order) + 1)
     for path in write_all(tmp_path, time[order], hip[order]):
         if counts is None:
-            with refuses(SessionError, "time-not-increasing"):
+            with refuses(SessionError, "time-not-increasing") as refused:
                 read_session(path)
+            left = len(order) - max(order) - 1
+            left_out = f" and leave {left} of them out" if left else ""
+            assert str(refused.value).endswith(f"to sort the {len(order)} samples{left_out}")
         session = open_session(path, skip_unordered=counts is None).load()
         swapped, doubled = counts or session.notes["mended"].values()
         assert session.notes["mended"] == {"swapped": swapped, "doubled": doubled}
@@ -198,7 +204,7 @@ def test_a_file_of_apparent_size_does_not_raise_the_limits_without_end(tmp_path,
     with (tmp_path / "s.npz").open("wb+") as file:
         file.truncate(3 << 30)
         with refuses(SessionError, "npz-broken"):
-            next(read_npz(file))
+            next(read_npz(file, "m", "robot_base"))
     assert asked == [(2 << 30, 8)]
 
 
@@ -231,7 +237,13 @@ def test_a_file_may_state_its_frame_and_units(tmp_path):
     with h5py.File(tmp_path / "s.h5", "w") as file:
         file.update(THREE)
         file.attrs["units"], file.attrs["frame"] = "mm", "robot_base"
-    assert read_session(tmp_path / "s.h5", units="mm").hip[0, 0] == 1e-3
+    np.savez(tmp_path / "s.npz", **THREE, units="mm", frame="robot_base")
+    for name in ("s.h5", "s.npz"):
+        assert read_session(tmp_path / name, units="mm").hip[0, 0] == 1e-3
+        with refuses(SessionError, "units-or-frame-differ"):
+            read_session(tmp_path / name)
+        with refuses(SessionError, "units-or-frame-differ"):
+            read_session(tmp_path / name, units="mm", frame="patient_lps")
 
 
 def test_missing_file_directory_and_unknown_unit(tmp_path):

@@ -214,7 +214,7 @@ def import_cloud(
         band = sample_band(sample_radius, radius)
         widest, place = widest_opening(points, mesh, samples, radius - band)
         if widest:
-            at = ", ".join(f"{1e3 * x:.1f}" for x in place)
+            at = ", ".join(f"{1e3 * x:z.1f}" for x in place)
             text = (
                 f"Through the widest opening of the mesh, at ({at}) mm, goes a ball of "
                 f"{2e3 * widest:.3g} mm; the proxy is one of {2e3 * radius:g} mm. Close it, or "

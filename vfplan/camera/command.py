@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -191,7 +191,12 @@ def show_wall(
 
     # Of a video the last frame with a wall speaks for all, or the last one.
     latencies_ms = [] if window is None else window.latencies_ms
-    return shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
+    result = shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
+    source = arguments["live_source"]
+    if source is not None and not overlay.tools_shown and not result.exit_code:
+        missing = f"no tick of {source} came. Start what sends them, and check the address"
+        return replace(result, failed=missing, exit_code=1, verdict="no tool: no tick came")
+    return result
 
 
 def shown_frames(
@@ -254,18 +259,24 @@ def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Ov
 
 def ticks_to_show(
     stack: ExitStack, fixture: Fixture, sha256: str, arguments: dict[str, Any]
-) -> Callable[[float], Any]:
-    """A function that gives the tick of a session or of a live stream at a frame's time [s]."""
+) -> Callable[[float], tuple[Any, str]]:
+    """A function that gives the tick of a session or of a live stream, as `Overlay` takes it."""
     session, source = arguments["session"], arguments["live_source"]
     if session is not None:
         from vfplan.replaying.replay import replay
         from vfplan.session.bags import as_ticks
 
         ticks = as_ticks(replay(fixture, session).ticks)
-        return lambda time_s: ticks[min(int(ticks["t"].searchsorted(time_s)), len(ticks) - 1)]
+
+        def tick_of_session(time_s: float) -> tuple[Any, str]:
+            if time_s > ticks["t"][-1]:
+                return None, "The session has ended"
+            return ticks[int(ticks["t"].searchsorted(time_s))], ""
+
+        return tick_of_session
     if source is None:
-        return lambda time_s: None
-    from vfplan.live.sources import PositionStream, stream_of
+        return lambda time_s: (None, "")
+    from vfplan.live.sources import SILENT_S, PositionStream, stream_of
 
     feed, stream, is_over = PositionStream(), stream_of(source, sha256), threading.Event()
     stack.callback(is_over.set)
@@ -277,9 +288,19 @@ def ticks_to_show(
             if len(ticks):
                 feed.put(ticks)
 
+        is_over.set()
+
     threading.Thread(target=take_all, daemon=True).start()
-    # The newest tick, unless the source is silent.
-    return lambda time_s: next(iter(feed.after(-1, 0.0)[1]), None)
+    # A picture, or the first frame, does not come before the first tick.
+    feed.after(0, SILENT_S)
+
+    def newest_tick(_time_s: float) -> tuple[Any, str]:
+        newest, words = next(iter(feed.after(-1, 0.0)[1]), None), ""
+        if newest is None and time.monotonic() - feed.heard_s > SILENT_S:
+            words = "The session has ended" if is_over.is_set() else f"No tick comes from {source}"
+        return newest, words
+
+    return newest_tick
 
 
 def open_window(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Any:

@@ -95,7 +95,8 @@ class Overlay:
         Length of the printed scale by a ruler. A camera cannot know it: a print of half the size
         looks the same from half the distance. Where it is `None`, each frame of a print says so.
     tick_at
-        The tick of `vfplan.session.bags.TICK` at the time of a frame [s]; `None`: no tool is shown.
+        The tick of `vfplan.session.bags.TICK` at the time of a frame [s], and words; `None`: no
+        tool is shown, and the words say why.
     """
 
     plan: Plan
@@ -104,10 +105,12 @@ class Overlay:
     is_printed: bool = True
     limit_mm: float = LIMIT_MM
     measured_mm: float | None = None
-    tick_at: Callable[[float], Any] = lambda time_s: None
+    tick_at: Callable[[float], tuple[Any, str]] = lambda time_s: (None, "")
     finder: Any = field(default_factory=make_finder)
     # What is said of the error of the plan's registration; empty where nothing is known of it.
     plan_bound: str = field(default="", init=False)
+    # How many frames showed a tool.
+    tools_shown: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
         """Find once what every frame shows: colour, width [px] and line, from below to above."""
@@ -169,13 +172,16 @@ class Overlay:
         words, colour = f"No wall: {report.get('reason')}", paper.WALL_COLOUR
         if report["refused"] is None:
             self.draw(frame, pose, report["bound_mm"] / MM)
-            tick = self.tick_at(time_s)
+            tick, why_none = self.tick_at(time_s)
             if tick is not None:
                 self.draw_tool(frame, pose, tick)
+                self.tools_shown += 1
             words = f"the camera within {report['bound_mm']:.2f} mm{self.plan_bound} (95 %)"
             colour = paper.BLACK
             if self.is_printed and self.measured_mm is None:
                 words, colour = f"Scale not measured; {words}", paper.WALL_COLOUR
+            if why_none:
+                words, colour = f"{why_none}; {words}", paper.WALL_COLOUR
         frame[:30] = 255
         cv2.putText(frame, words, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 1, cv2.LINE_AA)
         return report

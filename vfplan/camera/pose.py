@@ -86,13 +86,21 @@ def read_camera(path: Path | None) -> Camera:
         raise InputError(message, code="camera-uncalibrated")
     try:
         data = json.loads(read_text(path, MAX_CALIBRATION_BYTES, InputError)[0])
-        matrix = np.array(data["camera_matrix"], float).reshape(3, 3)
-        distortion = np.array(data["distortion_coefficients"], float).ravel()
+        # ROS puts each matrix into a table of its own, under `data`.
+        names = ("camera_matrix", "distortion_coefficients")
+        lens = [data[name]["data"] if isinstance(data[name], dict) else data[name]
+                for name in names]  # fmt: skip
+        matrix = np.array(lens[0], float).reshape(3, 3)
+        distortion = np.array(lens[1], float).ravel()
         camera = Camera(data["image_width"], data["image_height"], matrix, distortion)
         if not np.isfinite(camera.project(np.eye(3), np.ones(6))[0]).all():
             raise ValueError("it has no finite numbers")
     except (KeyError, TypeError, ValueError, cv2.error) as error:
-        message = f"is no calibration: {error}. vfplan ar --calibrate writes one"
+        message = (
+            f"is no calibration: {error}. vfplan ar --calibrate writes one; of another program's "
+            "write a JSON file with image_width, image_height, camera_matrix and "
+            "distortion_coefficients"
+        )
         raise InputError(message, where=str(path), code="calibration-file") from None
     return camera
 

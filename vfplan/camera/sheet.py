@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from vfplan.bundle import review_digest
 from vfplan.display import MM
 from vfplan.errors import InputError, MarkerError
-from vfplan.figures.style import style
+from vfplan.figures.style import HALO, style
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import plane as across
 from vfplan.geometry.lines import ring_of
@@ -146,8 +146,9 @@ def whole_of(plan: Plan) -> tuple[float, float]:
     raise InputError(
         f"The plan is {width:.0f} x {height:.0f} mm with the tool beside its line. A page holds "
         f"{SHORT_MM:g} x {LONG_MM - 2 * EDGE_MM:g} mm, or {LONG_MM:g} x "
-        f"{SHORT_MM - 2 * EDGE_MM:g} mm. Put tags on the object instead, and touch their corners: "
-        "vfplan ar FIXTURE.h5 CAMERA --camera CALIB.json --tags TAGS.csv",
+        f"{SHORT_MM - 2 * EDGE_MM:g} mm. Plan a part of the line with --roi, or put tags on the "
+        "object and touch their corners: vfplan ar FIXTURE.h5 CAMERA --camera CALIB.json "
+        "--tags TAGS.csv",
         code="sheet-too-small", numbers={"width_mm": width, "height_mm": height},
     )  # fmt: skip
 
@@ -203,7 +204,7 @@ def draw_print(shown: ReviewedPlan, paper: str) -> Figure:
     lines = [(COLOURS[kind], line) for kind, line in plan.outlines()]
     lines += [(CLOUD, line) for line in plan.lines()]
     for colour, line in lines:
-        axes.plot(*MM * line.T[:2], color=colour, lw=0.8, zorder=3)
+        axes.plot(*MM * line.T[:2], color=colour, lw=0.8, zorder=3, path_effects=HALO)
     words = f"{shown.name}  {plan.digest}"
     axes.text(-width / 2, EDGE_MM - 4 - height / 2, words, family="monospace", fontsize=7)
     draw_scale(axes, -width / 2 + 2, height / 2 - EDGE_MM + 4)

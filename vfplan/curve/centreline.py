@@ -195,7 +195,7 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:
     """The refusal for what a picture shows at a place (u, v) [px], with the `numbers` behind it."""
     u, v = (float(x) for x in place)
-    where = f"pixel ({u:.0f}, {v:.0f})"
+    where = f"pixel ({u:z.0f}, {v:z.0f})"
     return CurveError(message, where=where, code=code, numbers=numbers | {"u_px": u, "v_px": v})
 
 

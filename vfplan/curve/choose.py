@@ -38,7 +38,7 @@ def finding_at(
 ) -> Finding:
     """A finding on what the picture shows at a place (u, v) [px]."""
     u, v = (round(float(x), 1) for x in place)
-    return severity(code, "extract", f"At ({u:.0f}, {v:.0f}): {text}", place_px=(u, v))
+    return severity(code, "extract", f"At ({u:z.0f}, {v:z.0f}): {text}", place_px=(u, v))
 
 
 def two_runs_finding(place: tuple[float, float]) -> Finding:
@@ -118,8 +118,8 @@ def describe(line: Candidate) -> str:
     """One line in words: its shape, its length, and where it is."""
     (u, v), (last_u, last_v) = line.path[[0, -1]]
     if line.closed:
-        return f"closed, {line.length:.0f} px long, through ({u:.0f}, {v:.0f})"
-    ends = f"from ({u:.0f}, {v:.0f}) to ({last_u:.0f}, {last_v:.0f})"
+        return f"closed, {line.length:.0f} px long, through ({u:z.0f}, {v:z.0f})"
+    ends = f"from ({u:z.0f}, {v:z.0f}) to ({last_u:z.0f}, {last_v:z.0f})"
     return f"open, {line.length:.0f} px long, {ends}"
 
 
@@ -136,7 +136,7 @@ def _several_error(
     nearest = _nearest_ends(candidates[:DESCRIBED])
     if nearest is not None:
         gap, pair, (u, v) = nearest
-        message += f". Two of them end {gap:.0f} px apart at ({u:.0f}, {v:.0f})"
+        message += f". Two of them end {gap:.0f} px apart at ({u:z.0f}, {v:z.0f})"
         longer_px = float(np.ceil(gap))
         if gap > max_gap_px and len(find_candidates(pair, longer_px)) == 1:
             message += f"; --max-gap {longer_px:.0f} joins them"
@@ -177,7 +177,7 @@ def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -
         u, v = dotted.points[len(dotted.points) // 2]
         error = CurveError(
             f"The line in {pen.name} is dotted, {dotted.length:.0f} px long through "
-            f"({u:.0f}, {v:.0f}). Take it as one line: vfplan review IMAGE.",
+            f"({u:z.0f}, {v:z.0f}). Take it as one line: vfplan review IMAGE.",
             code="line-dotted",
             numbers={"u_px": float(u), "v_px": float(v)},
         )

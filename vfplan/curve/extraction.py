@@ -297,7 +297,7 @@ def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction
         u, v = (float(x) for x in stroke.points[np.argmax(outside)])
         raise CurveError(
             f"The curve leaves the image of {image.width_px}x{image.height_px} px at "
-            f"({u:.1f}, {v:.1f}). Give the image that it was drawn on.",
+            f"({u:z.1f}, {v:z.1f}). Give the image that it was drawn on.",
             where=where,
             code="vector-outside-image",
             numbers={"u_px": u, "v_px": v},

@@ -151,7 +151,7 @@ def draw_markers(
         place = markers[k]
         is_outlier = label in registration.outliers
         word = "  outlier" if is_outlier else ""
-        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+.2f}){word}"
+        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f}){word}"
         colour, width = (CONTACT, 2.4) if is_outlier else (FORCE, 1.4)
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)

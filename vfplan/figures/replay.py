@@ -37,7 +37,9 @@ def timeline(replayed: Replay) -> Figure:
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
     middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
-    middle.plot(ticks.time, MM * ticks.overlap, color=CONTACT, lw=1.1, label="beyond its surface")
+    if ticks.overlap.any():
+        overlap_mm = MM * ticks.overlap
+        middle.plot(ticks.time, overlap_mm, color=CONTACT, lw=1.1, label="beyond its surface")
     middle.set_ylabel("depth [mm]")
     bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
     bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from vfplan.display import MAX_NUMBERED
-from vfplan.figures.style import DPI, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
+from vfplan.display import MAX_NUMBERED, finding_name
+from vfplan.figures.style import DPI, HALO, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
 from vfplan.geometry.lines import normals, ring_of
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
@@ -81,8 +80,6 @@ WORD_DISTANCE_PT = RING_PT / 2 + 1
 # Share of a direction from which on its side is named too: less is nearer to the main one.
 OBLIQUE = np.sin(np.pi / 8)
 
-HALO = (withStroke(linewidth=2.5, foreground="white"),)
-
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
     """Write the pen's mask, white on black, at the image's own size (the paper's Fig. 5b)."""
@@ -114,7 +111,7 @@ def draw_overlay(
             axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
         for number, finding in enumerate(findings, 1):
             if finding.place_px is not None:
-                write_beside(axes, image, finding.place_px, f"F{number}", FORCE)
+                write_beside(axes, image, finding.place_px, finding_name(number), FORCE)
 
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from numpy.typing import NDArray
 
@@ -30,6 +31,9 @@ WIDTH_PX = 6 * DPI
 
 # Height [in] of the margin beside a slice that holds one row of a legend.
 MARGIN_IN = 0.45
+
+# The white edge of lines and letters that lie on a slice, which may be dark.
+HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
 SETTINGS = {

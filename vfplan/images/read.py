@@ -333,7 +333,7 @@ def plane_of_slice(fixture: Fixture, image: PlannedImage | None) -> NDArray[np.f
 def height_in_words(image: PlannedImage) -> str:
     """Where a slice lies along the patient."""
     middle = [image.width_px / 2 - 0.5, image.height_px / 2 - 0.5, 1]
-    return f"its middle at patient z = {MM * (image.T_patient_image @ middle)[2]:.2f} mm"
+    return f"its middle at patient z = {MM * (image.T_patient_image @ middle)[2]:z.2f} mm"
 
 
 def slice_file(fixture: Fixture, path: Path) -> Path:

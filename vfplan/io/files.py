@@ -19,7 +19,7 @@ import re
 import stat
 import weakref
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -588,7 +588,7 @@ class NumberTable:
                 yield parse_block(self, unfinished, line, marks, indices)
 
 
-def named_columns(table: NumberTable, units: str, known: Iterable[str] = METRES) -> tuple[str, ...]:
+def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
     """The columns x, y and z, whose names may end in a known unit: x_mm or x [mm].
 
     Raises the table's kind of error: an axis without a column, or with two; a unit that is not
@@ -599,7 +599,7 @@ def named_columns(table: NumberTable, units: str, known: Iterable[str] = METRES)
         units_of = {}
         for column in table.columns:
             name, _, unit = re.sub(r"[\s_\[\]()]+", "_", column).strip("_").partition("_")
-            if name == axis and unit in ("", "px", *known):
+            if name == axis and unit in ("", "px", *METRES):
                 units_of[column] = unit
         header = ",".join(table.columns)[:80]
         if not units_of:

@@ -25,7 +25,7 @@
     const now = ticks[ticks.length - 1], flags = FLAGS.filter(([bit]) => now.status & bit).map(([, name]) => name);
     const trail = ticks.slice(-TRAIL - 1, -1).flatMap((t) => t.hip);
     scene.show({ ...now, trail }, trail.concat(now.hip));
-    readout.textContent = "t = " + now.t.toFixed(3) + " s, " + [STATES[now.state] || "unknown", ...flags].join(", ") +
+    readout.textContent = "t = " + fixed(now.t, 3) + " s, " + [STATES[now.state] || "unknown", ...flags].join(", ") +
       ", |F| = " + now.strength.toFixed(3) + " N, |proxy − HIP| = " + now.depth.toFixed(3) + " mm";
     const strength = ticks.map((t) => t.strength);
     plot.show({ time: ticks.map((t) => t.t), low: strength, high: strength }, [], null, [now.t - SPAN_S, now.t]);

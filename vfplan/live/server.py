@@ -252,7 +252,7 @@ def tick_messages(tick: NDArray[np.void], silent: str = "") -> bytes:
     now = float(tick["received"])
     flags = [flag.name.lower().replace("_", " ") for flag in Status(int(tick["status"]))]
     state = STATE_NAMES.get(str(tick["state"]), "unknown")
-    text = ", ".join(filter(None, [state, *flags, silent, f"t = {tick['t']:.3f} s"]))
+    text = ", ".join(filter(None, [state, *flags, silent, f"t = {tick['t']:z.3f} s"]))
     code = WARNING if flags or silent or tick["state"] == 2 else OK
     return (
         transform("vfplan_hip", now, tick["hip"] * TO_RAS)

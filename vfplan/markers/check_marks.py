@@ -201,7 +201,7 @@ def offset_findings(
     if is_shifted or rms_px > CLICKED_RMS_PX:
         text = (
             f"The given positions lie {rms_px:.1f} px (rms) from the marks drawn, on average "
-            f"({shift[0]:+.1f}, {shift[1]:+.1f}) px. Count from 0 at the centre of the top-left "
+            f"({shift[0]:+z.1f}, {shift[1]:+z.1f}) px. Count from 0 at the centre of the top-left "
             "pixel, or take the marks' own with --find-markers."
         )
         findings.append(doubt("markers-off-marks", "register", text))

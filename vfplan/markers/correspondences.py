@@ -80,9 +80,7 @@ class MarkerPoints:
     def __post_init__(self) -> None:
         """Every label once, and at least one of them."""
         if not self.labels:
-            raise MarkerError(
-                "holds no marker. Give at least three", where=self.where, code="no-markers"
-            )
+            raise MarkerError("holds no marker. Add markers", where=self.where, code="no-markers")
         for label, count in Counter(self.labels).items():
             if count > 1:
                 raise MarkerError(

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vfplan.display import coordinates
 from vfplan.errors import MarkerError
 
 Array = NDArray[np.float64]
@@ -114,8 +115,8 @@ def find_markers(
         marker = find_mark(rgb, label, (float(u), float(v)), MATCH_RADIUS_PX)
         if marker is None:
             raise MarkerError(
-                f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:.1f}, "
-                f"{v:.1f}) px. Correct its position, or leave --find-markers out",
+                f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:z.1f}, "
+                f"{v:z.1f}) px. Correct its position, or leave --find-markers out",
                 code="no-mark-near",
                 numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )
@@ -123,7 +124,7 @@ def find_markers(
             if np.hypot(*np.subtract(marker.position_px, other.position_px)) < 1:
                 raise MarkerError(
                     f"{other.label!r} and {label!r} were both found at "
-                    f"({marker.position_px[0]:.1f}, {marker.position_px[1]:.1f}) px. Give each the "
+                    f"({coordinates(marker.position_px, 1)}) px. Give each the "
                     "position of a mark of its own",
                     code="one-mark-two-markers",
                     numbers={"labels": [other.label, label]},

@@ -302,7 +302,7 @@ def refuse_implausible(
         if not ((place >= -0.5) & (place <= corner)).all():
             u, v = place
             raise MarkerError(
-                f"marker {label} at u = {u:.6g}, v = {v:.6g} px lies outside the slice of "
+                f"marker {label} at u = {u:z.6g}, v = {v:z.6g} px lies outside the slice of "
                 f"{size.width_px} x {size.height_px} px. Use this slice's own markers, with u_px "
                 "to the right and v_px down",
                 code="marker-outside-slice",

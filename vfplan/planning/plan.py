@@ -565,7 +565,7 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
     worst = int(clearances.argmin())
     smallest = float(clearances[worst])
     x, y, z = 1e3 * places[worst]
-    where = f"at arc {1e3 * arcs[worst]:.4g} mm, [{x:.4g}, {y:.4g}, {z:.4g}] mm"
+    where = f"at arc {1e3 * arcs[worst]:.4g} mm, [{x:z.4g}, {y:z.4g}, {z:z.4g}] mm"
     if smallest < 0:
         raise CheckFailed(
             f"the guide leads into the forbidden region: {where}, it comes within "

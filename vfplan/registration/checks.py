@@ -137,9 +137,16 @@ def stretch_findings(registration: Registration) -> list[Finding]:
 # Good markers show so much perspective once in 200 sets: it wants an answer.
 SURE_PERSPECTIVE = 1 / 200
 
+# The same of five markers: one bad marker among five looks like perspective once in 10,000 sets.
+SURE_BY_FIVE = 1e-5
+
 # Good markers show so much perspective once in ten sets: it is a note. With a smaller probability
 # more sets of a slice tilted by 1 or 2 degrees would pass, although their bound does not hold.
 POSSIBLE_PERSPECTIVE = 0.1
+
+
+# How a message says what makes a photograph flat; `vfplan plan` puts the whole command there.
+TO_RECTIFY = "with vfplan rectify"
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,25 +176,24 @@ class PerspectiveTest:
             f"{_mm(self.fle_rms_m)} a marker{also}. "
         )
         if self.outlier is None:
-            return f"{text}Make it flat with vfplan rectify"
+            return f"{text}Make it flat {TO_RECTIFY}"
         index, others_m = self.outlier
         return (
             f"{text}It leaves {_mm(others_m)} without {labels[index]}: touch that again, or leave "
-            "it out (delete its row, and give --common), and make it flat with vfplan rectify"
+            f"it out (delete its row, and give --common), and make it flat {TO_RECTIFY}"
         )
 
 
 @lru_cache(1)
-def perspective_test(registration: Registration) -> PerspectiveTest | None:
+def perspective_test(registration: Registration, fewest: int = 6) -> PerspectiveTest | None:
     """F test of the two parameters that a homography has more than an affine map.
 
-    `None` for markers in space, for fewer than six, and for an exact fit. All markers count, also
-    those that a robust fit left out.
+    `None` for markers in space, for fewer than `fewest`, and for an exact fit. All markers count,
+    also those that a robust fit left out. Five leave hardly a residual to judge good markers by.
     """
     problem = registration.problem
     n = len(problem.s)
-    # Fewer than twice as many markers as an affine map needs leave hardly a residual to judge by.
-    if problem.model.dimension != 2 or n < 2 * Affine(2).minimal:
+    if problem.model.dimension != 2 or n < fewest:
         return None
     affine = fit_model(replace(problem, model=Affine(2)))
     affine_squares = affine.variance * affine.dof
@@ -206,6 +212,7 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
     squares = max(squares, problem.rounding_floor_m**2)
     f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
     p_value = float(f_exceeds(2, dof, f))
+    sure = SURE_BY_FIVE if n == MIN_FOR_HOMOGRAPHY else SURE_PERSPECTIVE
 
     # The probability that any marker of a good set is as much of an outlier as the worst one here.
     f_of_markers = np.nan_to_num(studentised_f(affine))
@@ -214,9 +221,13 @@ def perspective_test(registration: Registration) -> PerspectiveTest | None:
         p_value=p_value,
         fle_rms_m=float(np.sqrt(3 * squares / dof)),
         departure_m=float(np.linalg.norm(mapped - problem.x @ affine.m.T, axis=1).max()),
-        is_significant=p_value < min(SURE_PERSPECTIVE, outlier_probability),
+        is_significant=p_value < min(sure, outlier_probability),
         outlier=(worst, float(np.sqrt(3 * square))) if probability <= SURE_PERSPECTIVE else None,
     )
+
+
+# Four markers determine a homography and leave no residual in the sheet.
+MIN_FOR_HOMOGRAPHY = 5
 
 
 def fit_homography(problem: Problem, m: Array) -> Array:
@@ -281,11 +292,13 @@ class LabelMistake:
     def sentence(self, labels: Sequence[str | int]) -> str:
         """What seems to have happened, and how well the markers fit without it."""
         moved = [str(labels[i]) for i in self.moved]
-        fit = f"{self.action}, all markers fit to {1e3 * self.fre_rms_m:.2f} mm"
-        if len(moved) == 2:
-            return f"The labels {moved[0]} and {moved[1]} seem exchanged: {fit}"
         names = ", ".join(moved if len(moved) <= 4 else [*moved[:4], "..."])
-        return f"The labels {names} seem {fit}"
+        if len(moved) == 2:
+            names = " and ".join(moved)
+        return (
+            f"The labels {names} seem {self.action}. With them {self.action}, all markers fit to "
+            f"{_mm(self.fre_rms_m)}"
+        )
 
     def refusal(self, registration: Registration, advice: str) -> CheckFailed:
         """The error that refuses the labels as they are given."""
@@ -427,7 +440,7 @@ def refuse_wrong_markers(
 
     # Larger residuals than careful touching leaves. The likeliest cause says what to do.
     if max_residual_m is not None and not registration.fre_rms_m <= max_residual_m:
-        perspective = perspective_test(registration)
+        perspective = perspective_test(registration, fewest=MIN_FOR_HOMOGRAPHY)
         outlier = single_outlier(registration)
         if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
             advice = f"{mistake.sentence(labels)}. Correct the labels"

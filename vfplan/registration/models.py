@@ -270,6 +270,16 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
     return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
+def fewest_markers(model: ModelName, dimension: int) -> tuple[int, str]:
+    """How many markers a model needs, in pixels (2) or in space (3), and why no fewer will do."""
+    smallest = make_model(model, dimension, 1.0)
+    if 3 * smallest.minimal > smallest.parameters:
+        return smallest.minimal, "fewer leave it undetermined"
+    # Where the minimum leaves no residual, one marker more is needed to know an error at all.
+    reason = f"{smallest.minimal} leave no residual, hence no error estimate"
+    return smallest.minimal + 1, reason
+
+
 def make_problem(
     source: ArrayLike,
     target: ArrayLike,
@@ -291,12 +301,7 @@ def make_problem(
     names = tuple(range(len(raw)) if labels is None else labels)
     _check_both_sides(raw, target_m, names)
     spacing = _spacing(pixel_spacing, raw.shape[1], model)
-    # Where the minimum leaves no residual, one marker more is needed to know an error at all.
-    smallest = make_model(model, raw.shape[1], 1.0)
-    needed, reason = smallest.minimal, "fewer leave it undetermined"
-    if 3 * smallest.minimal == smallest.parameters:
-        reason = f"{needed} leave no residual, hence no error estimate"
-        needed += 1
+    needed, reason = fewest_markers(model, raw.shape[1])
     if len(raw) < needed:
         raise MarkerError(
             f"{len(raw)} markers are too few: the {model} model from {raw.shape[1]}-D needs at "

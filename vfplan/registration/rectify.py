@@ -16,6 +16,7 @@ from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences
 from vfplan.registration.checks import (
+    MIN_FOR_HOMOGRAPHY,
     fit_homography,
     homography_rows,
     label_mistake,
@@ -23,9 +24,6 @@ from vfplan.registration.checks import (
 )
 from vfplan.registration.models import GOOD_SET_PROBABILITY
 from vfplan.registration.registration import fit_registration
-
-# Four markers determine a homography and leave no residual in the sheet.
-MIN_MARKERS = 5
 
 # Smallest over largest singular value of the equations of a homography that is determined. Markers
 # of which all but one lie on a line have less than 1e-9, even spread ones about 1e-2.
@@ -114,10 +112,10 @@ def flattening(
     if pairs.source_frame != "image":
         text = "these markers are given in space, not in pixels. Give u_px and v_px of each"
         raise MarkerError(text, code="rectify-in-space")
-    if n < MIN_MARKERS:
-        text = f"{n} markers are too few for a homography. Give at least {MIN_MARKERS}"
+    if n < MIN_FOR_HOMOGRAPHY:
+        text = f"{n} markers are too few for a homography. Give at least {MIN_FOR_HOMOGRAPHY}"
         raise MarkerError(
-            text, code="too-few-markers", numbers={"markers": n, "needed": MIN_MARKERS}
+            text, code="too-few-markers", numbers={"markers": n, "needed": MIN_FOR_HOMOGRAPHY}
         )
     registration = fit_registration(
         pairs.source, pairs.target, labels=pairs.labels, sigma=pairs.sigma

@@ -119,8 +119,8 @@ def refuse_unit(tip: Array) -> None:
     if not MIN_TIP_M <= length_m <= MAX_TIP_M:
         raise CheckFailed(
             f"as read, the tip lies {1e3 * length_m:.3g} mm from the flange, and "
-            f"{1e3 * MIN_TIP_M:g} mm to {MAX_TIP_M:g} m are allowed. Give --units m or mm, as the "
-            "poses are",
+            f"{1e3 * MIN_TIP_M:g} mm to {MAX_TIP_M:g} m are allowed. Name the unit of the "
+            "poses with --units",
             code="tip-unit", numbers={"length_m": length_m},
         )  # fmt: skip
 

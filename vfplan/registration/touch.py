@@ -310,7 +310,7 @@ def refuse_free_motion(normals: Array, places: Array) -> float:
         motion, axis = ("turning about", turn) if is_turn else ("sliding along", shift)
         x, y, z = axis / np.linalg.norm(axis)
         text = (
-            f"the touched patch does not hold the bone: {motion} ({x:+.2f}, {y:+.2f}, {z:+.2f}) "
+            f"the touched patch does not hold the bone: {motion} ({x:+z.2f}, {y:+z.2f}, {z:+z.2f}) "
             f"changes the distances by {constraint:.3f} of the motion, and at least "
             f"{MIN_CONSTRAINT} is needed. Touch places that face another way"
         )

@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from vfplan.display import count, millimetres
+from vfplan.display import count, length, millimetres
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
@@ -144,9 +144,10 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
     if clearance_m < -parameters.band - ROUNDING_M:
         # A session that starts inside is led out; only an entry from outside is the rule's fault.
         severity = "warning" if inside_ticks else "error"
+        other_rule = ", with another rule" if parameters.rule == "paper" else ""
         yield finding("proxy-inside", severity,
-            f"The proxy came {-clearance_m:.3g} m inside the fixture, and the band is "
-            f"{parameters.band:.3g} m. Begin outside, with another rule than 'paper'.")  # fmt: skip
+            f"The proxy came {length(-clearance_m)} inside the fixture, further than the band of "
+            f"{length(parameters.band)}. Begin the session outside{other_rule}.")  # fmt: skip
     if clearance_m > NEVER_NEAR_M:
         yield finding("never-near", "warning",
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "

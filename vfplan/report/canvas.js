@@ -3,6 +3,10 @@
 function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 }
+// A number with so many decimals; one that rounds to 0 has no sign.
+function fixed(number, decimals) {
+  return (Number(number.toFixed(decimals)) + 0).toFixed(decimals);
+}
 // The canvas cleared, as many pixels as the screen has for it, measured in CSS pixels.
 function fitted(canvas) {
   const scale = window.devicePixelRatio || 1, width = canvas.clientWidth, height = canvas.clientHeight;

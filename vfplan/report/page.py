@@ -375,14 +375,14 @@ def _text(value: Any) -> str:
         return ", ".join(map(_text, value))
     if isinstance(value, bool):
         return ("no", "yes")[value]
-    return f"{value:.9g}" if isinstance(value, float) else str(value)
+    return f"{value:z.9g}" if isinstance(value, float) else str(value)
 
 
 def summary(metrics: dict[str, Any]) -> str:
     """The main numbers; of two rules a column each."""
-    rules = {escape(metrics["rule"]): metrics}
+    rules = {metrics["rule"]: metrics}
     if "paper" in metrics:
-        rules["paper"] = metrics["paper"]
+        rules = {"robust": metrics, "paper": metrics["paper"]}
     columns = [
         {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
         for rule in rules.values()

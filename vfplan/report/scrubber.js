@@ -47,7 +47,7 @@
     const now = { trail: data.hip.slice(Math.max(0, frame - 400) * data.dims, frame * data.dims) };
     for (const name of ["hip", "proxy", "normal", "force"]) now[name] = scene.row(data[name], frame);
     scene.show(now, data.hip);
-    readout.textContent = "t = " + data.time[frame].toFixed(3) + " s, " + STATES[data.state[frame]] +
+    readout.textContent = "t = " + fixed(data.time[frame], 3) + " s, " + STATES[data.state[frame]] +
       ", |F| = " + strength[frame].toFixed(3) + " N, |proxy − HIP| = " + data.depth[frame].toFixed(3) + " mm";
     slider.setAttribute("aria-valuetext", readout.textContent);
     drawPlots();

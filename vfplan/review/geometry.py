@@ -356,7 +356,7 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     nearest = min(distances, default=np.inf)
     if nearest > JOIN_PX:
         text = (
-            f"No line of the pen lies at ({place[0]:.0f}, {place[1]:.0f}). Click on a line, or "
+            f"No line of the pen lies at ({place[0]:z.0f}, {place[1]:z.0f}). Click on a line, or "
             "draw the curve."
         )
         raise SettingError(text, code="no-line-there")

@@ -26,10 +26,8 @@ from vfplan.markers.correspondences import Correspondences, read_markers, read_s
 from vfplan.markers.find_marks import find_mark
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.checks import perspective_test
+from vfplan.registration.models import fewest_markers
 from vfplan.registration.registration import Registration, fit_registration, own_bound
-
-# Markers that determine a transform from a plane into space.
-MIN_MARKERS = 3
 
 # Places along a curve at which its bound is computed: a bound bends slowly.
 BOUND_PLACES = 50
@@ -134,9 +132,10 @@ class Fit:
 
     @cached_property
     def _fitted(self) -> tuple[Registration | None, str]:
-        if len(self.used) < MIN_MARKERS:
-            count = len(self.used)
-            text = f"{count} markers are whole and in use. At least {MIN_MARKERS} are needed."
+        count, in_space = len(self.used), self.T_patient_image is not None
+        needed, _ = fewest_markers(self.settings.model, 3 if in_space else 2)
+        if count < needed:
+            text = f"{count} markers are whole and in use. At least {needed} are needed."
             return None, text
         spacing_m = None
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:

@@ -212,7 +212,8 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
     if style.width_of(printable(words)) <= width:
         return [printable(words)]
     lines = [""]
-    for word in printable(words).split():
+    # A no-break space is no end of a word.
+    for word in map(printable, words.split(" ")):
         if style.width_of(f"{lines[-1]} {word}".strip()) <= width:
             lines[-1] = f"{lines[-1]} {word}".strip()
             continue
@@ -270,15 +271,26 @@ def draw_cased(
     draw_line(canvas, points, colour, thickness, closed)
 
 
-def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> None:
-    """Draw a cased arrow; none that is shorter than a pixel."""
+# Length of an arrow's head [px of the page]; it is as far from the canvas's edge.
+ARROW_HEAD = 14.0
+
+
+def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> Array:
+    """Draw a cased arrow; none that is shorter than a pixel.
+
+    One that begins on the canvas and whose head the edge would cut is moved inside as it is.
+    Returns where it lies.
+    """
+    arrow, last = np.array([start, tip]), np.array(canvas.shape[1::-1]) - 1
+    if (arrow[0] >= 0).all() and (arrow[0] <= last).all():
+        arrow += np.clip(tip, ARROW_HEAD, last - ARROW_HEAD) - tip
     length = float(np.hypot(*(tip - start)))
-    if length < 1:
-        return
-    head = min(14.0, length) / length
-    for shade, thickness in ((WHITE, 7), (colour, 3)):
-        ends = fixed_point(np.array([start, tip])).reshape(2, 2).tolist()
-        cv2.arrowedLine(canvas, *ends, shade, thickness, cv2.LINE_AA, SHIFT, head)
+    if length >= 1:
+        head = min(ARROW_HEAD, length) / length
+        for shade, thickness in ((WHITE, 7), (colour, 3)):
+            ends = fixed_point(arrow).reshape(2, 2).tolist()
+            cv2.arrowedLine(canvas, *ends, shade, thickness, cv2.LINE_AA, SHIFT, head)
+    return arrow
 
 
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:

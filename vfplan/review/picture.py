@@ -12,7 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vfplan.display import MAX_NUMBERED, MM, millimetres, nice_length
+from vfplan.display import MAX_NUMBERED, MM, finding_name, millimetres, nice_length
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
 from vfplan.review import paper
@@ -111,9 +111,12 @@ def draw_scale_bar(
 ) -> None:
     """Draw a bar of a round length with its words beside it; a unit takes so many pixels."""
     length = nice_length(longest_px / unit_px)
-    end, middle = x + length * unit_px, y + BODY.line_height / 2
+    end, middle, words = x + length * unit_px, y + BODY.line_height / 2, f"{length:g} {unit}"
+    # No line of a picture goes through the words.
+    right = round(end + 18 + BODY.width_of(words))
+    sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
     paper.draw_line(sheet.canvas, np.array([[x, middle], [end, middle]]), BLACK, 4)
-    sheet.text(end + 14, y, f"{length:g} {unit}", BODY)
+    sheet.text(end + 14, y, words, BODY)
 
 
 def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
@@ -298,9 +301,14 @@ def draw_rendered(
     for line in map(place, outline.lines):
         paper.draw_line(casing, line, 255, 5)
         paper.draw_line(drawn, line, 255, 2)
-    for layer in (casing, drawn):
-        for end in ends:
-            paper.draw_disc(layer, end, FREE_RADIUS + 4, 0)
+    for end in ends:
+        nearest = min((np.hypot(*(place(line) - end).T).min() for line in outline.lines), default=0)
+        # A line along the rim of the free disc would leave a sliver.
+        radius = FREE_RADIUS + 4
+        if abs(nearest - radius) < 4:
+            radius = nearest + 4
+        for layer in (casing, drawn):
+            paper.draw_disc(layer, end, radius, 0)
     if is_cased:
         paper.blend(canvas, casing, WHITE)
     paper.blend(canvas, drawn, RENDERED_COLOUR[outline.kind])
@@ -338,8 +346,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
                 paper.draw_line(panel.canvas, tick, colour, thickness)
         if marker.residual_px is not None:
             tip = centre + np.asarray(marker.residual_px) * panel.zoom * enlargement
-            paper.draw_arrow(panel.canvas, centre, tip, BLACK)
-            paper.draw_line(keep, np.array([centre, tip]), 255, 20)
+            paper.draw_line(keep, paper.draw_arrow(panel.canvas, centre, tip, BLACK), 255, 20)
     return enlargement
 
 
@@ -391,7 +398,7 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(plan.findings, 1):
         if finding.place_px is not None:
-            tag(finding.place_px, f"F{number}", ground=BLACK)
+            tag(finding.place_px, finding_name(number), ground=BLACK)
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
         tag(marker.place, f"{marker.label} {residual}")

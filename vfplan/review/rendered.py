@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
 from vfplan.bundle.content import digest_of_content, review_digest, to_content
-from vfplan.display import MM, millimetres
+from vfplan.display import MM, coordinates, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
@@ -314,15 +314,16 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     rows = [wall_in_words(fixture, rendering), guide_in_words(fixture)]
     axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
-        numbers = ", ".join(f"{number:.4f}" for number in axis)
-        infinite = f"along ({numbers}), where it gives no force"
+        infinite = f"along ({coordinates(axis, 4)}), where it gives no force"
     rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
              ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration
     if record is not None:
-        markers = [f"{label} {' '.join(f'{MM * x:.1f}' for x in place)}"
-                   for label, place in zip(record.labels, record.target, strict=True)]  # fmt: skip
-        rows.append(("Markers in front of the robot [mm]", ", ".join(markers)))
+        places = zip(record.labels, MM * record.target, strict=True)
+        markers = [f"{label} {coordinates(place, 1, ' ')}" for label, place in places]
+        # A line breaks between two markers, not within one.
+        markers = [marker.replace(" ", "\N{NO-BREAK SPACE}") for marker in markers]
+        rows.append(("Markers in front of the robot [mm]", "; ".join(markers)))
     return tuple(row for row in rows if row is not None)
 
 
@@ -338,7 +339,7 @@ def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
         words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
     stiffness = stiffness_in_words(rendering.stiffness)
     if fixture.region is None:
-        return "Wall", f"none; {millimetres(radius, 3)} and {stiffness} have no effect"
+        return "Wall", f"none; {millimetres(radius, 2)} and {stiffness} have no effect"
     return "Wall", f"{words}; {stiffness}"
 
 
@@ -397,8 +398,10 @@ def place_in_words(fixture: Fixture) -> str:
     places = fixture.points
     if fixture.pieces is not None and fixture.ignore_axis is not None:
         places = fixture.pieces.vertices
-    ranges = zip("xyz", places.min(axis=0), places.max(axis=0), strict=True)
-    box = ", ".join(f"{axis} {MM * low:.2f} to {MM * high:.2f}" for axis, low, high in ranges)
+    ends = MM * np.stack([places.min(axis=0), places.max(axis=0)], axis=1)
+    box = ", ".join(
+        f"{axis} {coordinates(row, 2, ' to ')}" for axis, row in zip("xyz", ends, strict=True)
+    )
     return f"{fixture.frame}, {box} mm"
 
 
@@ -415,7 +418,7 @@ def axis_in_words(axis: Array) -> str:
     largest = int(np.abs(axis).argmax())
     if abs(axis[largest]) > np.cos(np.radians(1.0)):
         return "xyz"[largest]
-    return f"({', '.join(f'{number:.3f}' for number in axis)})"
+    return f"({coordinates(axis, 3)})"
 
 
 def in_one_line(fixture: Fixture) -> str:

@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import BytesIO
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED, MM, millimetres
+from vfplan.display import MAX_NUMBERED, MM, coordinates, finding_name, millimetres
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
@@ -61,6 +62,9 @@ CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 20
 
 
+# Distance [px of the page] from a list to the heading of the next.
+LIST_GAP = 14
+
 # What the sheet calls an entry of the account.
 WORDS_OF_ENTRY = {"ink": "", "gap": "gap in the line, or line hidden"}
 
@@ -75,7 +79,7 @@ def verdict_of(plan: Plan) -> str:
     kind = f"A {plan.kind}. " if plan.kind else ""
     unanswered, reviewed = len(plan.fixture.open_findings), plan.fixture.reviewed
     if plan.is_slice_missing:
-        return f"{kind}The slice is missing: this sheet shows no end of the line"
+        return f"{kind}The slice is missing, so no end of the line is shown"
     if reviewed is not None and not unanswered:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
@@ -194,9 +198,9 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
     findings = []
     for number, finding in enumerate(plan.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
-        head, words = f"F{number}  {kind}: {finding.code}", finding.text
+        head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
-            head += f", at ({finding.place_px[0]:.0f}, {finding.place_px[1]:.0f})"
+            head += f", at ({coordinates(finding.place_px)})"
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
@@ -205,8 +209,10 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
         words = []
         for entry in plan.other_ink[:MAX_NUMBERED]:
             what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
-            place = f"({entry.u:.0f}, {entry.v:.0f})"
-            words.append(f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at {place}")
+            place = coordinates((entry.u, entry.v))
+            words.append(
+                f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({place})"
+            )
         smaller = plan.other_ink[MAX_NUMBERED:]
         if smaller:
             pixels = sum(entry.pixels for entry in smaller)
@@ -224,6 +230,7 @@ def draw_lists(
 ) -> None:
     """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
     x, top = beside or (MARGIN, y)
+    top -= LIST_GAP
 
     def lines_of(blocks: list[Block]) -> Block:
         width = paper.PAGE_WIDTH - MARGIN - x
@@ -234,24 +241,35 @@ def draw_lists(
         ]  # fmt: skip
 
     def height_of(blocks: list[Block]) -> float:
-        return sum(style.line_height for _, style, _ in lines_of(blocks))
+        lines = lines_of(blocks)
+        return sum(style.line_height + LIST_GAP * (style is HEADING) for _, style, _ in lines)
 
-    for number, (heading, entries) in enumerate(lists_of(plan)):
-        # A heading does not stand alone at the foot of a page.
-        first = [(heading, HEADING, 0), *(entries[0] if entries else [])]
-        blocks = [first, *entries[1:]]
-        top += 14 if number else 0
-        for block in blocks:
-            # Findings stand in one column.
-            is_first = number == 0 and block is first
-            if x > MARGIN and top + height_of(blocks if is_first else [block]) > y:
-                x, top = MARGIN, y
-            needed = height_of([block])
-            for line, style, indent in lines_of([block]):
-                top = sheet.space_for(top, needed)
-                sheet.text(x + indent, top, line, style)
-                top += style.line_height
-                needed = style.line_height
+    # No line stands alone on a page: no heading, and neither the first nor the last of a list.
+    blocks: list[Block] = []
+    findings_blocks = 0
+    for heading, entries in lists_of(plan):
+        head: Block = [(heading, HEADING, 0)]
+        if blocks and not entries:
+            blocks[-1] += head
+            continue
+        cuts = [0, *range(2, len(entries) - 1), len(entries)]
+        for start, end in pairwise(cuts):
+            blocks.append(head + [line for entry in entries[start:end] for line in entry])
+            head = []
+        findings_blocks = findings_blocks or len(blocks)
+
+    for number, block in enumerate(blocks):
+        # Findings stand in one column.
+        together = [block] if number else blocks[:findings_blocks]
+        if x > MARGIN and top + height_of(together) > y:
+            x, top = MARGIN, y
+        needed = height_of([block])
+        for line, style, indent in lines_of([block]):
+            top = sheet.space_for(top, needed)
+            top += LIST_GAP * (style is HEADING)
+            sheet.text(x + indent, top, line, style)
+            top += style.line_height
+            needed = style.line_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +355,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         for entry in plan.other_ink if entry.what != "ink"
     ]  # fmt: skip
     others += [
-        (f"F{number}: {finding.code}", finding.place_px)
+        (f"{finding_name(number)}: {finding.code}", finding.place_px)
         for number, finding in enumerate(plan.findings, 1) if finding.place_px is not None
     ]  # fmt: skip
     for caption, place in others:
@@ -377,8 +395,7 @@ def draw_insets(
             last_row = sheet.space_for(y, ROW_HEIGHT)
             y = last_row + ROW_HEIGHT
         x = round(MARGIN + column * INSET_STEP)
-        u, v = inset.place
-        where = f"enlarged {inset.zoom} times, at ({u:.0f}, {v:.0f})"
+        where = f"enlarged {inset.zoom} times, at ({coordinates(inset.place)})"
         for line, words in enumerate((inset.caption, where, inset.note)):
             style = BODY if line else STRONG
             words = paper.shortened(words, INSET_PX, style)

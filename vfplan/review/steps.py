@@ -94,7 +94,7 @@ def place_of(plan: Plan, step: Step, name: str) -> np.ndarray:
     image, place = plan.source.image, np.array(numbers_of(step, name, 2))
     if (place < -0.5).any() or (place > far_corner(plan)).any():
         raise SettingError(
-            f"({place[0]:.1f}, {place[1]:.1f}) lies outside the slice. Choose a place on its "
+            f"({place[0]:z.1f}, {place[1]:z.1f}) lies outside the slice. Choose a place on its "
             f"{image.width_px} x {image.height_px} px.",
             code="outside-slice",
         )
@@ -312,8 +312,8 @@ def exclude(plan: Plan, step: Step) -> Plan:
     size = high.astype(int) - low
     if (size <= 0).any():
         text = (
-            f"The box at ({u:.0f}, {v:.0f}), {width:.0f} x {height:.0f} px, holds no pixel of the "
-            "slice. Draw it over the slice."
+            f"The box at ({u:z.0f}, {v:z.0f}), {width:.0f} x {height:.0f} px, holds no pixel of "
+            "the slice. Draw it over the slice."
         )
         raise SettingError(text, code="box-empty")
     box = (*low.tolist(), *size.tolist())

@@ -393,7 +393,7 @@ class MendedStroke(Stroke):
         nearest, _ = nearest_point(self.points, at)
         if self.is_knot[nearest]:
             text = (
-                f"There is a knot at ({at[0]:.1f}, {at[1]:.1f}) already. Choose a place between "
+                f"There is a knot at ({at[0]:z.1f}, {at[1]:z.1f}) already. Choose a place between "
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")

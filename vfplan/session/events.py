@@ -40,7 +40,7 @@ from vfplan.io.files import (
     split_rows,
 )
 from vfplan.io.writing import write_whole
-from vfplan.session.session import UNITS, Array, unit_factor
+from vfplan.session.session import Array, unit_factor
 
 TURN_COLUMNS = ("qw", "qx", "qy", "qz")
 POSE_COLUMNS = ("t", "x", "y", "z", *TURN_COLUMNS)
@@ -61,13 +61,13 @@ class Poses:
 
 
 def read_poses(path: str | Path, units: str = "m") -> Poses:
-    """Read a CSV of poses, whose places are in "m" or "mm".
+    """Read a CSV of poses, whose places are in `units`.
 
     Raises SessionError: the file is no such table, or a pose in it is not one
     """
     file = OpenedFile(Path(path), SessionError)
     table = open_number_table(file.view, str(path), SessionError, ("t", *TURN_COLUMNS))
-    columns = ("t", *named_columns(table, units, UNITS), *TURN_COLUMNS)
+    columns = ("t", *named_columns(table, units), *TURN_COLUMNS)
     if "arrived" in table.columns:
         columns += ("arrived",)
     blocks = list(table.blocks(columns))
@@ -86,9 +86,9 @@ def read_poses(path: str | Path, units: str = "m") -> Poses:
     if not good.all():
         i = int(np.argmin(good))
         message = (
-            f"pose {i + 1}, {pose[i].tolist()} at {time[i]} s, arrived at {arrived[i]} s, is none. "
-            "Give a place within 1e6 m, a quaternion of length 1, and a time of arrival after that "
-            "of the pose before it"
+            f"row {i + 1} holds no pose: {pose[i].tolist()} at {time[i]} s, arrived at "
+            f"{arrived[i]} s. Give a place within 1e6 m, a quaternion of length 1, and a time of "
+            "arrival after that of the pose before it"
         )
         raise SessionError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
     rounded = np.abs(length - 1) >= UNIT_ROUNDED

@@ -7,7 +7,7 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,6 @@ from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
     FRAMES,
-    UNITS,
     Samples,
     Session,
     SessionStream,
@@ -48,7 +47,7 @@ def read_session(
         CSV with a header that names t (s), x, y, z; HDF5 or `.npz` with `time` (T,) and
         `hip` (T, 3); MCAP of `vfplan live`; or a ROS 1 or ROS 2 bag.
     units
-        Of the positions in the file: "m" or "mm".
+        Of the positions in the file: "m", "cm", "mm", "um" or "in".
     frame
         The frame the positions are in.
     ros
@@ -106,11 +105,11 @@ def open_session(
         read = partial(run_in_sandbox, job, units, frame, **source)
     elif signature.startswith(ZIP_SIGNATURE):
         notes["format"] = "npz"
-        read = partial(run_in_sandbox, "vfplan.session.read:read_npz", **source)
+        read = partial(run_in_sandbox, "vfplan.session.read:read_npz", units, frame, **source)
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
-        columns = ("t", *named_columns(table, units, UNITS))
+        columns = ("t", *named_columns(table, units))
         ignored = [column for column in table.columns if column and column not in columns]
         # Counts that stay 0 say that the fixture never changed; what is no number counts nothing.
         for column in CHANGE_COLUMNS:
@@ -190,26 +189,38 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
     Raises SessionError: not HDF5, a dataset missing, wrong shapes or types, or an attribute of the
         root, of `hip` or of `time` that names other units or another frame
     """
-    lengths, times = {"units": units, "unit": units, "frame": frame}, {"units": "s", "unit": "s"}
+    lengths, times = said_by_call(units, frame), {"units": "s", "unit": "s"}
     with opened_hdf5(stream) as file:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
             message = "is a fixture and no recording. Give the fixture first, and then a recording"
             raise SessionError(message, code="fixture-as-session")
         time, hip = plain_datasets(file, NAMES)
         check_arrays({"time": time, "hip": hip}, ROWS)
-        # Where the file says its own units or frame, neither it nor the call overrules the other.
         for place, wanted in ((file, lengths), (hip, lengths), (time, times)):
-            for name, expected in wanted.items():
-                value = str(plain_attribute(place.attrs.get(name, expected)))
-                if value != expected:
-                    found = f"attribute {name} of {place.name} is {value!r}"
-                    message = f"{found}, and the call says {expected!r}. Correct one of them"
-                    raise SessionError(message, code="units-or-frame-differ")
+            check_said(place.attrs, wanted, f"attribute {{}} of {place.name}")
         yield from portions(time, hip)
 
 
-def read_npz(stream: BinaryIO) -> Iterator[Samples]:
-    """Yield (time [s], hip) a block at a time."""
+def said_by_call(units: str, frame: str) -> dict[str, str]:
+    """What the call says of the positions, by the names under which a file may say it too."""
+    return {"units": units, "unit": units, "frame": frame}
+
+
+def check_said(values: Mapping[str, Any], wanted: dict[str, str], what: str) -> None:
+    """Raise `SessionError` where a file says other units or another frame than the call.
+
+    Neither overrules the other. what: where the file says it, with {} for the name
+    """
+    for name, expected in wanted.items():
+        value = str(plain_attribute(values.get(name, expected)))
+        if value != expected:
+            found = f"{what.format(name)} is {value!r}"
+            message = f"{found}, and the call says {expected!r}. Correct one of them"
+            raise SessionError(message, code="units-or-frame-differ")
+
+
+def read_npz(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
+    """Yield (time [s], hip) a block at a time; refuse arrays as `read_hdf5` does attributes."""
     # Packed numbers of a recording take up to four times as much memory, of which 2 GiB are given.
     size = min(stream.seek(0, 2), 512 << 20)
     raise_limits(4 * size, size >> 26)
@@ -218,6 +229,7 @@ def read_npz(stream: BinaryIO) -> Iterator[Samples]:
         with np.load(stream) as archive:
             require_names(archive.files, NAMES)
             time, hip = (archive[name] for name in NAMES)
+            check_said(archive, said_by_call(units, frame), "array {}")
         # A member without a header is bytes, which have no shape.
         check_arrays({"time": time, "hip": hip}, ROWS)
     except SessionError:

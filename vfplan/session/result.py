@@ -163,7 +163,7 @@ def check_values(ticks: TickBlock) -> None:
         good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= MAX_TIME_S
         if not good.all():
             tick = int(np.argmin(good.all(axis=1)))
-            message = f"{name} of tick {tick} is none that a replay gives. Replay the session again"
+            message = f"{name} of tick {tick} is no value of a replay. Replay the session again"
             raise InputError(message, code="value-invalid", numbers={"tick": tick})
     increases = np.diff(ticks.time) > 0
     if not increases.all():

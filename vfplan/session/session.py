@@ -17,11 +17,9 @@ from vfplan.display import MAX_LISTED
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
 from vfplan.geometry.lines import interpolated
+from vfplan.io.files import METRES
 
 Array = NDArray[np.float64]
-
-# The units in which a robot's positions can be.
-UNITS = ("m", "mm")
 
 # The frames in which a robot's positions can be.
 FRAMES = ("robot_base", "patient_lps")
@@ -285,10 +283,11 @@ SessionSource = Session | SessionStream
 
 
 def unit_factor(units: str) -> float:
-    """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
-    if units not in UNITS:
-        raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
-    return 1.0 if units == "m" else 1e-3
+    """Metres in one of `units`; raises `SettingError` for one that is not known."""
+    if units not in METRES:
+        text = f"unit of positions is {units!r}. Give {' or '.join(METRES)}"
+        raise SettingError(text, code="unit-unknown")
+    return METRES[units]
 
 
 def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
@@ -347,7 +346,10 @@ def in_order(
             time, hip = time[done:], hip[done:]
     mended |= {"swapped": swapped - doubled, "doubled": doubled}
     if first is not None and swapped > MENDED_SHARE * count and not skip:
-        way_out = f", or --skip-unordered to leave {doubled} of {count} samples out"
+        # A swapped sample is put in its place, and a doubled one cannot be kept.
+        way_out = f", or --skip-unordered to sort the {count} samples"
+        if doubled:
+            way_out += f" and leave {doubled} of them out"
         raise not_increasing(*first, where, way_out)
 
 

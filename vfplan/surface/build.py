@@ -156,7 +156,7 @@ def surface(
         )
     worst = report["contour_error_mm"]
     if worst["max"] > report["tolerance_mm"]:
-        place = ", ".join(f"{1e3 * x:.1f}" for x in worst["place_m"])
+        place = ", ".join(f"{1e3 * x:z.1f}" for x in worst["place_m"])
         texts.append(
             f"the surface cuts corners of the outlines by up to {worst['max']:.3f} mm, at ({place})"
             f" mm; the tolerance is {report['tolerance_mm']:g} mm. Give a smaller --tolerance."
@@ -231,7 +231,7 @@ def report_of(
 
 def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
     """What became of the ends, where nothing was outlined."""
-    places = [f"{1e3 * stack.z[k]:.2f}" for stack in sliced.stacks for k in (0, -1)]
+    places = [f"{1e3 * stack.z[k]:z.2f}" for stack in sliced.stacks for k in (0, -1)]
     where = f"at {', '.join(places)} mm along the slices' normal"
     if settings.keep_open:
         return f"the ends {where} are left open. A proxy can enter there: keep the tool away."

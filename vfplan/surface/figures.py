@@ -59,7 +59,7 @@ def draw_cut(axes: Any, result: Surface, stack: Stack, k: int) -> None:
     halfway = (z[k] + z[k + 1]) / 2
     draw_lines(axes, cut_pieces(result, halfway), "half a gap on", color=CONTACT, lw=0.9)
     axes.set_aspect("equal")
-    axes.set_title(f"{1e3 * z[k]:.1f} mm (axes in mm)", fontsize="medium")
+    axes.set_title(f"{1e3 * z[k]:z.1f} mm (axes in mm)", fontsize="medium")
     axes.tick_params(labelsize="small")
 
 

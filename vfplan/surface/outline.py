@@ -187,7 +187,7 @@ def polygon_of(ring: Array) -> Polygon:
         place = is_valid_reason(polygon).partition("[")[2].rstrip("]").split()
         x, y = (1e3 * float(text) for text in place[:2])
         raise CurveError(
-            f"an outline crosses itself at ({x:.1f}, {y:.1f}) mm. Redraw it.",
+            f"an outline crosses itself at ({x:z.1f}, {y:z.1f}) mm. Redraw it.",
             code="outline-crosses", numbers={"x_mm": x, "y_mm": y},
         )  # fmt: skip
     return largest
@@ -226,7 +226,7 @@ def is_inside(piece: Polygon, part: Polygon) -> bool:
     if common > STRAY_SHARE * piece.area:
         x, y = part.boundary.intersection(piece.boundary).centroid.coords[0]
         raise CurveError(
-            f"two outlines cross near ({1e3 * x:.1f}, {1e3 * y:.1f}) mm. Redraw one.",
+            f"two outlines cross near ({1e3 * x:z.1f}, {1e3 * y:z.1f}) mm. Redraw one.",
             code="outlines-cross", numbers={"x_mm": 1e3 * x, "y_mm": 1e3 * y},
         )  # fmt: skip
     return False
@@ -433,9 +433,9 @@ def slice_name(normal: Array, z: float) -> str:
     """The name of a slice in messages."""
     axis = int(np.abs(normal).argmax())
     if normal[axis] == 1:
-        return f"slice at {'xyz'[axis]} = {1e3 * z:.2f} mm"
-    along = ", ".join(f"{x:.3f}" for x in normal)
-    return f"slice {1e3 * z:.2f} mm along ({along})"
+        return f"slice at {'xyz'[axis]} = {1e3 * z:z.2f} mm"
+    along = ", ".join(f"{x:z.3f}" for x in normal)
+    return f"slice {1e3 * z:z.2f} mm along ({along})"
 
 
 def first_of(places: list[str]) -> str:
@@ -502,8 +502,8 @@ def runs_of_slices(
         if gap > widest + SAME_M:
             raise CurveError(
                 f"slices are missing: {slice_name(normal, before.z)} and the next, at "
-                f"{1e3 * after.z:.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} mm. "
-                "Add them, or give a larger --max-spacing to interpolate across.",
+                f"{1e3 * after.z:z.2f} mm, are {1e3 * gap:.3g} mm apart, most {1e3 * usual:.3g} "
+                "mm. Add them, or give a larger --max-spacing to interpolate across.",
                 code="slices-missing", numbers=numbers,
             )  # fmt: skip
         runs[-1].append(after)
@@ -535,7 +535,7 @@ def branching_remarks(stacks: tuple[Stack, ...], normal: Array) -> list[str]:
     places_of: dict[str, list[str]] = {}
     for stack in stacks:
         for before, after in pairwise(stack.outlines):
-            place = f"{slice_name(normal, before.z)} to {1e3 * after.z:.2f} mm"
+            place = f"{slice_name(normal, before.z)} to {1e3 * after.z:z.2f} mm"
             for name, pieces_of in (("part", lambda outline: outline.parts), ("hole", holes_of)):
                 pieces, following = (np.array(pieces_of(o), object) for o in (before, after))
                 meets = intersects(pieces[:, None], following[None])

@@ -266,7 +266,7 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
     doubled = np.flatnonzero(np.diff(heights) < SAME_M)
     if len(doubled):
         raise InputError(
-            f"two frames of the segment lie in one slice, at {1e3 * heights[doubled[0]]:.3f} mm "
+            f"two frames of the segment lie in one slice, at {1e3 * heights[doubled[0]]:z.3f} mm "
             "along its normal. Export each slice once.",
             code="slices-doubled",
         )

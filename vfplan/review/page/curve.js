@@ -1,5 +1,5 @@
 // The curve, its bands and its knots; candidates and other ink.
-import { byId, make, makeAt, refill, translation } from "./dom.js";
+import { byId, fixed, make, makeAt, refill, translation } from "./dom.js";
 
 const KNOT_PX = 4.5; // radius of a knot on the screen
 const MIN_KNOT_PX = 1.2; // knots that would be smaller are not shown
@@ -288,7 +288,7 @@ function textOf(points) {
 }
 
 function pixelOf([u, v]) {
-  return `(${u.toFixed(0)}, ${v.toFixed(0)})`;
+  return `(${fixed(u, 0)}, ${fixed(v, 0)})`;
 }
 
 // The distance of a place from the nearest of some points, or `enough` where that is less.

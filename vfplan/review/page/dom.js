@@ -29,6 +29,11 @@ export function makeAt(place, attributes, ...children) {
   return make("g", { ...attributes, transform: translation(place) }, body);
 }
 
+// A number with so many decimals; one that rounds to 0 has no sign.
+export function fixed(number, decimals) {
+  return (Number(number.toFixed(decimals)) + 0).toFixed(decimals);
+}
+
 // Options of the command line, as the page calls what they do.
 const PAGE_WORDS = {
   "find-markers": "Find marks",

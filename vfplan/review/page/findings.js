@@ -1,5 +1,5 @@
 // Findings as pins on the slice and as a list; both ends enlarged.
-import { byId, inPageWords, make, makeAt, refill } from "./dom.js";
+import { byId, fixed, inPageWords, make, makeAt, refill } from "./dom.js";
 
 const INSET_PX = 168; // side of an inset on the screen
 const END_PX = 21; // pixels of the slice around an end: eight times enlarged
@@ -41,12 +41,12 @@ export class Findings {
     const button = make(
       "button",
       { type: "button", class: "row", "aria-expanded": String(isChosen), onclick: () => this.goTo(k) },
-      make("span", { class: `badge ${kindOf(finding)}` }, String(k + 1)),
+      make("span", { class: `badge ${kindOf(finding)}` }, `#${k + 1}`),
       make("span", {}, inPageWords(finding.text)),
     );
     const more = make("div", { class: "more" });
     if (isChosen && finding.place_px) {
-      more.append(this.inset(finding.place_px, FINDING_PX, `Finding ${k + 1} enlarged`));
+      more.append(this.inset(finding.place_px, FINDING_PX, `Finding #${k + 1} enlarged`));
     }
     if (finding.answered_by !== null) {
       more.append(muted(finding.answered_by ? `Accepted by ${finding.answered_by}.` : "Accepted."));
@@ -99,7 +99,7 @@ export class Findings {
       if (!finding.place_px) return;
       const chosen = k === this.chosen() ? " chosen" : "";
       const attributes = { class: `thing pin ${kindOf(finding)}${chosen}`, "data-finding": k };
-      const number = make("text", { y: -25 }, String(k + 1));
+      const number = make("text", { y: -25 }, `#${k + 1}`);
       nodes.push(makeAt(finding.place_px, attributes, make("path", { d: PIN }), number));
     });
     byId("pins").replaceChildren(...nodes);
@@ -120,7 +120,7 @@ export class Findings {
   }
 
   end(place, name) {
-    const label = `${name} at (${place[0].toFixed(0)}, ${place[1].toFixed(0)})`;
+    const label = `${name} at (${fixed(place[0], 0)}, ${fixed(place[1], 0)})`;
     const button = make(
       "button",
       { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, END_ZOOM) },

@@ -1,5 +1,5 @@
 // Markers on the slice and in the table; their residuals, and the bound that follows.
-import { byId, make, makeAt, refill, translation } from "./dom.js";
+import { byId, fixed, make, makeAt, refill, translation } from "./dom.js";
 
 const CROSS = "M-9 0H9M0 -9V9";
 const ARROW_SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500];
@@ -217,7 +217,7 @@ export class Markers {
   coordinates(marker) {
     const inputs = ["x", "y", "z"].map((axis, k) =>
       make("input", {
-        value: marker.target_m ? (1e3 * marker.target_m[k]).toFixed(3) : "",
+        value: marker.target_m ? fixed(1e3 * marker.target_m[k], 3) : "",
         placeholder: axis,
         "aria-label": `${axis} of marker ${marker.label} in millimetres`,
         inputmode: "decimal",

@@ -1,5 +1,5 @@
 // What is selected, a knot, a marker or a piece of ink, and what can be done with it.
-import { byId, make, refill } from "./dom.js";
+import { byId, fixed, make, refill } from "./dom.js";
 
 const NUDGE_REST_MS = 350; // several presses of an arrow are one step, sent once the keys rest
 const BAR_PX = 110; // height of the window's foot that the bar of buttons covers
@@ -163,7 +163,7 @@ export class Selection {
     const index = (now + by + keys.length) % keys.length;
     const place = this.curve.knotPlace(keys[index]);
     this.selectInView({ kind: "knot", key: keys[index] }, place);
-    const [u, v] = place.map((x) => x.toFixed(0));
+    const [u, v] = place.map((x) => fixed(x, 0));
     this.app.say(`Knot ${index + 1} of ${keys.length} at ${u}, ${v}`);
   }
 

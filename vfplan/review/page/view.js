@@ -1,5 +1,5 @@
 // Where the slice lies on the screen: zoom, pan, and from a pointer to a place on the slice.
-import { byId, make } from "./dom.js";
+import { byId, fixed, make } from "./dom.js";
 import { Greys } from "./greys.js";
 
 const BORDER_PX = 300; // as in review.css: how far the drawing reaches beyond the stage
@@ -263,9 +263,9 @@ export class View {
   tellPlace([u, v]) {
     if (!this.image || u < -0.5 || v < -0.5) return;
     if (u > this.image.width_px - 0.5 || v > this.image.height_px - 0.5) return;
-    const words = [`u ${u.toFixed(1)}  v ${v.toFixed(1)} px`];
+    const words = [`u ${fixed(u, 1)}  v ${fixed(v, 1)} px`];
     const spacing = this.image.pixel_spacing_mm;
-    if (spacing) words.push(`${(u * spacing[0]).toFixed(1)}, ${(v * spacing[1]).toFixed(1)} mm`);
+    if (spacing) words.push(`${fixed(u * spacing[0], 1)}, ${fixed(v * spacing[1], 1)} mm`);
     byId("place").textContent = words.join("  |  ");
   }
 
