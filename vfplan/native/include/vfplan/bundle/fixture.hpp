@@ -143,7 +143,7 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
         const std::string name = path.string();
         const bool named = error.where == name;
         const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
-        throw BundleError(error.code, where, error.message);
+        throw BundleError({error.code, where, error.message});
     }
 }
 

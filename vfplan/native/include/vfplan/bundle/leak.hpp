@@ -97,6 +97,12 @@ inline Certificate certify(const CertifiedShape& shape, double reach) {
     return certificate;
 }
 
+/// The radius R of what is rendered [m].
+inline double radius_of(const Content& content) {
+    return content.number("/rendering@contact_radius_m") +
+           content.number("/rendering@point_radius_m");
+}
+
 inline CertifiedShape certified_shape(const Content& content) {
     CertifiedShape shape;
     shape.points = content.at("/points").f8;
@@ -116,9 +122,7 @@ inline void check_leak(const Content& content, Findings& findings) {
                      "/leak", {"is there without /rendering, or missing beside it"},
                      "Write both or neither");
     const std::string& found = content.at("/leak@kind").string();
-    const double reach = content.number("/rendering@contact_radius_m") +
-                         content.number("/rendering@point_radius_m") -
-                         content.number("/rendering@band_m");
+    const double reach = radius_of(content) - content.number("/rendering@band_m");
     const Certificate certificate = certify(certified_shape(content), reach);
     const std::string_view kind = certificate.kind;
     if (found != kind) {
