@@ -156,16 +156,17 @@ std::string shortest_text(double x, Form... form) {
 /// A number with six digits.
 inline std::string six_digits(double x) { return shortest_text(x, std::chars_format::general, 6); }
 
+inline std::string hex_of(unsigned char byte) {
+    constexpr std::string_view digits = "0123456789abcdef";
+    return {digits[byte >> 4], digits[byte & 15]};
+}
+
 /// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
 inline std::string quoted(std::string_view text) {
-    constexpr std::string_view digits = "0123456789abcdef";
     std::string out = "'";
     for (const char c : text.substr(0, 64)) {
         const auto byte = static_cast<unsigned char>(c);
-        if (byte >= 0x20 && byte < 0x7F)
-            out += c;
-        else
-            out += {'\\', 'x', digits[byte >> 4], digits[byte & 15]};
+        out += byte >= 0x20 && byte < 0x7F ? std::string(1, c) : "\\x" + hex_of(byte);
     }
     return out + "'";
 }
@@ -205,9 +206,8 @@ struct Quoted {
 
 /// A part of a message: text, or a number.
 struct Part {
-    Part(const char* text) : text(text) {}
-    Part(std::string_view text) : text(text) {}
-    Part(std::string text) : text(std::move(text)) {}
+    template <std::convertible_to<std::string_view> T>
+    Part(const T& text) : text(std::string_view(text)) {}
     Part(Quoted quote) : text(quoted(quote.text)) {}
     Part(double number) : text(shortest_text(number)) {}
     template <std::integral T>
@@ -265,17 +265,10 @@ inline constexpr std::array<Advice, 20> advice{{
     return {std::string(code), std::string(where), std::move(message)};
 }
 
-/// Throws a BundleError: what is wrong, and what to do.
-[[noreturn, gnu::noinline, gnu::cold]] inline void refuse(std::string_view code,
-                                                          std::string_view where, Sentence wrong,
-                                                          std::string_view todo = {}) {
-    throw BundleError(finding(code, where, wrong, todo));
-}
-
-/// Throws a BundleError unless this is `good`.
+/// Throws a BundleError unless this is `good`: what is wrong, and what to do.
 inline void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
                     std::string_view todo = {}) {
-    if (!good) refuse(code, where, wrong, todo);
+    if (!good) throw BundleError(finding(code, where, wrong, todo));
 }
 
 }  // namespace detail

@@ -123,13 +123,12 @@ inline std::size_t follow(const std::vector<Piece>& pieces, const std::vector<Ve
 
 /// The points, which are certified, and the lines and arcs, which are rendered, are one curve.
 inline void check_one_curve(const Content& content, Findings& findings) {
-    if (!content.has_group("/pieces")) return;
+    const double error = content.number("/pieces@error_m"), radius = radius_of(content);
     const Vec3 axis = point_at(content.at("/rendering/ignore_axis").f8.data(), 0);
     const auto place = [&](const std::vector<double>& table, std::size_t i) {
         return across(point_at(table.data(), i), axis);
     };
     const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
-    const double error = content.number("/pieces@error_m"), radius = radius_of(content);
     const double max_error = std::min(max_error_of_radius * radius, max_error_m);
     if (error > max_error) {
         return findings.error(
@@ -211,12 +210,12 @@ inline void check_stability(const Content& content, Findings& findings) {
 /// The registration is that of its markers; what comes from a slice lies in the plane to which it
 /// takes the slice.
 inline void check_registered(const Content& content, Findings& findings) {
-    if (!content.has_group("/registration")) return;
     const Value& transform = content.at("/registration/T_robot_image");
     const std::size_t side = transform.shape[0];
-    const std::vector<double>&t = transform.f8, &source = content.at("/registration/source").f8,
-          &target = content.at("/registration/target").f8,
-          &residuals = content.at("/registration/residuals").f8;
+    const std::vector<double>& t = transform.f8;
+    const std::vector<double>& source = content.at("/registration/source").f8;
+    const std::vector<double>& target = content.at("/registration/target").f8;
+    const std::vector<double>& residuals = content.at("/registration/residuals").f8;
     std::vector<Vec3> columns;
     for (std::size_t k = 0; k < side; ++k) columns.emplace_back(t[k], t[side + k], t[2 * side + k]);
     double worst = 0;
@@ -247,11 +246,6 @@ inline void check_registered(const Content& content, Findings& findings) {
 }
 
 // Rules that tie several values together, in the order of docs/format.md.
-
-/// The group at the root in which a value lies.
-inline std::string_view group_of(std::string_view path) {
-    return path.substr(0, path.find_first_of("/@", 1));
-}
 
 inline void check_understood(const Content& content, Findings& findings) {
     if (!content.has("/@must_understand")) return;
@@ -515,7 +509,6 @@ inline std::string review_digest(const Content& content) {
 
 /// The review is that of this plan, and not of what it was before somebody changed it.
 inline void check_reviewed(const Content& content, Findings& findings) {
-    if (!content.has_group("/review")) return;
     const std::string& found = content.at("/review@digest").string();
     const std::string wanted = review_digest(content);
     findings.require(found == wanted, "unsafe.review", "/review@digest",

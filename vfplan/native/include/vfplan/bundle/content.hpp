@@ -50,6 +50,11 @@ inline bool is_known(std::string_view path) {
     return std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
 }
 
+/// The group at the root in which a value lies.
+inline std::string_view group_of(std::string_view path) {
+    return path.substr(0, path.find_first_of("/@", 1));
+}
+
 /// Everything a bundle holds, by its path in the format. Whoever asks for a path that the format
 /// does not have gets Absent, and not the answer that nothing is there.
 class Content {
@@ -80,9 +85,7 @@ class Content {
     [[nodiscard]] bool has_group(std::string_view group) const {
         if (!is_known(group)) throw Absent(std::string(group));
         return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
-            const std::string& path = value.first;
-            return path.size() > group.size() && path.starts_with(group) &&
-                   (path[group.size()] == '/' || path[group.size()] == '@');
+            return value.first != group && group_of(value.first) == group;
         });
     }
     void put(std::string_view path, Value value) {
@@ -90,11 +93,8 @@ class Content {
     }
     /// Moves a value out; throws Absent if there is none.
     Value take(std::string_view path) {
-        const auto found = values_.find(path);
-        if (found == values_.end()) throw Absent(std::string(path));
-        Value value = std::move(found->second);
-        values_.erase(found);
-        return value;
+        at(path);
+        return std::move(values_.extract(values_.find(path)).mapped());
     }
 
     [[nodiscard]] auto begin() { return values_.begin(); }

@@ -103,16 +103,14 @@ struct Bundle {
     Seal seal;
 };
 
-/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
+/// Everything in a payload, checked; `file_length` is that of the bundle with its seal. Of a bundle
+/// whose seal holds, also that the seal says what the content does.
 ///
 /// Findings that are strict throw BundleError at the first error. Others collect what there is, and
 /// the content is what could be read. What is defined below, with VFPLAN_COMPILED only
 /// vfplan/engine.cpp compiles.
 VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings);
-/// Everything in the payload of a bundle whose seal holds, as `read_payload` does.
-VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
-                                         Findings& findings);
+                                          Findings& findings, const Seal* seal = nullptr);
 
 /// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
 /// Throws BundleError.
@@ -122,10 +120,12 @@ Bundle read_bundle(View data, const CheckSeal& check_seal) {
     Bundle bundle{{}, unseal(data, payload)};
     check_seal(bundle.seal);
     Findings findings(true);
-    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
+    bundle.content = read_payload(payload, data.size(), findings, &bundle.seal);
     return bundle;
 }
-VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
+inline Bundle read_bundle(View data) {
+    return read_bundle(data, [](const Seal&) {});
+}
 
 /// Every finding of a bundle's bytes; it is sound when none is an error.
 VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
@@ -152,28 +152,16 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
 /// What is known of it is that it is whole, undamaged and within the format's rules; not who made
 /// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
 /// signature.
-VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path);
-
-#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
-VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings) {
-    try {
-        detail::Reader reader(payload, file_length, findings);
-        Content content = reader.read();
-        check(content, findings);
-        return content;
-    } catch (const BundleError& error) {
-        findings.add(error);
-        return {};
-    }
+inline Fixture read_fixture(const std::filesystem::path& path) {
+    return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
 }
 
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
 
 /// A signature says of itself whether it was given in spite of what was found, and is for the case
 /// that the bundle is for.
 inline void check_what_is_signed(const Seal& seal, const Content& content, Findings& findings) {
-    if (!seal.is_signed) return;
     const std::size_t open = count_unanswered(content);
     const Value* own_case = content.find("/@case");
     if (own_case != nullptr && own_case->string() != seal.case_token) {
@@ -191,15 +179,18 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
-                                         Findings& findings) {
-    Content content = read_payload(payload, file_length, findings);
-    if (findings.sound()) detail::check_what_is_signed(seal, content, findings);
+VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
+                                          Findings& findings, const Seal* seal) {
+    Content content;
+    try {
+        content = detail::Reader(payload, file_length, findings).read();
+        check(content, findings);
+        if (seal != nullptr && seal->is_signed && findings.sound())
+            detail::check_what_is_signed(*seal, content, findings);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
     return content;
-}
-
-VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
-    return read_bundle(data, [](const Seal&) {});
 }
 
 VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
@@ -207,7 +198,7 @@ VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
     try {
         View payload;
         const Seal seal = unseal(data, payload);
-        read_sealed(seal, payload, data.size(), findings);
+        read_payload(payload, data.size(), findings, &seal);
     } catch (const BundleError& error) {
         findings.add(error);
     }
@@ -283,9 +274,6 @@ VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     return fixture;
 }
 
-VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path) {
-    return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
-}
 #endif
 
 }  // namespace vfplan::bundle

@@ -35,8 +35,10 @@ struct Certificate {
     const char* kind = "cloud";     // or "curve", or "mesh"
     double largest = 0;             // opening between samples [m]; of a cloud nothing is known
     double limit = infinity;        // the largest opening that holds the proxy back [m]
-    bool holds = false;             // whether the proxy passes nowhere
     std::vector<std::size_t> rows;  // the points around the largest opening
+
+    /// Whether it is known that the proxy passes nowhere.
+    [[nodiscard]] bool holds() const { return limit < infinity && largest <= limit; }
 };
 
 /// The widest gap between neighbours along the strokes. Of equal gaps it is the first in the order
@@ -52,8 +54,7 @@ inline void find_largest_gap(const CertifiedShape& shape, Certificate& certifica
     const std::span<const std::int32_t> stroke = shape.stroke;
     for (std::size_t i = 1; i < stroke.size(); ++i)
         if (stroke[i] == stroke[i - 1]) measure(i - 1, i);
-    std::size_t first = 0;
-    for (std::size_t i = 1; i <= stroke.size(); ++i) {
+    for (std::size_t first = 0, i = 1; i <= stroke.size(); ++i) {
         if (i < stroke.size() && stroke[i] == stroke[i - 1]) continue;
         if (shape.closed[static_cast<std::size_t>(stroke[i - 1])] != 0) measure(i - 1, first);
         first = i;
@@ -90,10 +91,7 @@ inline Certificate certify(const CertifiedShape& shape, double reach) {
         certificate.kind = "curve";
         certificate.limit = 2 * reach;
         find_largest_gap(shape, certificate);
-    } else {
-        return certificate;
     }
-    certificate.holds = certificate.largest <= certificate.limit;
     return certificate;
 }
 
@@ -129,21 +127,21 @@ inline void check_leak(const Content& content, Findings& findings) {
         return findings.error("corrupt.leak", "/leak@kind",
                               {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
     }
-    bool holds = false;
-    if (kind == "cloud") {
+    const bool is_cloud = kind == "cloud";
+    const double limit = content.number("/leak@limit_m", 0);
+    const double largest = content.number("/leak@largest_m");
+    const bool holds = !is_cloud && largest <= limit;
+    if (is_cloud) {
         findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
                          {"is there, and the fixture is a cloud"},
                          "Leave it out: how points connect is not known");
     } else {
-        const double limit = content.number("/leak@limit_m", 0);
-        const double largest = content.number("/leak@largest_m");
         const auto compare = [&](std::string_view path, double found, double wanted) {
             findings.require(std::abs(found - wanted) <= 1e-9 * std::max(wanted, 1e-3),
                              "corrupt.leak", path, {"is ", found, "; the fixture gives ", wanted});
         };
         compare("/leak@limit_m", limit, certificate.limit);
         compare("/leak@largest_m", largest, certificate.largest);
-        holds = largest <= limit;
         const std::vector<double>& at = content.at("/leak/place").f8;
         findings.require(
             holds, "unsafe.leak", "/leak",

@@ -21,14 +21,13 @@ inline void require(bool good, std::string_view code, const Row& row, Sentence w
     require(good, code, row.path, wrong, todo);
 }
 
-/// The datatype messages of float64, int32 and uint8, little-endian. The first byte, which holds
-/// the message's version and the datatype's class, is left out. No other encoding of a number is
-/// allowed.
+/// The datatype messages of float64, int32 and uint8, little-endian. No other encoding of a number
+/// is allowed.
 inline std::string_view encoding_of(Type type) {
     using namespace std::string_view_literals;
-    return type == Type::f8   ? "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv
-           : type == Type::i4 ? "\x08\0\0\x04\0\0\0\0\0\x20\0"sv
-                              : "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
+    if (type == Type::f8) return "\x11\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv;
+    return type == Type::i4 ? "\x10\x08\0\0\x04\0\0\0\0\0\x20\0"sv
+                            : "\x10\0\0\0\x01\0\0\0\0\0\x08\0"sv;
 }
 
 /// The size in bytes of one element. Its datatype must be that of the row, byte for byte.
@@ -43,8 +42,7 @@ inline std::size_t element_size(View message, const Row& row) {
             {"has a datatype of version ", version, "; 1 wanted"});
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
-        const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
-        require(same_class && message.from(1).text() == encoding_of(row.type), "corrupt.type", row,
+        require(message.text() == encoding_of(row.type), "corrupt.type", row,
                 {"has another type than ", name_of(row.type)});
         return static_cast<std::size_t>(size);
     }
@@ -87,10 +85,12 @@ inline std::string text_of(View raw, const Row& row) {
     return std::string(text);
 }
 
-/// A value of `count` elements from bytes, `size` of them for each.
-inline Value value_of(View raw, std::size_t count, std::size_t size, const Row& row) {
+/// A value of this shape from bytes, `size` of them for each element.
+inline Value value_of(View raw, std::vector<std::size_t> shape, std::size_t size, const Row& row) {
+    const std::size_t count = raw.size() / size;
     Value value;
     value.type = row.type;
+    value.shape = std::move(shape);
     value.visit([&]<class T>(std::vector<T>& all) {
         all.resize(count);
         if constexpr (std::is_arithmetic_v<T>)
@@ -129,18 +129,6 @@ inline View data_of(File& file, const Object& object, std::uint64_t bytes, const
     return file.claim(address, size, object.path);
 }
 
-/// Every element of a table of this shape, whose datatype is known to be the row's.
-inline Value table_of(File& file, const Object& object, const std::vector<std::uint64_t>& sides,
-                      std::size_t element, const Row& row) {
-    check_fill(object, element);
-    std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
-    for (const auto side : sides) count *= side;
-    const View data = data_of(file, object, count * element, row);
-    Value value = value_of(data, static_cast<std::size_t>(count), element, row);
-    for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
-    return value;
-}
-
 /// A scalar attribute of a row's type.
 inline Value scalar_of(const Attribute& attribute, const Row& row) {
     require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, {"is not a scalar"},
@@ -148,7 +136,7 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     const std::size_t size = element_size(attribute.type, row);
     require(attribute.data.size() == size, "corrupt.hdf5", row,
             {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
-    return value_of(attribute.data, 1, size, row);
+    return value_of(attribute.data, {}, size, row);
 }
 
 /// Refuses a value outside of its row's range, which may depend on its unit.
@@ -192,14 +180,14 @@ inline std::pair<std::string_view, std::string_view> parent_and_name(const Row& 
 /// "@source_frame".
 inline std::string with_frame_names(std::string_view text, const Content& content, bool as_unit) {
     std::string out(text);
-    for (const auto& [name, path] : {std::pair{"@frame", "/@frame"},
-                                     std::pair{"@source_frame", "/registration@source_frame"}}) {
+    for (const std::string_view path : {"/@frame", "/registration@source_frame"}) {
+        const std::string_view name = path.substr(path.find('@'));
         const auto at = out.find(name);
         if (at == std::string::npos) continue;
         const Value* frame = content.find(path);
         const std::string known = frame != nullptr ? frame->string() : "?";
         const bool metres = known == "robot_base" || known == "patient_lps";
-        out.replace(at, std::string_view(name).size(), as_unit ? (metres ? "m" : "px") : known);
+        out.replace(at, name.size(), as_unit ? (metres ? "m" : "px") : known);
     }
     return out;
 }
@@ -333,7 +321,11 @@ class Reader {
         const auto sides = sides_of(object.single.at(dataspace), row);
         check_shape(sides, row);
         const std::size_t element = element_size(object.single.at(datatype), row);
-        Value value = table_of(file_, object, sides, element, row);
+        check_fill(object, element);
+        std::uint64_t bytes = element;  // which cannot overflow: sides and texts are limited
+        for (const auto side : sides) bytes *= side;
+        const View data = data_of(file_, object, bytes, row);
+        Value value = value_of(data, {sides.begin(), sides.end()}, element, row);
         check_unit_and_frame(object, row);
         return value;
     }
