@@ -147,15 +147,6 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
     }
 }
 
-/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
-///
-/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
-/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
-/// signature.
-inline Fixture read_fixture(const std::filesystem::path& path) {
-    return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
-}
-
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
 
@@ -275,5 +266,14 @@ VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
 }
 
 #endif
+
+/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
+///
+/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
+/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
+/// signature.
+inline Fixture read_fixture(const std::filesystem::path& path) {
+    return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
+}
 
 }  // namespace vfplan::bundle
