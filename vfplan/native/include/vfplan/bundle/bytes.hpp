@@ -15,6 +15,10 @@
 
 #include "vfplan/base/compiler.hpp"
 
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "vfplan reads bundles on little-endian processors only: their numbers are copied as they are"
+#endif
+
 namespace vfplan::bundle {
 
 // Small checks on text, and numbers as text, whatever the program's locale is.
@@ -184,8 +188,7 @@ struct Finding {
 /// `code` begins with "input" (no such file), "corrupt", "unsafe", "version" or "signature" and
 /// is the code that `vfplan validate` prints; `where` is the path inside the bundle, or the file's
 /// name, or empty; `what()` begins with it.
-class BundleError : public std::runtime_error, public Finding {
-  public:
+struct BundleError : std::runtime_error, Finding {
     explicit BundleError(Finding wrong)
         : std::runtime_error(wrong.where.empty() ? wrong.message
                                                  : wrong.where + ": " + wrong.message),
@@ -265,10 +268,16 @@ inline constexpr std::array<Advice, 20> advice{{
     return {std::string(code), std::string(where), std::move(message)};
 }
 
-/// Throws a BundleError unless this is `good`: what is wrong, and what to do.
+/// Throws a BundleError: what is wrong, and what to do.
+[[noreturn]] inline void refuse(std::string_view code, std::string_view where, Sentence wrong,
+                                std::string_view todo = {}) {
+    throw BundleError(finding(code, where, wrong, todo));
+}
+
+/// Throws a BundleError unless this is `good`.
 inline void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
                     std::string_view todo = {}) {
-    if (!good) throw BundleError(finding(code, where, wrong, todo));
+    if (!good) refuse(code, where, wrong, todo);
 }
 
 }  // namespace detail
@@ -299,14 +308,6 @@ class Findings {
     bool sound_ = true;
     std::vector<Finding> all_;
 };
-
-}  // namespace vfplan::bundle
-
-#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
-#error "vfplan reads bundles on little-endian processors only: their numbers are copied as they are"
-#endif
-
-namespace vfplan::bundle {
 
 // Bytes of a file that are read and never left: nothing here believes a length that a file states.
 

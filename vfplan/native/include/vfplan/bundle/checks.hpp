@@ -128,7 +128,6 @@ inline void check_one_curve(const Content& content, Findings& findings) {
     const auto place = [&](const std::vector<double>& table, std::size_t i) {
         return across(point_at(table.data(), i), axis);
     };
-    const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
     const double max_error = std::min(max_error_of_radius * radius, max_error_m);
     if (error > max_error) {
         return findings.error(
@@ -138,13 +137,14 @@ inline void check_one_curve(const Content& content, Findings& findings) {
     }
     const double tolerance = error + same_place_m;
     const Apart apart{tolerance, max_error, 2 * (content.number("/leak@largest_m") + tolerance)};
-    std::size_t point = 0;
-    std::int32_t number = 0;
-    for (const Stroke& stroke : pieces_of(content)) {
-        const std::size_t first_point = point, count = stroke.bulges.size();
-        std::vector<Vec3> places;
-        for (; point < stroke_of_point.size() && stroke_of_point[point] == number; ++point)
-            places.push_back(place(content.at("/points").f8, point));
+    const std::vector<double>& points = content.at("/points").f8;
+    const std::vector<StrokeRange> ranges = strokes_of(content);
+    const std::vector<Stroke> strokes = pieces_of(content);
+    for (std::size_t number = 0; number < strokes.size(); ++number) {
+        const Stroke& stroke = strokes[number];
+        const std::size_t first = ranges[number].first, count = stroke.bulges.size();
+        std::vector<Vec3> places(ranges[number].count);
+        for (std::size_t i = 0; i < places.size(); ++i) places[i] = place(points, first + i);
         std::vector<Piece> pieces;
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < count; ++i) {
             vfplan::detail::cut(place(stroke.vertices, i), place(stroke.vertices, (i + 1) % count),
@@ -156,11 +156,10 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         if (followed <= places.size()) {
             return findings.error("unsafe.pieces", "/pieces",
                                   {"leave the points of stroke ", number, " at point ",
-                                   first_point + std::min(followed, places.size() - 1),
+                                   first + std::min(followed, places.size() - 1),
                                    ": what is rendered is not what is certified"},
                                   "Change both together, or leave the pieces out");
         }
-        ++number;
     }
 }
 

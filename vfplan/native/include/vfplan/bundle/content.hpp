@@ -40,8 +40,7 @@ struct Value {
 };
 
 /// Thrown where a value is asked for that is not there; its text is the path.
-class Absent : public std::out_of_range {
-  public:
+struct Absent : std::out_of_range {
     using std::out_of_range::out_of_range;
 };
 
@@ -93,8 +92,9 @@ class Content {
     }
     /// Moves a value out; throws Absent if there is none.
     Value take(std::string_view path) {
-        at(path);
-        return std::move(values_.extract(values_.find(path)).mapped());
+        const auto found = values_.find(path);
+        if (found == values_.end()) throw Absent(std::string(path));
+        return std::move(values_.extract(found).mapped());
     }
 
     [[nodiscard]] auto begin() { return values_.begin(); }
@@ -104,6 +104,12 @@ class Content {
 
   private:
     std::map<std::string, Value, std::less<>> values_;
+};
+
+/// A stroke of the drawn curve: `count` points from the `first` on.
+struct StrokeRange {
+    std::size_t first = 0, count = 0;
+    bool closed = false;
 };
 
 /// How many doubts of a checked content nobody has answered.
@@ -120,6 +126,19 @@ inline std::size_t count_unanswered(const Content& content) {
 }
 
 namespace detail {
+
+inline std::vector<StrokeRange> strokes_of(const Content& content) {
+    std::vector<StrokeRange> strokes;
+    for (const std::int32_t id : content.at("/curve/stroke").i4) {
+        const auto i = static_cast<std::size_t>(id);
+        if (i == strokes.size()) {
+            const std::size_t first = i == 0 ? 0 : strokes[i - 1].first + strokes[i - 1].count;
+            strokes.push_back({first, 0, content.at("/curve/closed").u1[i] != 0});
+        }
+        ++strokes[i].count;
+    }
+    return strokes;
+}
 
 /// The lines and arcs of each stroke.
 inline std::vector<Stroke> pieces_of(const Content& content) {

@@ -25,12 +25,6 @@ struct Rendering {
     std::optional<int> max_iterations;                      // of a tick; else the engine's own
 };
 
-/// A stroke of the drawn curve: `count` points from the `first` on.
-struct StrokeRange {
-    std::size_t first = 0, count = 0;
-    bool closed = false;
-};
-
 /// The strokes that guide; SI units. vfplan/bundle/engine.hpp makes a vfplan::Guide of it.
 struct Guidance {
     double radius = 0;          // of the tube [m]
@@ -123,9 +117,7 @@ Bundle read_bundle(View data, const CheckSeal& check_seal) {
     bundle.content = read_payload(payload, data.size(), findings, &bundle.seal);
     return bundle;
 }
-inline Bundle read_bundle(View data) {
-    return read_bundle(data, [](const Seal&) {});
-}
+VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
 
 /// Every finding of a bundle's bytes; it is sound when none is an error.
 VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
@@ -147,6 +139,13 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
     }
 }
 
+/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
+///
+/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
+/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
+/// signature.
+VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path);
+
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
 
@@ -166,49 +165,6 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
                      {"are unanswered ", open, " times, with ", is_reviewed ? "a" : "no",
                       " review beside them, and the seal says otherwise"},
                      "Sign it again: `vfplan sign`, with --despite-findings where they stay open");
-}
-
-}  // namespace detail
-
-VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings, const Seal* seal) {
-    Content content;
-    try {
-        content = detail::Reader(payload, file_length, findings).read();
-        check(content, findings);
-        if (seal != nullptr && seal->is_signed && findings.sound())
-            detail::check_what_is_signed(*seal, content, findings);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
-    return content;
-}
-
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
-    Findings findings(false);
-    try {
-        View payload;
-        const Seal seal = unseal(data, payload);
-        read_payload(payload, data.size(), findings, &seal);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
-    return findings.all();
-}
-
-namespace detail {
-
-inline std::vector<StrokeRange> strokes_of(const Content& content) {
-    std::vector<StrokeRange> strokes;
-    for (const std::int32_t id : content.at("/curve/stroke").i4) {
-        const auto i = static_cast<std::size_t>(id);
-        if (i == strokes.size()) {
-            const std::size_t first = i == 0 ? 0 : strokes[i - 1].first + strokes[i - 1].count;
-            strokes.push_back({first, 0, content.at("/curve/closed").u1[i] != 0});
-        }
-        ++strokes[i].count;
-    }
-    return strokes;
 }
 
 inline Guidance guidance_of(const Content& content) {
@@ -239,6 +195,36 @@ inline Rendering rendering_of(const Content& content) {
 
 }  // namespace detail
 
+VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
+                                          Findings& findings, const Seal* seal) {
+    Content content;
+    try {
+        content = detail::Reader(payload, file_length, findings).read();
+        check(content, findings);
+        if (seal != nullptr && seal->is_signed && findings.sound())
+            detail::check_what_is_signed(*seal, content, findings);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return content;
+}
+
+VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
+    return read_bundle(data, [](const Seal&) {});
+}
+
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
+    Findings findings(false);
+    try {
+        View payload;
+        const Seal seal = unseal(data, payload);
+        read_payload(payload, data.size(), findings, &seal);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return findings.all();
+}
+
 VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     Content& content = bundle.content;
     Fixture fixture;
@@ -265,15 +251,9 @@ VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     return fixture;
 }
 
-#endif
-
-/// Reads a bundle; either the whole of it is sound or BundleError is thrown.
-///
-/// What is known of it is that it is whole, undamaged and within the format's rules; not who made
-/// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
-/// signature.
-inline Fixture read_fixture(const std::filesystem::path& path) {
+VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path) {
     return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
 }
+#endif
 
 }  // namespace vfplan::bundle

@@ -98,7 +98,7 @@ inline void require_signature(
         const std::string todo = "Sign it for this " + noun + " with `vfplan sign " + option + "`";
         detail::require(!found.empty(), "signature." + noun, "",
                         {"is signed for no particular ", noun}, todo);
-        detail::require(false, "signature." + noun, "", {"is signed for another ", noun});
+        detail::refuse("signature." + noun, "", {"is signed for another ", noun});
     };
     check_for(trust.case_token, seal.case_token, "case", "--case");
     check_for(trust.robot_serial, seal.robot_serial, "robot", "--robot-serial");
