@@ -5,7 +5,6 @@
 
 #include <bit>
 #include <charconv>
-#include <compare>
 #include <concepts>
 #include <initializer_list>
 #include <locale>
@@ -135,18 +134,14 @@ inline bool is_setting(std::string_view text) {
 }
 
 /// MAJOR.MINOR, the version of a format.
-struct Version {
-    int major = 0, minor = 0;
-
-    auto operator<=>(const Version&) const = default;
-};
+using Version = std::array<int, 2>;
 
 /// Reads a version, each part 0..99999 without leading zeros; false if it is none.
 inline bool is_version(const std::string& text, Version& version) {
-    const auto& [major, minor] = version;
+    auto& [major, minor] = version;
     const char* end = text.data() + text.size();
-    const char* dot = std::from_chars(text.data(), end, version.major).ptr;
-    if (dot != end) std::from_chars(dot + 1, end, version.minor);
+    const char* dot = std::from_chars(text.data(), end, major).ptr;
+    if (dot != end) std::from_chars(dot + 1, end, minor);
     return std::max(major, minor) <= 99999 && std::min(major, minor) >= 0 &&
            text == std::to_string(major) + "." + std::to_string(minor);
 }

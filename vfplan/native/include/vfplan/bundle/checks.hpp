@@ -276,29 +276,27 @@ inline void check_form(std::string_view text, Form form, std::string_view path,
                      {"is ", Quoted{text}, "; ", wanted, " wanted"}, todo);
 }
 
-/// What the format's table says of a row beyond what the reader has compared with it.
-inline void check_row(const Row& row, const Content& content, Findings& findings) {
-    const Value* value = content.find(row.path);
-    const std::string& frame = content.at("/@frame").string();
-    findings.require(row.frames.empty() || holds(split(row.frames, '|'), frame) ||
-                         (value == nullptr && !content.has_group(row.path)),
-                     "corrupt.group", row.path, {"must not be in the frame ", Quoted{frame}},
-                     "Leave it out");
-    findings.require(row.needs.empty() || content.has(row.needs) == (value != nullptr),
-                     "corrupt.missing", group_of(row.path),
-                     {"has one of ", row.path, " and ", row.needs, ", which need each other"},
-                     "Write both or neither");
-    if (value == nullptr) return;
-    for (const std::string& text : value->text) check_form(text, row.form, row.path, findings);
-    const std::set<std::string_view> different(value->text.begin(), value->text.end());
-    findings.require(
-        !row.unique || (different.size() == value->text.size() && !different.contains("")),
-        "corrupt.value", row.path, {"has a text that is empty, or there twice"},
-        "Give each a name of its own");
-}
-
+/// What the format's table says of its rows beyond what the reader has compared with them.
 inline void check_rows(const Content& content, Findings& findings) {
-    for (const Row& row : rows) check_row(row, content, findings);
+    const std::string& frame = content.at("/@frame").string();
+    for (const Row& row : rows) {
+        const Value* value = content.find(row.path);
+        findings.require(row.frames.empty() || holds(split(row.frames, '|'), frame) ||
+                             (value == nullptr && !content.has_group(row.path)),
+                         "corrupt.group", row.path, {"must not be in the frame ", Quoted{frame}},
+                         "Leave it out");
+        findings.require(row.needs.empty() || content.has(row.needs) == (value != nullptr),
+                         "corrupt.missing", group_of(row.path),
+                         {"has one of ", row.path, " and ", row.needs, ", which need each other"},
+                         "Write both or neither");
+        if (value == nullptr) continue;
+        for (const std::string& text : value->text) check_form(text, row.form, row.path, findings);
+        const std::set<std::string_view> different(value->text.begin(), value->text.end());
+        findings.require(
+            !row.unique || (different.size() == value->text.size() && !different.contains("")),
+            "corrupt.value", row.path, {"has a text that is empty, or there twice"},
+            "Give each a name of its own");
+    }
     findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
                      "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
 }

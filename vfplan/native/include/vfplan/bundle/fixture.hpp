@@ -132,9 +132,8 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
         const Bytes data = read_file(path);
         return read(View(data));
     } catch (const BundleError& error) {
-        const std::string name = path.string();
-        const bool named = error.where == name;
-        const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
+        std::string where = path.string();
+        if (!error.where.empty() && error.where != where) where += ":" + error.where;
         throw BundleError({error.code, where, error.message});
     }
 }

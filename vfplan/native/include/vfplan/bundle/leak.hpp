@@ -37,6 +37,12 @@ struct Certificate {
     double limit = infinity;        // the largest opening that holds the proxy back [m]
     std::vector<std::size_t> rows;  // the points around the largest opening
 
+    /// An opening of this size between these points is there; of equal ones the first counts.
+    void widen(double size, std::initializer_list<std::size_t> around) {
+        if (!(size > largest)) return;
+        largest = size;
+        rows = around;
+    }
     /// Whether it is known that the proxy passes nowhere.
     [[nodiscard]] bool holds() const { return limit < infinity && largest <= limit; }
 };
@@ -46,10 +52,7 @@ struct Certificate {
 inline void find_largest_gap(const CertifiedShape& shape, Certificate& certificate) {
     certificate.rows = {0, 0};
     const auto measure = [&](std::size_t i, std::size_t j) {
-        const double gap = shape.distance(i, j);
-        if (!(gap > certificate.largest)) return;
-        certificate.largest = gap;
-        certificate.rows = {i, j};
+        certificate.widen(shape.distance(i, j), {i, j});
     };
     const std::span<const std::int32_t> stroke = shape.stroke;
     for (std::size_t i = 1; i < stroke.size(); ++i)
@@ -64,19 +67,14 @@ inline void find_largest_gap(const CertifiedShape& shape, Certificate& certifica
 /// How far a place of the mesh may be from the nearest sample: of the samples in the file, or of
 /// those that a reader takes where it renders points.
 inline void find_largest_cover(const CertifiedShape& shape, Certificate& certificate) {
-    const std::span<const std::int32_t> t = shape.triangles;
-    std::size_t worst = 0;
-    for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
-        const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
-        const double cover = mesh::covering_radius({shape.distance(corner(0), corner(1)),
-                                                    shape.distance(corner(1), corner(2)),
-                                                    shape.distance(corner(2), corner(0))});
-        if (!(cover > certificate.largest)) continue;
-        certificate.largest = cover;
-        worst = i;
+    const auto corner = [&](std::size_t i) { return static_cast<std::size_t>(shape.triangles[i]); };
+    certificate.rows = {corner(0), corner(1), corner(2)};
+    for (std::size_t i = 0; i + 2 < shape.triangles.size(); i += 3) {
+        const std::size_t a = corner(i), b = corner(i + 1), c = corner(i + 2);
+        certificate.widen(mesh::covering_radius(
+                              {shape.distance(a, b), shape.distance(b, c), shape.distance(c, a)}),
+                          {a, b, c});
     }
-    for (std::size_t k = 0; k < 3; ++k)
-        certificate.rows.push_back(static_cast<std::size_t>(t[worst + k]));
     certificate.largest = std::min(certificate.largest, shape.sample_radius);
 }
 

@@ -208,14 +208,14 @@ inline bool is_newer(const Object& root) {
     const std::string format = text("/@format"), version = text("/@version");
     require(format == format_name, "corrupt.format", "/@format",
             {"format is ", Quoted{format}, "; ", Quoted{format_name}, " wanted"});
-    Version found;
+    Version found{};
     require(is_version(version, found), "corrupt.version", "/@version",
             {"version is ", Quoted{version}, "; MAJOR.MINOR wanted"});
     std::string_view todo = "Get a program that reads it: pip install --upgrade vfplan";
     if (found < newest) todo = "Plan it anew, or get the program that wrote it";
-    require(found.major == newest.major, "version.major", "/@version",
-            {"has version ", version, "; this program reads versions ", newest.major,
-             ".x and writes ", format_version},
+    require(found[0] == newest[0], "version.major", "/@version",
+            {"has version ", version, "; this program reads versions ", newest[0], ".x and writes ",
+             format_version},
             todo);
     return newest < found;
 }
