@@ -6,6 +6,7 @@ python docs/make_format.py        (part of `make docs`; the tests compare both w
 from __future__ import annotations
 
 import re
+import textwrap
 from pathlib import Path
 
 from vfplan.bundle.content import Row, document, table
@@ -150,9 +151,8 @@ def header() -> str:
     limits = []
     for name, value in data["limits"].items():
         limits.append(f"inline constexpr std::uint64_t {name} = {value};")
-    sizes = []
-    for letter, size in data["sizes"].items():
-        sizes.append(f"    Size{{'{letter}', {size['max']}}},")
+    sizes = [f"Size{{'{letter}',~{size['max']}}}" for letter, size in data["sizes"].items()]
+    lines = textwrap.fill(", ".join(sizes), 100, initial_indent="    ", subsequent_indent="    ")
     newline = "\n"
     return f"""// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
@@ -214,7 +214,7 @@ namespace limits {{
 }}  // namespace limits
 
 inline constexpr std::array<Size, {len(data["sizes"])}> sizes{{
-{newline.join(sizes)}
+{lines.replace("~", " ")}
 }};
 
 inline constexpr std::array<Row, {len(rows)}> rows{{{{

@@ -10,7 +10,7 @@ import sys
 import tomllib
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 from docs_modules import load
 
 import vfplan
@@ -24,6 +24,57 @@ def test_one_version_is_written_everywhere():
     assert f"\n## {version} - " in (ROOT / "CHANGELOG.md").read_text()
     header = (ROOT / "vfplan/native/include/vfplan/version.hpp").read_text()
     assert f'VFPLAN_VERSION "{version}"' in header
+    for recipe in ("vcpkg/vcpkg.json", "conan/conanfile.py", "conda/recipe.yaml"):
+        found = re.search(r'"?version"?( =|:) "([^"]*)"', (ROOT / "release" / recipe).read_text())
+        assert found[2] == version, recipe
+
+
+# Stand-ins for the functions of vcpkg that the port calls: each does what vcpkg's own says it does.
+VCPKG = r"""
+macro(run)
+  execute_process(COMMAND ${CMAKE_COMMAND} ${ARGN} COMMAND_ERROR_IS_FATAL ANY)
+endmacro()
+macro(vcpkg_cmake_configure name source)
+  run(-S "${source}" -B "${WORK}" "-DCMAKE_INSTALL_PREFIX=${CURRENT_PACKAGES_DIR}")
+endmacro()
+macro(vcpkg_cmake_install)
+  run(--build "${WORK}" --target install)
+endmacro()
+macro(vcpkg_cmake_config_fixup name folder)
+  set(share "${CURRENT_PACKAGES_DIR}/share")
+  file(COPY "${CURRENT_PACKAGES_DIR}/${folder}/" DESTINATION "${share}/vfplan")
+  file(REMOVE_RECURSE "${share}/cmake")
+  file(GLOB files "${share}/vfplan/*.cmake")
+  set(up "get_filename_component(_IMPORT_PREFIX \"\${_IMPORT_PREFIX}\" PATH)\n")
+  foreach(file IN LISTS files)
+    file(READ "${file}" text)
+    string(REPLACE "LIST_DIR}/../../../" "LIST_DIR}/../../" text "${text}")
+    string(REPLACE "${up}${up}${up}" "${up}${up}" text "${text}")
+    file(WRITE "${file}" "${text}")
+  endforeach()
+endmacro()
+macro(vcpkg_fixup_pkgconfig)
+  file(READ "${CURRENT_PACKAGES_DIR}/lib/pkgconfig/vfplan.pc" text)
+endmacro()
+macro(vcpkg_install_copyright name)
+  file(COPY ${ARGN} DESTINATION "${share}")
+endmacro()
+include("${CURRENT_PORT_DIR}/portfile.cmake")
+"""
+
+
+@pytest.mark.slow
+def test_the_port_of_vcpkg_makes_a_package_that_cmake_finds(tmp_path):
+    (tmp_path / "port.cmake").write_text(VCPKG)
+    package = tmp_path / "package"
+    words = f"-DCURRENT_PORT_DIR={ROOT}/release/vcpkg", f"-DCURRENT_PACKAGES_DIR={package}"
+    output("cmake", *words, f"-DWORK={tmp_path}/work", "-P", tmp_path / "port.cmake")
+    assert (package / "share" / "LICENSE").is_file()
+    # CMake refuses a package whose library is not where the package says.
+    (tmp_path / "CMakeLists.txt").write_text(
+        "cmake_minimum_required(VERSION 3.22)\nproject(user CXX)\nfind_package(vfplan REQUIRED)\n"
+    )
+    output("cmake", "-S", tmp_path, "-B", tmp_path / "user", f"-DCMAKE_PREFIX_PATH={package}")
 
 
 def test_the_changelog_is_short():

@@ -111,10 +111,10 @@ def test_the_marked_rows_are_what_an_engine_reads():
     include = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
     source = (include / "fixture.hpp").read_text()
     source = source[
-        source.index("strokes_of(const Content") : source.rindex("Fixture read_fixture(")
+        source.index("guidance_of(const Content") : source.rindex("Fixture read_fixture(")
     ]
     content = (include / "content.hpp").read_text()
-    source += content[content.index("pieces_of(const Content") :]
+    source += content[content.index("strokes_of(const Content") :]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}
     beside = {"/@id", "/@case", "/provenance@created_utc", "/leak@certified", "/registration@tool"}
     read |= {path for path in re.findall(r'"(/@?\w+)"', source) if path in FIELDS}

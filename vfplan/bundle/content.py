@@ -156,8 +156,8 @@ RENAMED = {
 
 # What the format computes, and what is written out below.
 NO_FIELDS = (
-    *("/@format", "/@version", "/@id", "/@must_understand", "/leak"),
-    *("/findings", "/provenance", "/rendering@robot", "/rendering/stability"),
+    *("/@format", "/@version", "/@id", "/@must_understand", "/leak", "/findings"),
+    *("/provenance/input", "/provenance/setting", "/rendering@robot", "/rendering/stability"),
 )
 
 # Path in the bundle -> field of the fixture. A test holds it against the classes of a fixture.
@@ -174,6 +174,7 @@ STABILITY_FIELDS = tuple(field.name for field in fields(StabilityVerdict) if fie
 PARTS = {
     "curve": Curve, "pieces": Pieces, "image": SourceImage, "rendering": Rendering,
     "guidance": Guidance, "registration": RegistrationRecord, "reviewed": Review,
+    "provenance": Provenance,
 }  # fmt: skip
 
 
@@ -188,7 +189,8 @@ def to_content(fixture: Fixture) -> Content:
         for name in field.split("."):
             # A part that the fixture does not have has no path.
             value = getattr(value, name, None)
-        if value is not None:
+        is_empty = isinstance(value, tuple) and not value
+        if value is not None and not is_empty:
             content[path] = as_content(value, rows_by_path()[path])
     if fixture.stability is not None:
         numbers = [getattr(fixture.stability, name) for name in STABILITY_FIELDS]
@@ -196,7 +198,14 @@ def to_content(fixture: Fixture) -> Content:
         content["/rendering/stability"] = np.array(numbers, dtype="<f8")
     if fixture.findings:
         content |= content_of_findings(fixture.findings)
-    return content | content_of_provenance(fixture.provenance)
+    inputs, settings = fixture.provenance.inputs, fixture.provenance.settings
+    if inputs:
+        content["/provenance/input_roles"] = tuple(inputs)
+        content["/provenance/input_sha256"] = tuple(inputs.values())
+    if settings:
+        content["/provenance/setting_names"] = tuple(settings)
+        content["/provenance/setting_values"] = tuple(map(setting_text, settings.values()))
+    return content
 
 
 def as_content(value: Any, row: Row) -> Any:
@@ -228,20 +237,6 @@ def content_of_findings(findings: tuple[Finding, ...]) -> Content:
 
 
 FINDING_TEXTS = ("code", "severity", "text", "stage")
-
-
-def content_of_provenance(provenance: Provenance) -> Content:
-    """The group `/provenance`."""
-    values = {
-        "@created_utc": provenance.created_utc,
-        "@software": provenance.software,
-        "/input_roles": tuple(provenance.inputs),
-        "/input_sha256": tuple(provenance.inputs.values()),
-        "/setting_names": tuple(provenance.settings),
-        "/setting_values": tuple(map(setting_text, provenance.settings.values())),
-        "/history": tuple(provenance.history),
-    }
-    return {f"/provenance{name}": value for name, value in values.items() if value != ()}
 
 
 def setting_text(value: Any) -> str:
@@ -341,12 +336,14 @@ def from_content(content: Content) -> Fixture:
         numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))
         numbers["delay_ticks"] = round(numbers["delay_ticks"])
         values["stability"] = StabilityVerdict(content["/rendering@robot"], **numbers)
-    return Fixture(
-        **values,
-        **{name: PARTS[name](**part) for name, part in parts.items()},
-        provenance=provenance_of(content),
-        findings=findings_of(content),
+    roles, digests, names, texts = (
+        content.get(f"/provenance/{name}", ())
+        for name in ("input_roles", "input_sha256", "setting_names", "setting_values")
     )
+    parts["provenance"]["inputs"] = dict(zip(roles, digests, strict=True))
+    parts["provenance"]["settings"] = dict(zip(names, map(setting_of, texts), strict=True))
+    parts = {name: PARTS[name](**part) for name, part in parts.items()}
+    return Fixture(**values, **parts, findings=findings_of(content))
 
 
 def findings_of(content: Content) -> tuple[Finding, ...]:
@@ -364,19 +361,6 @@ def findings_of(content: Content) -> tuple[Finding, ...]:
     return tuple(findings)
 
 
-def provenance_of(content: Content) -> Provenance:
-    """Where the bundle came from."""
-    roles, digests, names, values, history = (
-        content.get(f"/provenance/{name}", ())
-        for name in ("input_roles", "input_sha256", "setting_names", "setting_values", "history")
-    )
-    return Provenance(
-        created_utc=content["/provenance@created_utc"],
-        software=content["/provenance@software"],
-        inputs=dict(zip(roles, digests, strict=True)),
-        settings={
-            name: text[1:-1] if text.startswith('"') else json.loads(text)
-            for name, text in zip(names, values, strict=True)
-        },
-        history=history,
-    )
+def setting_of(text: str) -> Any:
+    """The setting that a bundle holds as this text."""
+    return text[1:-1] if text.startswith('"') else json.loads(text)

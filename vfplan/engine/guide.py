@@ -6,7 +6,6 @@ native guide does the work.
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,8 +34,6 @@ Hold = Literal["at_once", "on_entry"]
 
 ENDS: tuple[Ends, ...] = get_args(Ends)
 HOLDS: tuple[Hold, ...] = get_args(Hold)
-# A place in a message of the core.
-PLACE_MM = re.compile(r"\[(.*?)\] mm")
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,17 +172,11 @@ class Guide:
                 )
             self.closed = tuple(points.closed.tolist())
             self.curves: tuple[Any, ...] = check_pieces(points)
-            places = points.vertices
         else:
             strokes = check_strokes(points)
             closings = check_closed(closed, len(strokes))
             self.closed = tuple(closings)
-            places = np.vstack(strokes)
-            self.curves = places, [len(stroke) for stroke in strokes], closings
-        # The core computes across the ignored axis, where all places have 0 along it.
-        self._along = np.zeros(3)
-        if self.ignore_axis is not None:
-            self._along = (places @ self.ignore_axis).mean() * self.ignore_axis
+            self.curves = np.vstack(strokes), [len(stroke) for stroke in strokes], closings
         with core_settings():
             try:
                 # The native guide, which checks nothing.
@@ -195,11 +186,7 @@ class Guide:
             except ValueError as error:
                 # The core names the radius where the tube does not fit the curve.
                 kind = SettingError if "radius" in str(error) else SceneError
-                text = PLACE_MM.sub(
-                    lambda found: self._listed(1e-3 * np.array(found[1].split(","), float)),
-                    str(error).removeprefix("vfplan: "),
-                )
-                raise kind(text) from None
+                raise kind(str(error).removeprefix("vfplan: ")) from None
         # Length of each curve [m].
         self.lengths_m: list[float] = self.native.lengths
         if self.tight_bend is not None:
@@ -248,21 +235,17 @@ class Guide:
         if bend is None:
             return None
         stroke, arc, place = bend
+        listed = ", ".join(f"{1e3 * coordinate:.4g}" for coordinate in place)
         return (
             f"guide radius {1e3 * self.radius:g} mm: stroke {stroke} bends more tightly at arc "
-            f"{1e3 * arc:.4g} mm, {self._listed(place)}, and the tip may cut that corner. Take a "
-            "smaller radius if it must not."
+            f"{1e3 * arc:.4g} mm, [{listed}] mm, and the tip may cut that corner. Take a smaller "
+            "radius if it must not."
         )
-
-    def _listed(self, place: ArrayLike) -> str:
-        """A place (3,) [m] across the ignored axis as a text, on the curve itself."""
-        listed = ", ".join(f"{1e3 * coordinate:.4g}" for coordinate in place + self._along)
-        return f"[{listed}] mm"
 
     def at(self, arc_m: ArrayLike, stroke: int = 0) -> Vector:
         """(M, 3) the curve's places at arc lengths (M,) [m]."""
         arcs = np.atleast_1d(np.asarray(arc_m, float)).tolist()
-        return self.native.at(stroke, arcs) + self._along
+        return self.native.at(stroke, arcs)
 
     def reset(self, hip: ArrayLike) -> None:
         """Take the curve's place nearest to `hip` (3,) [m], and hold the tip as `hold` says."""

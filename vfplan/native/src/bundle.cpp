@@ -37,14 +37,13 @@ nb::object to_python(vb::Value&& value) {
     });
 }
 
-/// ({path: value}, [(location, code, severity, message)]) of what `read` gives
-template <class Read>
-nb::tuple read_with(const Read& read, bool strict) {
+/// ({path: value}, [(location, code, severity, message)])
+nb::tuple read(vb::View payload, std::uint64_t file_length, bool strict, const vb::Seal* seal) {
     vb::Findings findings(strict);
     vb::Content content;
     {
         nb::gil_scoped_release release;
-        content = read(findings);
+        content = vb::read_payload(payload, file_length, findings, seal);
     }
     nb::dict values;
     for (auto& [path, value] : content) values[path.c_str()] = to_python(std::move(value));
@@ -103,7 +102,7 @@ nb::tuple certificate(const Rows& points, const std::optional<Row>& axis, double
             throw std::invalid_argument("vfplan: each point needs the number of its stroke");
         made = vb::detail::certify(shape, reach);
     }
-    return nb::make_tuple(made.kind, made.largest, made.limit, made.holds, made.rows);
+    return nb::make_tuple(made.kind, made.largest, made.limit, made.holds(), made.rows);
 }
 
 /// BundleError -> the Python exception of the same kind, with `where` and `code`.
@@ -127,12 +126,7 @@ void bind_bundle(nb::module_& m) {
     m.def(
         "read_payload",
         [](const nb::bytes& payload, std::uint64_t file_length, bool strict) {
-            const vb::View bytes = view(payload);
-            return read_with(
-                [&](vb::Findings& findings) {
-                    return vb::read_payload(bytes, file_length, findings);
-                },
-                strict);
+            return read(view(payload), file_length, strict, nullptr);
         },
         "payload"_a, "file_length"_a, "strict"_a = true);
     m.def(
@@ -146,12 +140,7 @@ void bind_bundle(nb::module_& m) {
         .def(
             "read",
             [](const Sealed& s, bool strict) {
-                const std::size_t length = s.data.size();
-                return read_with(
-                    [&](vb::Findings& findings) {
-                        return vb::read_sealed(s.seal, s.payload, length, findings);
-                    },
-                    strict);
+                return read(s.payload, s.data.size(), strict, &s.seal);
             },
             "strict"_a = true)
         .def_ro("data", &Sealed::data)

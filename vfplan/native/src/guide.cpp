@@ -8,12 +8,12 @@
 
 namespace {
 
-// Points of the curve (M, 3) at arc lengths, across an ignored axis.
+// Points of the curve (M, 3) at arc lengths.
 nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>& arcs) {
     if (strand >= guide.path().strands().size()) throw nb::index_error("there is no such strand");
     auto out = array<double>(arcs.size(), 3);
     for (std::size_t i = 0; i < arcs.size(); ++i) {
-        const vfplan::Vec3 x = guide.path().at(strand, arcs[i]);
+        const vfplan::Vec3 x = guide.path().at(strand, arcs[i]) + guide.along_axis();
         std::memcpy(out.data() + 3 * i, x.c, sizeof x.c);
     }
     return nb::cast(out);
@@ -22,7 +22,8 @@ nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>&
 nb::object tight_bend(const Guide& guide) {
     const vfplan::TubeObstacle n = vfplan::tight_bend(guide.path(), guide.parameters().radius);
     if (!n.found) return nb::none();
-    return nb::make_tuple(n.strand, n.arc, nb::make_tuple(n.at[0], n.at[1], n.at[2]));
+    const vfplan::Vec3 place = n.at + guide.along_axis();
+    return nb::make_tuple(n.strand, n.arc, nb::make_tuple(place[0], place[1], place[2]));
 }
 
 }  // namespace

@@ -80,7 +80,7 @@ class Guide {
         for (std::size_t i = 0; i < counts.size(); xyz += 3 * counts[i++]) {
             check_coordinates(xyz, counts[i]);
             std::vector<Vec3> points(counts[i]);
-            for (std::size_t k = 0; k < counts[i]; ++k) points[k] = across(point_at(xyz, k));
+            for (std::size_t k = 0; k < counts[i]; ++k) points[k] = seen_across(point_at(xyz, k));
             path_.add(points, closed.at(i));
         }
         check_tube();
@@ -90,7 +90,11 @@ class Guide {
     Guide(const std::vector<Stroke>& strokes, const GuideParameters& p) : Guide(p) {
         check(strokes);
         if (!p.ignore_axis) reject("lines and arcs need an ignore_axis: they are planar");
-        for (const Stroke& s : strokes) path_.add(s, *p.ignore_axis, p.radius / 2);
+        for (const Stroke& s : strokes) {
+            path_.add(s, *p.ignore_axis, p.radius / 2);
+            for (std::size_t i = 0; i < s.bulges.size(); ++i)
+                seen_across(point_at(s.vertices.data(), i));
+        }
         check_tube();
     }
 
@@ -134,7 +138,9 @@ class Guide {
         return last_;
     }
 
+    /// The curve across an ignored axis, and what the given points have along it, on average.
     const Path& path() const noexcept { return path_; }
+    const Vec3& along_axis() const noexcept { return along_axis_; }
     const GuideParameters& parameters() const noexcept { return p_; }
     std::size_t bytes() const noexcept { return sizeof(*this) + path_.bytes(); }
 
@@ -147,8 +153,9 @@ class Guide {
         const auto text = [](double metres) { return shown(1e3 * metres); };
         const std::string asked = "radius " + text(p_.radius) + " mm: at most ";
         const auto place = [&](const TubeObstacle& obstacle) {
-            return " at arc " + text(obstacle.arc) + " mm, [" + text(obstacle.at[0]) + ", " +
-                   text(obstacle.at[1]) + ", " + text(obstacle.at[2]) + "] mm";
+            const Vec3 at = obstacle.at + along_axis_;
+            return " at arc " + text(obstacle.arc) + " mm, [" + text(at[0]) + ", " + text(at[1]) +
+                   ", " + text(at[2]) + "] mm";
         };
         const double extent = path_.extent();
         if (p_.radius > extent)
@@ -168,6 +175,12 @@ class Guide {
                    place(bend));
     }
 
+    /// A given point across an ignored axis.
+    Vec3 seen_across(const Vec3& x) {
+        const Vec3 seen = across(x);
+        along_axis_ += (1 / ++given_) * (x - seen - along_axis_);
+        return seen;
+    }
     Vec3 across(const Vec3& x) const noexcept {
         return p_.ignore_axis ? vfplan::across(x, *p_.ignore_axis) : x;
     }
@@ -302,6 +315,8 @@ class Guide {
 
     GuideParameters p_;
     Path path_;
+    Vec3 along_axis_;
+    double given_ = 0;  // number of points, of which that is the mean
     GuideStep last_;
     Vec3 x_;        // the HIP, across an ignored axis
     Vec3 at_;       // the place of the curve

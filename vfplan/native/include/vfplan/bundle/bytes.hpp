@@ -5,7 +5,6 @@
 
 #include <bit>
 #include <charconv>
-#include <compare>
 #include <concepts>
 #include <initializer_list>
 #include <locale>
@@ -14,6 +13,10 @@
 #include <stdexcept>
 
 #include "vfplan/base/compiler.hpp"
+
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "vfplan reads bundles on little-endian processors only: their numbers are copied as they are"
+#endif
 
 namespace vfplan::bundle {
 
@@ -43,27 +46,33 @@ inline std::optional<std::u32string> characters(std::string_view text) {
 }
 inline bool is_utf8(std::string_view text) { return characters(text).has_value(); }
 
-/// Whether valid UTF-8 holds one of the control characters U+0000-1F or U+7F-9F.
-inline bool has_control(std::string_view text) {
+/// The first and the last of characters that follow each other.
+using Range = std::array<char32_t, 2>;
+
+/// Whether valid UTF-8 holds a character of one of these ranges.
+inline bool has_any(std::string_view text, std::span<const Range> ranges) {
     const std::u32string all = characters(text).value();
-    return std::any_of(all.begin(), all.end(),
-                       [](char32_t c) { return c < 0x20 || (c >= 0x7F && c < 0xA0); });
+    for (const char32_t c : all)
+        for (const auto& [first, last] : ranges)
+            if (first <= c && c <= last) return true;
+    return false;
+}
+
+/// Whether valid UTF-8 holds a control character.
+inline bool has_control(std::string_view text) {
+    return has_any(text, std::array<Range, 2>{{{0x00, 0x1F}, {0x7F, 0x9F}}});
 }
 
 /// Whether valid UTF-8 is not empty and can be read off a page as it is: no character is hidden or
 /// turns the order of others, and the only blank is U+0020, inside.
 inline bool is_plain(std::string_view text) {
-    constexpr std::array<std::array<char32_t, 2>, 21> hidden{
+    constexpr std::array<Range, 21> hidden{
         {{0x00, 0x1F},       {0x7F, 0xA0},     {0xAD, 0xAD},     {0x34F, 0x34F},   {0x61C, 0x61C},
          {0x115F, 0x1160},   {0x1680, 0x1680}, {0x17B4, 0x17B5}, {0x180B, 0x180F}, {0x2000, 0x200F},
          {0x2028, 0x202F},   {0x205F, 0x206F}, {0x3000, 0x3000}, {0x3164, 0x3164}, {0xE000, 0xF8FF},
          {0xFE00, 0xFE0F},   {0xFEFF, 0xFEFF}, {0xFFA0, 0xFFA0}, {0xFFF0, 0xFFFB}, {0xFFFE, 0xFFFF},
          {0xE0000, 0x10FFFF}}};
-    const std::u32string all = characters(text).value();
-    for (const char32_t c : all)
-        for (const auto& [first, last] : hidden)
-            if (first <= c && c <= last) return false;
-    return !text.empty() && text.front() != ' ' && text.back() != ' ';
+    return !text.empty() && text.front() != ' ' && text.back() != ' ' && !has_any(text, hidden);
 }
 
 /// The words of a text, with one separator between them.
@@ -104,32 +113,18 @@ inline bool is_name(std::string_view text) {
 
 /// A JSON number that float64 can hold.
 inline bool is_number(std::string_view text) {
-    std::size_t i = 0;
-    const auto digits = [&] {
-        const std::size_t start = i;
-        while (i < text.size() && is_digit(text[i])) ++i;
-        return i - start;
-    };
-    const auto take = [&](std::string_view any) {
-        const bool there = i < text.size() && any.find(text[i]) != std::string_view::npos;
-        i += there ? 1 : 0;
-        return there;
-    };
-    take("-");
-    const bool zero = i < text.size() && text[i] == '0';
-    const std::size_t whole = digits();
-    if (whole == 0 || (zero && whole > 1)) return false;
-    if (take(".") && digits() == 0) return false;
-    if (take("eE")) {
-        take("+-");
-        if (digits() == 0) return false;
-    }
-    if (i != text.size()) return false;
+    const auto digit_at = [&](std::size_t i) { return i < text.size() && is_digit(text[i]); };
+    // What a stream reads and JSON does not: a plus in front, a base of 16, a zero before another
+    // digit, a point without a digit on either side.
+    const std::size_t first = text.starts_with('-') ? 1 : 0, point = text.find('.');
+    if (text.find_first_not_of("0123456789.eE+-") != text.npos || !digit_at(first)) return false;
+    if (text[first] == '0' && digit_at(first + 1)) return false;
+    if (point != text.npos && !digit_at(point + 1)) return false;
     std::istringstream stream{std::string(text)};
     stream.imbue(std::locale::classic());  // whatever the program's locale is
     double value = 0;
     stream >> value;
-    return !stream.fail() && std::isfinite(value);
+    return !stream.fail() && stream.eof() && std::isfinite(value);
 }
 
 /// A setting's value: true, false, a JSON number, or text between double quotes.
@@ -139,23 +134,16 @@ inline bool is_setting(std::string_view text) {
 }
 
 /// MAJOR.MINOR, the version of a format.
-struct Version {
-    int major = 0, minor = 0;
-
-    auto operator<=>(const Version&) const = default;
-};
+using Version = std::array<int, 2>;
 
 /// Reads a version, each part 0..99999 without leading zeros; false if it is none.
-inline bool is_version(std::string_view text, Version& version) {
-    const std::size_t dot = text.find('.');
-    if (dot == std::string_view::npos) return false;
-    const auto parse = [](std::string_view part, int& value) {
-        const char* end = part.data() + part.size();
-        return !part.empty() && part.size() <= 5 && (part[0] != '0' || part.size() == 1) &&
-               std::all_of(part.data(), end, is_digit) &&
-               std::from_chars(part.data(), end, value).ptr == end;
-    };
-    return parse(text.substr(0, dot), version.major) && parse(text.substr(dot + 1), version.minor);
+inline bool is_version(const std::string& text, Version& version) {
+    auto& [major, minor] = version;
+    const char* end = text.data() + text.size();
+    const char* dot = std::from_chars(text.data(), end, major).ptr;
+    if (dot != end) std::from_chars(dot + 1, end, minor);
+    return std::max(major, minor) <= 99999 && std::min(major, minor) >= 0 &&
+           text == std::to_string(major) + "." + std::to_string(minor);
 }
 
 /// A number in the shortest form that reads back as itself, or as `form` says.
@@ -167,48 +155,46 @@ std::string shortest_text(double x, Form... form) {
 /// A number with six digits.
 inline std::string six_digits(double x) { return shortest_text(x, std::chars_format::general, 6); }
 
+inline std::string hex_of(unsigned char byte) {
+    constexpr std::string_view digits = "0123456789abcdef";
+    return {digits[byte >> 4], digits[byte & 15]};
+}
+
 /// Text of a file between quotes, cut short, with nothing in it that a terminal would obey.
 inline std::string quoted(std::string_view text) {
-    constexpr std::string_view digits = "0123456789abcdef";
     std::string out = "'";
     for (const char c : text.substr(0, 64)) {
         const auto byte = static_cast<unsigned char>(c);
-        if (byte >= 0x20 && byte < 0x7F)
-            out += c;
-        else
-            out += {'\\', 'x', digits[byte >> 4], digits[byte & 15]};
+        out += byte >= 0x20 && byte < 0x7F ? std::string(1, c) : "\\x" + hex_of(byte);
     }
     return out + "'";
 }
 
 // What is wrong with a bundle: thrown at the first when loading, listed in full when validating.
 
+/// One thing that is wrong with a bundle, or, as a note, was left unchecked.
+struct Finding {
+    std::string code, where, message;
+    bool error = true;
+};
+
 /// A bundle that cannot be trusted, or a file that cannot be read.
 ///
 /// `code` begins with "input" (no such file), "corrupt", "unsafe", "version" or "signature" and
 /// is the code that `vfplan validate` prints; `where` is the path inside the bundle, or the file's
 /// name, or empty; `what()` begins with it.
-class BundleError : public std::runtime_error {
-  public:
-    BundleError(std::string code, std::string where, const std::string& message)
-        : std::runtime_error(where.empty() ? message : where + ": " + message),
-          code(std::move(code)),
-          where(std::move(where)),
-          message(message) {}
+struct BundleError : std::runtime_error, Finding {
+    explicit BundleError(Finding wrong)
+        : std::runtime_error(wrong.where.empty() ? wrong.message
+                                                 : wrong.where + ": " + wrong.message),
+          Finding(std::move(wrong)) {}
 
-    /// The name of the Python exception for the same finding.
-    [[nodiscard]] std::string_view kind() const {
-        const std::string_view head = std::string_view(code).substr(0, code.find('.'));
-        if (head == "input") return "InputError";
-        if (head == "unsafe") return "UnsafeError";
-        if (head == "version") return "VersionError";
-        if (head == "signature") return "SignatureError";
-        return "CorruptError";
+    /// The name of the Python exception for the same finding, such as "CorruptError".
+    [[nodiscard]] std::string kind() const {
+        std::string name = code.substr(0, code.find('.')) + "Error";
+        name[0] = static_cast<char>(name[0] - 'a' + 'A');
+        return name;
     }
-
-    std::string code;
-    std::string where;
-    std::string message;
 };
 
 /// Text of a file, which a message shows between quotes.
@@ -218,9 +204,8 @@ struct Quoted {
 
 /// A part of a message: text, or a number.
 struct Part {
-    Part(const char* text) : text(text) {}
-    Part(std::string_view text) : text(text) {}
-    Part(std::string text) : text(std::move(text)) {}
+    template <std::convertible_to<std::string_view> T>
+    Part(const T& text) : text(std::string_view(text)) {}
     Part(Quoted quote) : text(quoted(quote.text)) {}
     Part(double number) : text(shortest_text(number)) {}
     template <std::integral T>
@@ -261,9 +246,10 @@ inline constexpr std::array<Advice, 20> advice{{
     {"unsafe.unknown", "Leave it out, or read the file with a newer vfplan"},
 }};
 
-/// What is wrong, and behind it what to do: `todo`, or the advice of the code where there is none.
-[[gnu::noinline, gnu::cold]] inline std::string message_of(std::string_view code, Sentence wrong,
-                                                           std::string_view todo) {
+/// A finding that says what is wrong, and behind it what to do: `todo`, or the advice of the code
+/// where there is none.
+[[gnu::noinline, gnu::cold]] inline Finding finding(std::string_view code, std::string_view where,
+                                                    Sentence wrong, std::string_view todo) {
     std::string message;
     for (const Part& part : wrong) message += part.text;
     if (todo.empty()) {
@@ -273,15 +259,14 @@ inline constexpr std::array<Advice, 20> advice{{
                    ? "Write what the format has there, or let vfplan write the bundle"
                    : found->text;
     }
-    message += ". ";
-    return message += todo;
+    (message += ". ") += todo;
+    return {std::string(code), std::string(where), std::move(message)};
 }
 
 /// Throws a BundleError: what is wrong, and what to do.
-[[noreturn, gnu::noinline, gnu::cold]] inline void refuse(std::string_view code,
-                                                          std::string_view where, Sentence wrong,
-                                                          std::string_view todo = {}) {
-    throw BundleError(std::string(code), std::string(where), message_of(code, wrong, todo));
+[[noreturn]] inline void refuse(std::string_view code, std::string_view where, Sentence wrong,
+                                std::string_view todo = {}) {
+    throw BundleError(finding(code, where, wrong, todo));
 }
 
 /// Throws a BundleError unless this is `good`.
@@ -292,52 +277,32 @@ inline void require(bool good, std::string_view code, std::string_view where, Se
 
 }  // namespace detail
 
-/// One thing that is wrong with a bundle, or, as a note, was left unchecked.
-struct Finding {
-    std::string code, where, message;
-    bool error = true;
-};
-
 /// Collects findings; a strict one throws the first error instead.
 class Findings {
   public:
     explicit Findings(bool strict) : strict_(strict) {}
 
-    void add(const BundleError& error) {
-        if (strict_) throw error;
-        all_.push_back({error.code, error.where, error.message, true});
-        ++errors_;
-    }
-    [[gnu::noinline, gnu::cold]] void error(std::string_view code, std::string_view where,
-                                            Sentence wrong, std::string_view todo = {}) {
-        add(BundleError(std::string(code), std::string(where),
-                        detail::message_of(code, wrong, todo)));
+    void add(Finding found) {
+        if (strict_ && found.error) throw BundleError(std::move(found));
+        sound_ = sound_ && !found.error;
+        all_.push_back(std::move(found));
     }
     void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
                  std::string_view todo = {}) {
-        if (!good) error(code, where, wrong, todo);
+        if (!good) add(detail::finding(code, where, wrong, todo));
     }
-    void note(std::string_view code, std::string_view where, Sentence wrong,
-              std::string_view todo) {
-        all_.push_back(
-            {std::string(code), std::string(where), detail::message_of(code, wrong, todo), false});
+    void error(std::string_view code, std::string_view where, Sentence wrong,
+               std::string_view todo = {}) {
+        require(false, code, where, wrong, todo);
     }
-    [[nodiscard]] bool sound() const { return errors_ == 0; }
+    [[nodiscard]] bool sound() const { return sound_; }
     [[nodiscard]] const std::vector<Finding>& all() const { return all_; }
 
   private:
     bool strict_;
-    std::size_t errors_ = 0;
+    bool sound_ = true;
     std::vector<Finding> all_;
 };
-
-}  // namespace vfplan::bundle
-
-#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
-#error "vfplan reads bundles on little-endian processors only: their numbers are copied as they are"
-#endif
-
-namespace vfplan::bundle {
 
 // Bytes of a file that are read and never left: nothing here believes a length that a file states.
 

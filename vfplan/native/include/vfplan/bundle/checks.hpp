@@ -43,141 +43,91 @@ struct Apart {
     double longest_way;  // from a point to the next along the pieces
 };
 
-/// Follows a stroke's points along its pieces, in the order in which both were drawn.
+/// Follows a stroke's points along its pieces, in the order in which both were drawn: how many of
+/// the points, and one more where the pieces also end there.
 ///
 /// Every point lies within the tolerance of the pieces. From each point to the next the pieces keep
-/// to the line between the two, but for the slack and what the points' own turns allow. The pieces
-/// begin at the first point and end at the last, in a closed stroke at the first again.
-class Walk {
-  public:
-    Walk(const std::vector<Piece>& pieces, const std::vector<Vec3>& points, bool closed,
-         const Apart& apart)
-        : pieces_(pieces), points_(points), closed_(closed), apart_(apart) {}
-
-    /// How many of the points are followed, one after the other; all of them where the pieces lead
-    /// there, and one more where they also end there.
-    [[nodiscard]] std::size_t follow() {
-        if (!closed_) return follow_from({0, 0});
-        std::size_t followed = 0;
-        for (const Place& start : starts(points_.front())) {
-            followed = std::max(followed, follow_from(start));
-            if (followed > points_.size()) break;
-        }
-        return followed;
-    }
-
-  private:
-    /// A place on the pieces: which one, and the way from its first vertex [m].
-    struct Place {
-        std::size_t piece;
-        double way;
-    };
-
-    /// Where a closed stroke may begin, as its first point does not say: several places where it
-    /// crosses itself there.
-    [[nodiscard]] std::vector<Place> starts(const Vec3& first) const {
-        // Two strands that cross meet in four pieces at most; a file with more is no drawn curve.
-        constexpr std::size_t max_places = 8;
-        std::vector<Place> places;
-        for (std::size_t k = 0; k < pieces_.size() && places.size() < max_places; ++k) {
-            const PieceFoot foot = foot_on(pieces_[k], first);
-            if (foot.distance <= apart_.tolerance) places.push_back({k, foot.way});
-        }
-        return places;
-    }
-
-    [[nodiscard]] std::size_t follow_from(Place start) {
-        at_ = start;
-        pieces_left_ = pieces_.size();
-        to_go_ = 0;
-        for (const Piece& piece : pieces_) to_go_ += piece.length;
-        // A closed stroke leads back to its first point.
-        const std::size_t steps = points_.size() + (closed_ ? 1 : 0);
-        std::size_t followed = 0;
-        while (followed < steps && advance(followed)) ++followed;
-        if (followed < steps) return std::min(followed, points_.size() - 1);
-        return to_go_ <= end_slack() ? points_.size() + 1 : points_.size();
-    }
-
-    /// How far the pieces may begin before the first point, and end behind the last [m].
-    [[nodiscard]] double end_slack() const { return apart_.slack + apart_.tolerance; }
-
-    /// Goes on to point `i`; false if the pieces do not lead there, or not along the points.
-    [[nodiscard]] bool advance(std::size_t i) {
-        const double longest_way = i > 0 ? apart_.longest_way : end_slack();
-        const double tolerance = apart_.tolerance;
-        next_ = i;
-        double walked = -at_.way;  // to the beginning of the piece that is looked at
-        for (Place from = at_;; from = {(from.piece + 1) % pieces_.size(), 0}, --pieces_left_) {
-            const Piece& piece = pieces_[from.piece];
-            const PieceFoot foot = foot_on(piece, point(i));
-            const double ahead = walked + foot.way;
-            if (foot.distance <= tolerance && ahead >= -2 * tolerance && ahead <= longest_way) {
-                at_ = {from.piece, foot.way};
-                to_go_ -= ahead;
-                return keeps_to_line(from, foot.way);
-            }
-            walked += piece.length;
-            const bool is_last = !closed_ && from.piece + 1 == pieces_.size();
-            if (is_last || walked > longest_way || pieces_left_ == 0 || !is_near(piece.to) ||
-                !keeps_to_line(from, piece.length)) {
-                return false;
-            }
-        }
-    }
-
-    /// The point that a step leads to, in a closed stroke at last the first again.
-    [[nodiscard]] const Vec3& point(std::size_t i) const { return points_[i % points_.size()]; }
-
-    /// Tangent of the angle by which the points turn at one of them, which is taken as 60 degrees
-    /// at most. The ends of an open stroke do not turn.
-    [[nodiscard]] double turn_at(std::size_t i) const {
-        const std::size_t count = points_.size();
-        if (!closed_ && (i == 0 || i + 1 == count)) return 0;
+/// to the line between the two, but for the slack and what the points' own turns allow. The walk
+/// begins at `way` on the piece `number`; a closed stroke leads back to its first point.
+inline std::size_t follow(const std::vector<Piece>& pieces, const std::vector<Vec3>& points,
+                          bool closed, const Apart& apart, std::size_t number, double way) {
+    const std::size_t count = points.size(), steps = count + (closed ? 1 : 0);
+    // How far the pieces may begin before the first point, and end behind the last [m].
+    const double end_slack = apart.slack + apart.tolerance;
+    const auto point = [&](std::size_t i) { return points[i % count]; };
+    // Tangent of the angle by which the points turn at one of them, which is taken as 60 degrees at
+    // most. The ends of an open stroke do not turn.
+    const auto turn_at = [&](std::size_t i) {
+        if (!closed && (i == 0 || i + 1 == count)) return 0.0;
         const Vec3 in = point(i) - point(i + count - 1), out = point(i + 1) - point(i);
         const double along = dot(in, out), aside = norm(cross(in, out));
         const double most = std::sqrt(3.0);
         return aside < most * along ? aside / along : most;
+    };
+    double to_go = 0;  // along the pieces to their end [m]
+    for (const Piece& piece : pieces) to_go += piece.length;
+    std::size_t pieces_left = pieces.size();  // that may still be entered, each once
+    for (std::size_t i = 0; i < steps; ++i) {
+        const bool is_first = i == 0;
+        const Vec3 from = point(i + count - 1), to = point(i);
+        const double turn = is_first ? 0 : std::max(turn_at(i - 1), turn_at(i));
+        const double leeway = end_slack + 0.5 * norm(to - from) * turn;
+        const double longest_way = is_first ? end_slack : apart.longest_way;
+        // The first point of an open stroke has no line to it: there the way is short.
+        const auto is_near = [&](const Vec3& place) {
+            return is_first ||
+                   foot_on(vfplan::detail::straight(from, to), place).distance <= leeway;
+        };
+        double walked = -way;  // to the beginning of the piece that is looked at
+        for (bool has_arrived = false; !has_arrived;) {
+            const Piece& piece = pieces[number];
+            const PieceFoot foot = foot_on(piece, to);
+            const double ahead = walked + foot.way;
+            has_arrived = foot.distance <= apart.tolerance && ahead >= -2 * apart.tolerance &&
+                          ahead <= longest_way;
+            walked += piece.length;
+            const bool is_last = !closed && number + 1 == pieces.size();
+            if (!has_arrived &&
+                (is_last || walked > longest_way || pieces_left == 0 || !is_near(piece.to)))
+                return i;
+            // A part of an arc whose ends are near the line is near it in its middle as well.
+            const double end = has_arrived ? foot.way : piece.length;
+            if (piece.radius != 0 && !is_near(piece.ahead(0.5 * (way + end)))) return i;
+            way = has_arrived ? foot.way : 0;
+            if (has_arrived) {
+                to_go -= ahead;
+            } else {
+                number = (number + 1) % pieces.size();
+                --pieces_left;
+            }
+        }
     }
+    return to_go <= end_slack ? count + 1 : count;
+}
 
-    /// Whether a place is near enough to the line from the last point to the next. The first point
-    /// of an open stroke has none before it: there the way is short.
-    [[nodiscard]] bool is_near(const Vec3& place) const {
-        if (next_ == 0) return true;
-        const Vec3 &from = point(next_ - 1), &to = point(next_);
-        const double turn = std::max(turn_at(next_ - 1), turn_at(next_));
-        const double leeway = end_slack() + 0.5 * norm(to - from) * turn;
-        return foot_on(vfplan::detail::straight(from, to), place).distance <= leeway;
+/// How many of a stroke's points are followed from the beginning of its pieces. Where a closed one
+/// begins, its first point does not say: at several places where it crosses itself there. Two
+/// strands that cross meet in four pieces at most; a file with more than eight is no drawn curve.
+inline std::size_t follow(const std::vector<Piece>& pieces, const std::vector<Vec3>& points,
+                          bool closed, const Apart& apart) {
+    if (!closed) return follow(pieces, points, closed, apart, 0, 0);
+    std::size_t followed = 0, places = 0;
+    for (std::size_t k = 0; k < pieces.size() && places < 8 && followed <= points.size(); ++k) {
+        const PieceFoot foot = foot_on(pieces[k], points.front());
+        if (foot.distance > apart.tolerance) continue;
+        ++places;
+        followed = std::max(followed, follow(pieces, points, closed, apart, k, foot.way));
     }
-
-    /// Whether a part of a piece, whose ends are near that line, is near it in its middle as well.
-    [[nodiscard]] bool keeps_to_line(const Place& from, double to) const {
-        const Piece& piece = pieces_[from.piece];
-        return piece.radius == 0 || is_near(piece.ahead(0.5 * (from.way + to)));
-    }
-
-    const std::vector<Piece>& pieces_;
-    const std::vector<Vec3>& points_;
-    bool closed_;
-    Apart apart_;
-    Place at_{0, 0};
-    std::size_t next_ = 0;         // number of the point that the step leads to
-    std::size_t pieces_left_ = 0;  // that may still be entered, each once
-    double to_go_ = 0;             // along the pieces to their end [m]
-};
+    return followed;
+}
 
 /// The points, which are certified, and the lines and arcs, which are rendered, are one curve.
 inline void check_one_curve(const Content& content, Findings& findings) {
-    if (!content.has_group("/pieces")) return;
+    const double error = content.number("/pieces@error_m"), radius = radius_of(content);
     const Vec3 axis = point_at(content.at("/rendering/ignore_axis").f8.data(), 0);
     const auto place = [&](const std::vector<double>& table, std::size_t i) {
         return across(point_at(table.data(), i), axis);
     };
-    const std::vector<double>& points = content.at("/points").f8;
-    const std::vector<std::int32_t>& stroke_of_point = content.at("/curve/stroke").i4;
-    const double error = content.number("/pieces@error_m");
-    const double radius =
-        content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
     const double max_error = std::min(max_error_of_radius * radius, max_error_m);
     if (error > max_error) {
         return findings.error(
@@ -187,13 +137,14 @@ inline void check_one_curve(const Content& content, Findings& findings) {
     }
     const double tolerance = error + same_place_m;
     const Apart apart{tolerance, max_error, 2 * (content.number("/leak@largest_m") + tolerance)};
-    std::size_t point = 0;
-    std::int32_t number = 0;
-    for (const Stroke& stroke : pieces_of(content)) {
-        const std::size_t first_point = point, count = stroke.bulges.size();
-        std::vector<Vec3> places;
-        for (; point < stroke_of_point.size() && stroke_of_point[point] == number; ++point)
-            places.push_back(place(points, point));
+    const std::vector<double>& points = content.at("/points").f8;
+    const std::vector<StrokeRange> ranges = strokes_of(content);
+    const std::vector<Stroke> strokes = pieces_of(content);
+    for (std::size_t number = 0; number < strokes.size(); ++number) {
+        const Stroke& stroke = strokes[number];
+        const std::size_t first = ranges[number].first, count = stroke.bulges.size();
+        std::vector<Vec3> places(ranges[number].count);
+        for (std::size_t i = 0; i < places.size(); ++i) places[i] = place(points, first + i);
         std::vector<Piece> pieces;
         for (std::size_t i = 0; i + (stroke.closed ? 0 : 1) < count; ++i) {
             vfplan::detail::cut(place(stroke.vertices, i), place(stroke.vertices, (i + 1) % count),
@@ -201,14 +152,14 @@ inline void check_one_curve(const Content& content, Findings& findings) {
         }
         const Vec3 dot = place(stroke.vertices, 0);
         if (pieces.empty()) pieces.push_back(vfplan::detail::straight(dot, dot));
-        const std::size_t followed = Walk(pieces, places, stroke.closed, apart).follow();
-        ++number;
-        if (followed > places.size()) continue;
-        return findings.error("unsafe.pieces", "/pieces",
-                              {"leave the points of stroke ", number - 1, " at point ",
-                               first_point + std::min(followed, places.size() - 1),
-                               ": what is rendered is not what is certified"},
-                              "Change both together, or leave the pieces out");
+        const std::size_t followed = follow(pieces, places, stroke.closed, apart);
+        if (followed <= places.size()) {
+            return findings.error("unsafe.pieces", "/pieces",
+                                  {"leave the points of stroke ", number, " at point ",
+                                   first + std::min(followed, places.size() - 1),
+                                   ": what is rendered is not what is certified"},
+                                  "Change both together, or leave the pieces out");
+        }
     }
 }
 
@@ -258,17 +209,14 @@ inline void check_stability(const Content& content, Findings& findings) {
 /// The registration is that of its markers; what comes from a slice lies in the plane to which it
 /// takes the slice.
 inline void check_registered(const Content& content, Findings& findings) {
-    if (!content.has_group("/registration")) return;
     const Value& transform = content.at("/registration/T_robot_image");
     const std::size_t side = transform.shape[0];
-    std::vector<Vec3> columns;
-    for (std::size_t k = 0; k < side; ++k) {
-        const double* top = transform.f8.data() + k;
-        columns.emplace_back(top[0], top[side], top[2 * side]);
-    }
+    const std::vector<double>& t = transform.f8;
     const std::vector<double>& source = content.at("/registration/source").f8;
     const std::vector<double>& target = content.at("/registration/target").f8;
     const std::vector<double>& residuals = content.at("/registration/residuals").f8;
+    std::vector<Vec3> columns;
+    for (std::size_t k = 0; k < side; ++k) columns.emplace_back(t[k], t[side + k], t[2 * side + k]);
     double worst = 0;
     for (std::size_t i = 0; i < residuals.size(); ++i) {
         Vec3 place = columns.back();
@@ -298,11 +246,6 @@ inline void check_registered(const Content& content, Findings& findings) {
 
 // Rules that tie several values together, in the order of docs/format.md.
 
-/// The group at the root in which a value lies.
-inline std::string_view group_of(std::string_view path) {
-    return path.substr(0, path.find_first_of("/@", 1));
-}
-
 inline void check_understood(const Content& content, Findings& findings) {
     if (!content.has("/@must_understand")) return;
     for (const std::string_view path : split(content.at("/@must_understand").string(), ' '))
@@ -316,47 +259,44 @@ struct FormRule {
     bool (*is_good)(std::string_view);
     std::string_view wanted, todo;
 };
-inline FormRule rule_of(Form form) {
-    if (form == Form::plain)
-        return {is_plain, "text that can be read off a page", "Write it without hidden characters"};
-    if (form == Form::name)
-        return {is_name, "letters, digits, '_', '.' and '-'", "Write a name of these"};
-    if (form == Form::utc) return {is_utc_time, "YYYY-MM-DDThh:mm:ssZ", ""};
-    if (form == Form::sha256) return {is_sha256, "64 hexadecimal digits", ""};
-    return {is_setting, "true, false, a number or text between double quotes", ""};
-}
+/// In the order of Form.
+inline constexpr std::array<FormRule, 6> form_rules{{
+    {[](std::string_view) { return true; }, "", ""},
+    {is_name, "letters, digits, '_', '.' and '-'", "Write a name of these"},
+    {is_plain, "text that can be read off a page", "Write it without hidden characters"},
+    {is_utc_time, "YYYY-MM-DDThh:mm:ssZ", ""},
+    {is_sha256, "64 hexadecimal digits", ""},
+    {is_setting, "true, false, a number or text between double quotes", ""},
+}};
 
 inline void check_form(std::string_view text, Form form, std::string_view path,
                        Findings& findings) {
-    const auto [is_good, wanted, todo] = rule_of(form);
+    const auto& [is_good, wanted, todo] = form_rules[static_cast<std::size_t>(form)];
     findings.require(is_good(text), "corrupt.value", path,
                      {"is ", Quoted{text}, "; ", wanted, " wanted"}, todo);
 }
 
-/// What the format's table says of a row beyond what the reader has compared with it.
-inline void check_row(const Row& row, const Content& content, Findings& findings) {
-    const Value* value = content.find(row.path);
-    const std::string& frame = content.at("/@frame").string();
-    findings.require(row.frames.empty() || holds(split(row.frames, '|'), frame) ||
-                         (value == nullptr && !content.has_group(row.path)),
-                     "corrupt.group", row.path, {"must not be in the frame ", Quoted{frame}},
-                     "Leave it out");
-    findings.require(row.needs.empty() || content.has(row.needs) == (value != nullptr),
-                     "corrupt.missing", group_of(row.path),
-                     {"has one of ", row.path, " and ", row.needs, ", which need each other"},
-                     "Write both or neither");
-    if (value == nullptr) return;
-    if (row.form != Form::any)
-        for (const std::string& text : value->text) check_form(text, row.form, row.path, findings);
-    const std::set<std::string_view> different(value->text.begin(), value->text.end());
-    findings.require(
-        !row.unique || (different.size() == value->text.size() && !different.contains("")),
-        "corrupt.value", row.path, {"has a text that is empty, or there twice"},
-        "Give each a name of its own");
-}
-
+/// What the format's table says of its rows beyond what the reader has compared with them.
 inline void check_rows(const Content& content, Findings& findings) {
-    for (const Row& row : rows) check_row(row, content, findings);
+    const std::string& frame = content.at("/@frame").string();
+    for (const Row& row : rows) {
+        const Value* value = content.find(row.path);
+        findings.require(row.frames.empty() || holds(split(row.frames, '|'), frame) ||
+                             (value == nullptr && !content.has_group(row.path)),
+                         "corrupt.group", row.path, {"must not be in the frame ", Quoted{frame}},
+                         "Leave it out");
+        findings.require(row.needs.empty() || content.has(row.needs) == (value != nullptr),
+                         "corrupt.missing", group_of(row.path),
+                         {"has one of ", row.path, " and ", row.needs, ", which need each other"},
+                         "Write both or neither");
+        if (value == nullptr) continue;
+        for (const std::string& text : value->text) check_form(text, row.form, row.path, findings);
+        const std::set<std::string_view> different(value->text.begin(), value->text.end());
+        findings.require(
+            !row.unique || (different.size() == value->text.size() && !different.contains("")),
+            "corrupt.value", row.path, {"has a text that is empty, or there twice"},
+            "Give each a name of its own");
+    }
     findings.require(!content.has_group("/mesh") || !content.has_group("/curve"), "corrupt.group",
                      "/mesh", {"must not stand beside /curve"}, "Leave one of them out");
 }
@@ -370,28 +310,35 @@ inline void check_frames(const Content& content, Findings& findings) {
                      {"has a third column that is not 0, in the frame image"}, "Write 0 there");
 }
 
-/// Adds numbers as they are stored.
-template <class T>
-void add(Sha256& sum, const T* first, std::size_t count) {
-    sum.update({reinterpret_cast<const unsigned char*>(first), count * sizeof(T)});
+inline void add(Sha256& sum, const void* data, std::size_t size) {
+    sum.update({static_cast<const unsigned char*>(data), size});
 }
-template <class T>
-void add(Sha256& sum, const std::vector<T>& numbers) {
-    add(sum, numbers.data(), numbers.size());
+inline void add_count(Sha256& sum, std::uint64_t count) { add(sum, &count, sizeof count); }
+inline void add_text(Sha256& sum, std::string_view text) {
+    add_count(sum, text.size());
+    add(sum, text.data(), text.size());
+}
+/// Adds numbers as they are stored, and texts each behind its length.
+inline void add_elements(Sha256& sum, const Value& value) {
+    value.visit([&]<class T>(const std::vector<T>& elements) {
+        if constexpr (std::is_arithmetic_v<T>)
+            add(sum, elements.data(), elements.size() * sizeof(T));
+        else
+            for (const std::string& text : elements) add_text(sum, text);
+    });
 }
 
-/// The SHA-256 of the geometry, of which the id is the beginning.
+/// Of what, behind the frame, the id is the beginning of a SHA-256.
+inline constexpr std::array<std::string_view, 5> geometry{
+    "/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke"};
+
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
     Sha256 sum;
     add(sum, frame.c_str(), frame.size() + 1);
-    add(sum, content.at("/points").f8);
-    if (const Value* mesh = content.find("/mesh/triangles")) add(sum, mesh->i4);
-    if (const Value* vertices = content.find("/pieces/vertices")) {
-        add(sum, vertices->f8);
-        add(sum, content.at("/pieces/bulges").f8);
-        add(sum, content.at("/pieces/stroke").i4);
-    }
+    for (const std::string_view path : geometry)
+        if (path == "/points" || content.has_group(group_of(path)))
+            add_elements(sum, content.at(path));
     return sum.digest();
 }
 
@@ -402,31 +349,25 @@ inline void check_identity(const Content& content, Findings& findings) {
                      {"is ", Quoted{found}, "; the geometry gives ", Quoted{wanted}});
 }
 
-/// Whether these are 0, ..., 0, 1, ..., 1, 2, ...
-inline bool counts_up(const std::vector<std::int32_t>& stroke) {
-    const auto jump = std::adjacent_find(
-        stroke.begin(), stroke.end(),
-        [](std::int64_t one, std::int64_t next) { return next != one && next != one + 1; });
-    return stroke.front() == 0 && jump == stroke.end();
-}
-
-/// The numbers of strokes count up to the last stroke of /curve.
+/// The numbers of strokes, 0, ..., 0, 1, ..., 1, 2, ..., count up to the last stroke of /curve.
 inline void check_strokes(const Content& content, std::string_view path, Findings& findings) {
     const std::vector<std::int32_t>& stroke = content.at(path).i4;
     const std::size_t strokes = content.at("/curve/closed").u1.size();
-    findings.require(counts_up(stroke) && static_cast<std::size_t>(stroke.back()) + 1 == strokes,
-                     "corrupt.value", path,
+    const auto found = static_cast<std::size_t>(stroke.back()) + 1;
+    const auto jump = std::adjacent_find(
+        stroke.begin(), stroke.end(),
+        [](std::int64_t one, std::int64_t next) { return next != one && next != one + 1; });
+    const bool counts_up = stroke.front() == 0 && jump == stroke.end();
+    if (counts_up && found != strokes && path == "/curve/stroke")
+        return findings.error("corrupt.shape", "/curve/closed",
+                              {"has ", strokes, " strokes; the points have ", found});
+    findings.require(counts_up && found == strokes, "corrupt.value", path,
                      {"does not count 0, 1, ... to the ", strokes, " strokes of /curve"},
                      "Number the strokes in the order in which they were drawn");
 }
 
 inline void check_curve(const Content& content, Findings& findings) {
-    const std::vector<std::int32_t>& stroke = content.at("/curve/stroke").i4;
-    if (!counts_up(stroke)) return check_strokes(content, "/curve/stroke", findings);
-    const std::size_t strokes = content.at("/curve/closed").u1.size();
-    const auto found = static_cast<std::size_t>(stroke.back()) + 1;
-    findings.require(found == strokes, "corrupt.shape", "/curve/closed",
-                     {"has ", strokes, " strokes; the points have ", found});
+    check_strokes(content, "/curve/stroke", findings);
 }
 
 inline void check_pieces(const Content& content, Findings& findings) {
@@ -466,12 +407,10 @@ inline void check_rendering(const Content& content, Findings& findings) {
         findings.require(std::abs(length - 1) <= 1e-9, "corrupt.value", "/rendering/ignore_axis",
                          {"has length ", length, "; 1 wanted"}, "Divide it by its length");
     }
-    const double radius =
-        content.number("/rendering@contact_radius_m") + content.number("/rendering@point_radius_m");
-    findings.require(
-        content.number("/rendering@band_m") < radius, "corrupt.value", "/rendering@band_m",
-        {"is ", content.number("/rendering@band_m"), " m; less than R = ", radius, " m wanted"},
-        "Write a narrower band");
+    const double radius = radius_of(content), band = content.number("/rendering@band_m");
+    findings.require(band < radius, "corrupt.value", "/rendering@band_m",
+                     {"is ", band, " m; less than R = ", radius, " m wanted"},
+                     "Write a narrower band");
 }
 
 inline void check_guidance(const Content& content, Findings& findings) {
@@ -525,13 +464,11 @@ inline void check_registration(const Content& content, Findings& findings) {
 inline void check_findings(const Content& content, Findings& findings) {
     for (const auto& [flag, place] : {std::pair{"/findings/has_place_px", "/findings/place_px"},
                                       std::pair{"/findings/has_place_m", "/findings/place_m"}}) {
-        if (!content.has(flag) || !content.has(place)) continue;
-        const std::vector<std::uint8_t>& there = content.at(flag).u1;
-        const std::vector<double>& places = content.at(place).f8;
-        const std::size_t columns = places.size() / there.size();
+        const Value *there = content.find(flag), *places = content.find(place);
+        if (there == nullptr || places == nullptr) continue;
         bool zeros = true;
-        for (std::size_t i = 0; i < places.size(); ++i)
-            zeros = zeros && (there[i / columns] != 0 || places[i] == 0);
+        for (std::size_t i = 0; i < places->f8.size(); ++i)
+            zeros = zeros && (there->u1[i / places->shape[1]] != 0 || places->f8[i] == 0);
         findings.require(zeros, "corrupt.value", place, {"holds a place of a finding without one"},
                          "Write zeros there");
     }
@@ -552,37 +489,23 @@ inline void check_findings(const Content& content, Findings& findings) {
 
 /// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
 inline std::string review_digest(const Content& content) {
-    constexpr std::array<std::string_view, 5> in_geometry{
-        "/points", "/mesh/triangles", "/pieces/vertices", "/pieces/bulges", "/pieces/stroke"};
     Sha256 sum;
-    const auto put_size = [&](std::uint64_t size) { add(sum, &size, 1); };
-    const auto put_text = [&](std::string_view text) {
-        put_size(text.size());
-        add(sum, text.data(), text.size());
-    };
-    put_text("vfplan review 1");
-    const Digest geometry = geometry_digest(content);
-    add(sum, geometry.data(), geometry.size());
+    add_text(sum, "vfplan review 1");
+    sum.update(view(geometry_digest(content)));
     for (const auto& [path, value] : content) {
         if (row_at(path).mark == Mark::none) continue;
-        put_text(path);
-        put_text(name_of(value.type));
-        put_size(value.shape.size());
-        for (const std::size_t side : value.shape) put_size(side);
-        if (std::find(in_geometry.begin(), in_geometry.end(), path) != in_geometry.end()) continue;
-        value.visit([&]<class T>(const std::vector<T>& elements) {
-            if constexpr (std::is_arithmetic_v<T>)
-                add(sum, elements);
-            else
-                for (const std::string& text : elements) put_text(text);
-        });
+        add_text(sum, path);
+        add_text(sum, name_of(value.type));
+        add_count(sum, value.shape.size());
+        for (const std::size_t side : value.shape) add_count(sum, side);
+        if (std::find(geometry.begin(), geometry.end(), path) == geometry.end())
+            add_elements(sum, value);
     }
     return to_hex(view(sum.digest()));
 }
 
 /// The review is that of this plan, and not of what it was before somebody changed it.
 inline void check_reviewed(const Content& content, Findings& findings) {
-    if (!content.has_group("/review")) return;
     const std::string& found = content.at("/review@digest").string();
     const std::string wanted = review_digest(content);
     findings.require(found == wanted, "unsafe.review", "/review@digest",
@@ -625,8 +548,8 @@ inline void check(const Content& content, Findings& findings) {
         apply({detail::check_one_curve, detail::check_stability, detail::check_registered,
                detail::check_reviewed});
     } else {
-        findings.note("leak.unchecked", "/leak", {"is not checked, because of the errors above"},
-                      "Mend those first");
+        findings.add({"leak.unchecked", "/leak",
+                      "is not checked, because of the errors above. Mend those first", false});
     }
 }
 

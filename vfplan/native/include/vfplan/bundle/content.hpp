@@ -40,14 +40,18 @@ struct Value {
 };
 
 /// Thrown where a value is asked for that is not there; its text is the path.
-class Absent : public std::out_of_range {
-  public:
+struct Absent : std::out_of_range {
     using std::out_of_range::out_of_range;
 };
 
 /// Whether the format has a value or a group of this path.
 inline bool is_known(std::string_view path) {
     return std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
+}
+
+/// The group at the root in which a value lies.
+inline std::string_view group_of(std::string_view path) {
+    return path.substr(0, path.find_first_of("/@", 1));
 }
 
 /// Everything a bundle holds, by its path in the format. Whoever asks for a path that the format
@@ -80,9 +84,7 @@ class Content {
     [[nodiscard]] bool has_group(std::string_view group) const {
         if (!is_known(group)) throw Absent(std::string(group));
         return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
-            const std::string& path = value.first;
-            return path.size() > group.size() && path.starts_with(group) &&
-                   (path[group.size()] == '/' || path[group.size()] == '@');
+            return value.first != group && group_of(value.first) == group;
         });
     }
     void put(std::string_view path, Value value) {
@@ -92,9 +94,7 @@ class Content {
     Value take(std::string_view path) {
         const auto found = values_.find(path);
         if (found == values_.end()) throw Absent(std::string(path));
-        Value value = std::move(found->second);
-        values_.erase(found);
-        return value;
+        return std::move(values_.extract(found).mapped());
     }
 
     [[nodiscard]] auto begin() { return values_.begin(); }
@@ -104,6 +104,12 @@ class Content {
 
   private:
     std::map<std::string, Value, std::less<>> values_;
+};
+
+/// A stroke of the drawn curve: `count` points from the `first` on.
+struct StrokeRange {
+    std::size_t first = 0, count = 0;
+    bool closed = false;
 };
 
 /// How many doubts of a checked content nobody has answered.
@@ -120,6 +126,19 @@ inline std::size_t count_unanswered(const Content& content) {
 }
 
 namespace detail {
+
+inline std::vector<StrokeRange> strokes_of(const Content& content) {
+    std::vector<StrokeRange> strokes;
+    for (const std::int32_t id : content.at("/curve/stroke").i4) {
+        const auto i = static_cast<std::size_t>(id);
+        if (i == strokes.size()) {
+            const std::size_t first = i == 0 ? 0 : strokes[i - 1].first + strokes[i - 1].count;
+            strokes.push_back({first, 0, content.at("/curve/closed").u1[i] != 0});
+        }
+        ++strokes[i].count;
+    }
+    return strokes;
+}
 
 /// The lines and arcs of each stroke.
 inline std::vector<Stroke> pieces_of(const Content& content) {

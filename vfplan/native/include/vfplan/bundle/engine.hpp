@@ -15,33 +15,12 @@ namespace vfplan::inline v1 {
 
 namespace bundle {
 
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt);
+
 /// The rule nearest to the truth: exact where lines and arcs across an axis are known of what is
 /// forbidden, and for a mesh in space with so few triangles that a tick is short enough
 /// (docs/make_mesh.py).
-VFPLAN_COMPILED_ONCE Rule best_rule(const Fixture& fixture);
-
-/// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
-/// band. Throws std::invalid_argument for a fixture without rendering.
-VFPLAN_COMPILED_ONCE Parameters parameters(const Fixture& fixture,
-                                           std::optional<Rule> asked = std::nullopt);
-
-/// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
-VFPLAN_COMPILED_ONCE void check_work(const Fixture& fixture, const Parameters& p);
-
-/// By its lines and arcs, its triangles, or its points, of a mesh samples. One that guides is no
-/// forbidden region, or not all of it: std::invalid_argument.
-VFPLAN_COMPILED_ONCE Engine make_engine(const Fixture& fixture, const Parameters& p, Use use);
-
-/// The guide of a fixture with guidance, which takes hold once the tip is in its tube. Throws
-/// std::invalid_argument where there is none, or its tube runs into itself.
-VFPLAN_COMPILED_ONCE Guide make_guide(const Fixture& fixture, double period = 1e-3);
-
-}  // namespace bundle
-
-#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
-namespace bundle {
-
-VFPLAN_COMPILED_ONCE Rule best_rule(const Fixture& fixture) {
+inline Rule best_rule(const Fixture& fixture) {
     if (!fixture.pieces_of(false).empty()) return Rule::exact;
     const bool is_mesh = !fixture.mesh.empty() && !fixture.guidance && fixture.rendering &&
                          !fixture.rendering->ignore_axis;
@@ -50,7 +29,9 @@ VFPLAN_COMPILED_ONCE Rule best_rule(const Fixture& fixture) {
     return time <= max_tick_time ? Rule::exact : Rule::robust;
 }
 
-VFPLAN_COMPILED_ONCE Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
+/// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
+/// band. Throws std::invalid_argument for a fixture without rendering.
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
     const Rule rule = asked ? *asked : best_rule(fixture);
     if (!fixture.rendering)
         reject("the fixture is in frame " + fixture.frame +
@@ -68,7 +49,8 @@ VFPLAN_COMPILED_ONCE Parameters parameters(const Fixture& fixture, std::optional
     return p;
 }
 
-VFPLAN_COMPILED_ONCE void check_work(const Fixture& fixture, const Parameters& p) {
+/// Throws std::invalid_argument where a tick may take longer than a loop of 1 kHz can wait.
+inline void check_work(const Fixture& fixture, const Parameters& p) {
     double time;
     if (p.rule != Rule::exact) {
         // Of a fixture that guides all points, so that there is one where every stroke guides.
@@ -86,7 +68,9 @@ VFPLAN_COMPILED_ONCE void check_work(const Fixture& fixture, const Parameters& p
            "there, or Use::replay.");
 }
 
-VFPLAN_COMPILED_ONCE Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
+/// By its lines and arcs, its triangles, or its points, of a mesh samples. One that guides is no
+/// forbidden region, or not all of it: std::invalid_argument.
+inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
         reject(
             "the fixture guides. Make its guide with make_guide, and an engine of what forbidden() "
@@ -102,7 +86,9 @@ VFPLAN_COMPILED_ONCE Engine make_engine(const Fixture& fixture, const Parameters
     return {fixture.pieces, p};
 }
 
-VFPLAN_COMPILED_ONCE Guide make_guide(const Fixture& fixture, double period) {
+/// The guide of a fixture with guidance, which takes hold once the tip is in its tube. Throws
+/// std::invalid_argument where there is none, or its tube runs into itself.
+inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     if (!fixture.guidance)
         reject(
             "the fixture has no guidance. Plan one with a guide, or make an Engine of this one.");
@@ -134,6 +120,7 @@ VFPLAN_COMPILED_ONCE Guide make_guide(const Fixture& fixture, double period) {
 
 }  // namespace bundle
 
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 VFPLAN_COMPILED_ONCE Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule,
                                     Use use)
     : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}

@@ -25,12 +25,6 @@ struct Rendering {
     std::optional<int> max_iterations;                      // of a tick; else the engine's own
 };
 
-/// A stroke of the drawn curve: `count` points from the `first` on.
-struct StrokeRange {
-    std::size_t first = 0, count = 0;
-    bool closed = false;
-};
-
 /// The strokes that guide; SI units. vfplan/bundle/engine.hpp makes a vfplan::Guide of it.
 struct Guidance {
     double radius = 0;          // of the tube [m]
@@ -103,16 +97,14 @@ struct Bundle {
     Seal seal;
 };
 
-/// Everything in a payload, checked; `file_length` is that of the bundle with its seal.
+/// Everything in a payload, checked; `file_length` is that of the bundle with its seal. Of a bundle
+/// whose seal holds, also that the seal says what the content does.
 ///
 /// Findings that are strict throw BundleError at the first error. Others collect what there is, and
 /// the content is what could be read. What is defined below, with VFPLAN_COMPILED only
 /// vfplan/engine.cpp compiles.
 VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings);
-/// Everything in the payload of a bundle whose seal holds, as `read_payload` does.
-VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
-                                         Findings& findings);
+                                          Findings& findings, const Seal* seal = nullptr);
 
 /// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
 /// Throws BundleError.
@@ -122,7 +114,7 @@ Bundle read_bundle(View data, const CheckSeal& check_seal) {
     Bundle bundle{{}, unseal(data, payload)};
     check_seal(bundle.seal);
     Findings findings(true);
-    bundle.content = read_sealed(bundle.seal, payload, data.size(), findings);
+    bundle.content = read_payload(payload, data.size(), findings, &bundle.seal);
     return bundle;
 }
 VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
@@ -140,10 +132,9 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
         const Bytes data = read_file(path);
         return read(View(data));
     } catch (const BundleError& error) {
-        const std::string name = path.string();
-        const bool named = error.where == name;
-        const std::string where = error.where.empty() || named ? name : name + ":" + error.where;
-        throw BundleError(error.code, where, error.message);
+        std::string where = path.string();
+        if (!error.where.empty() && error.where != where) where += ":" + error.where;
+        throw BundleError({error.code, where, error.message});
     }
 }
 
@@ -155,25 +146,11 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
 VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path);
 
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
-VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings) {
-    try {
-        detail::Reader reader(payload, file_length, findings);
-        Content content = reader.read();
-        check(content, findings);
-        return content;
-    } catch (const BundleError& error) {
-        findings.add(error);
-        return {};
-    }
-}
-
 namespace detail {
 
 /// A signature says of itself whether it was given in spite of what was found, and is for the case
 /// that the bundle is for.
 inline void check_what_is_signed(const Seal& seal, const Content& content, Findings& findings) {
-    if (!seal.is_signed) return;
     const std::size_t open = count_unanswered(content);
     const Value* own_case = content.find("/@case");
     if (own_case != nullptr && own_case->string() != seal.case_token) {
@@ -187,46 +164,6 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
                      {"are unanswered ", open, " times, with ", is_reviewed ? "a" : "no",
                       " review beside them, and the seal says otherwise"},
                      "Sign it again: `vfplan sign`, with --despite-findings where they stay open");
-}
-
-}  // namespace detail
-
-VFPLAN_COMPILED_ONCE Content read_sealed(const Seal& seal, View payload, std::uint64_t file_length,
-                                         Findings& findings) {
-    Content content = read_payload(payload, file_length, findings);
-    if (findings.sound()) detail::check_what_is_signed(seal, content, findings);
-    return content;
-}
-
-VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
-    return read_bundle(data, [](const Seal&) {});
-}
-
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
-    Findings findings(false);
-    try {
-        View payload;
-        const Seal seal = unseal(data, payload);
-        read_sealed(seal, payload, data.size(), findings);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
-    return findings.all();
-}
-
-namespace detail {
-
-inline std::vector<StrokeRange> strokes_of(const Content& content) {
-    std::vector<StrokeRange> strokes;
-    for (const std::int32_t id : content.at("/curve/stroke").i4) {
-        const auto i = static_cast<std::size_t>(id);
-        if (i == strokes.size()) {
-            const std::size_t first = i == 0 ? 0 : strokes[i - 1].first + strokes[i - 1].count;
-            strokes.push_back({first, 0, content.at("/curve/closed").u1[i] != 0});
-        }
-        ++strokes[i].count;
-    }
-    return strokes;
 }
 
 inline Guidance guidance_of(const Content& content) {
@@ -256,6 +193,36 @@ inline Rendering rendering_of(const Content& content) {
 }
 
 }  // namespace detail
+
+VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
+                                          Findings& findings, const Seal* seal) {
+    Content content;
+    try {
+        content = detail::Reader(payload, file_length, findings).read();
+        check(content, findings);
+        if (seal != nullptr && seal->is_signed && findings.sound())
+            detail::check_what_is_signed(*seal, content, findings);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return content;
+}
+
+VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
+    return read_bundle(data, [](const Seal&) {});
+}
+
+VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
+    Findings findings(false);
+    try {
+        View payload;
+        const Seal seal = unseal(data, payload);
+        read_payload(payload, data.size(), findings, &seal);
+    } catch (const BundleError& error) {
+        findings.add(error);
+    }
+    return findings.all();
+}
 
 VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     Content& content = bundle.content;

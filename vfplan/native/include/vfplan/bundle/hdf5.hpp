@@ -3,7 +3,8 @@
 // Just as much of HDF5 as a bundle needs: checksums, links, objects and their attributes.
 #pragma once
 
-#include <set>
+#include <map>
+#include <tuple>
 
 #include "vfplan/bundle/schema.hpp"
 
@@ -30,24 +31,17 @@ inline std::uint32_t lookup3(View data) {
             word[i / 4] += static_cast<std::uint32_t>(part[i]) << (8 * (i % 4));
         a += word[0], b += word[1], c += word[2];
     };
+    // The three change places after each step.
     for (; data.size() > 12; data = data.from(12)) {
         add(data.first(12));
-        a = (a - c) ^ turn(c, 4), c += b;
-        b = (b - a) ^ turn(a, 6), a += c;
-        c = (c - b) ^ turn(b, 8), b += a;
-        a = (a - c) ^ turn(c, 16), c += b;
-        b = (b - a) ^ turn(a, 19), a += c;
-        c = (c - b) ^ turn(b, 4), b += a;
+        for (const int n : {4, 6, 8, 16, 19, 4})
+            std::tie(a, b, c) = std::tuple(b, c + b, (a - c) ^ turn(c, n));
     }
     if (data.size() == 0) return c;
     add(data);
-    c = (c ^ b) - turn(b, 14);
-    a = (a ^ c) - turn(c, 11);
-    b = (b ^ a) - turn(a, 25);
-    c = (c ^ b) - turn(b, 16);
-    a = (a ^ c) - turn(c, 4);
-    b = (b ^ a) - turn(a, 14);
-    return (c ^ b) - turn(b, 24);
+    for (const int n : {14, 11, 25, 16, 4, 14, 24})
+        std::tie(a, b, c) = std::tuple(b, (c ^ b) - turn(b, n), a);
+    return b;
 }
 
 // Links of an HDF5 file: hard ones only. A soft or an external one, which could lead out of the
@@ -121,24 +115,20 @@ class File {
     ///
     /// Not so with `unknown` parts, which nobody looked at: their bytes are not known.
     void check_unclaimed(bool unknown) {
+        claims_.emplace_back(data_.size(), data_.size());
         std::sort(claims_.begin(), claims_.end());
         std::uint64_t at = 0;
         for (const auto& [first, end] : claims_) {
             require(first >= at, "unsafe.overlap", "",
                     {"the bytes from ", first, " belong to two things"});
-            check_hole(at, first, unknown);
+            require(unknown || within(at, first - at, "").all_zero(), "unsafe.hole", "",
+                    {"bytes ", at, " to ", first,
+                     " of the payload belong to nothing and are not zero"});
             at = end;
         }
-        check_hole(at, data_.size(), unknown);
     }
 
   private:
-    void check_hole(std::uint64_t first, std::uint64_t end, bool unknown) const {
-        require(
-            unknown || within(first, end - first, "").all_zero(), "unsafe.hole", "",
-            {"bytes ", first, " to ", end, " of the payload belong to nothing and are not zero"});
-    }
-
     View data_;
     std::vector<std::pair<std::uint64_t, std::uint64_t>> claims_;
     std::uint64_t claimed_ = 0;
@@ -167,22 +157,27 @@ struct Named : std::vector<T> {
     }
 };
 
-inline constexpr std::uint64_t link_info = 0x02, group_info = 0x0A, attribute_info = 0x15;
+// Messages that an object has at most once.
+inline constexpr std::uint64_t dataspace = 0x01, link_info = 0x02, datatype = 0x03,
+                               fill_value = 0x05, data_layout = 0x08, group_info = 0x0A,
+                               attribute_info = 0x15;
 
 /// What one object header says.
 struct Object {
     std::string path;
     Named<Link> links;
     Named<Attribute> attributes;
-    std::optional<View> space, type, fill, layout;
-    std::set<std::uint64_t> infos;  // kinds of the info messages that are there
+    std::map<std::uint64_t, View> single;                       // messages, by their kinds
+    std::vector<std::pair<std::uint64_t, std::uint64_t>> more;  // blocks in which it goes on
 
+    [[nodiscard]] bool has(std::uint64_t kind) const { return single.contains(kind); }
     [[nodiscard]] bool is_group() const {
-        return infos.contains(link_info) && !space && !type && !fill && !layout;
+        return has(link_info) && !has(dataspace) && !has(datatype) && !has(fill_value) &&
+               !has(data_layout);
     }
     [[nodiscard]] bool is_dataset() const {
-        return space && type && layout && links.empty() && !infos.contains(link_info) &&
-               !infos.contains(group_info);
+        return has(dataspace) && has(datatype) && has(data_layout) && links.empty() &&
+               !has(link_info) && !has(group_info);
     }
 };
 
@@ -219,48 +214,44 @@ inline Attribute read_attribute(ByteReader& body) {
 inline constexpr char nonzero_gap[] = "has a gap in its object header that is not zero";
 
 inline void read_message(std::uint64_t kind, ByteReader& body, Object& object) {
-    const auto keep = [&](std::optional<View>& into) {
-        body.require(!into, {"has a header message twice"});
-        into = body.take(body.left());
-    };
-    const auto note_info = [&] {
-        body.require(object.infos.insert(kind).second, {"has a header message twice"});
+    const auto keep = [&](View message) {
+        body.require(object.single.emplace(kind, message).second, {"has a header message twice"});
     };
     switch (kind) {
         case 0x00:
             return body.require(body.take(body.left()).all_zero(), {nonzero_gap});
-        case 0x01:
-            return keep(object.space);
+        case dataspace:
+        case datatype:
+        case fill_value:
+        case data_layout:
+            return keep(body.take(body.left()));
         case link_info:
         case attribute_info:
-            note_info();
+            keep({});
             return read_info(body);
-        case 0x03:
-            return keep(object.type);
-        case 0x05:
-            return keep(object.fill);
+        case group_info:
+            keep({});
+            return read_group_info(body);
         case 0x06:
             return object.links.add(body, read_link(body), limits::links_per_group, "links");
-        case 0x08:
-            return keep(object.layout);
-        case group_info:
-            note_info();
-            return read_group_info(body);
         case 0x0B:
             return body.require(false, {"passes its data through a filter"}, "unsafe.filter");
         case 0x0C:
             return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
                                          "attributes");
+        case 0x10:
+            object.more.emplace_back(body.number(8), 0);
+            object.more.back().second = body.number(8);
+            return;
         default:
             body.require(false, {"holds header message ", kind, ", which no bundle needs"},
                          "unsafe.message");
     }
 }
 
-/// Reads one block's messages; adds to `more` where its header goes on.
-inline void read_messages(ByteReader block, Object& object,
-                          std::vector<std::pair<std::uint64_t, std::uint64_t>>& more) {
-    constexpr std::uint64_t empty = 0x00, continuation = 0x10, constant_or_known = 0x05;
+/// Reads one block's messages.
+inline void read_messages(ByteReader block, Object& object) {
+    constexpr std::uint64_t empty = 0x00, constant_or_known = 0x05;
     bool has_empty_message = false;
     while (block.left() >= 4) {
         const auto kind = block.number(1), size = block.number(2), flags = block.number(1);
@@ -268,12 +259,7 @@ inline void read_messages(ByteReader block, Object& object,
         body.require((flags & ~constant_or_known) == 0,
                      {"holds a header message with flags ", flags, ", which no bundle needs"},
                      "unsafe.message");
-        if (kind == continuation) {
-            const auto start = body.number(8);
-            more.emplace_back(start, body.number(8));
-        } else {
-            read_message(kind, body, object);
-        }
+        read_message(kind, body, object);
         has_empty_message = has_empty_message || kind == empty;
         body.expect_end();
     }
@@ -300,14 +286,13 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
     const auto size = number_at(file.within(address, front, object.path), front - width, width);
     head.require(size <= limits::payload_bytes, {"has an object header that is cut short"});
     const View block = file.claim_checked(address, front + size + 4, object.path);
-    std::vector<std::pair<std::uint64_t, std::uint64_t>> more;
-    read_messages(ByteReader(block.from(front), object.path), object, more);
-    for (std::size_t i = 0; i < more.size(); ++i) {
+    read_messages(ByteReader(block.from(front), object.path), object);
+    for (std::size_t i = 0; i < object.more.size(); ++i) {
         head.require(i < max_blocks, {"has too many header blocks"}, "unsafe.cap");
-        const auto [start, length] = more[i];
+        const auto [start, length] = object.more[i];
         const View chunk = file.claim_checked(start, length, object.path);
         head.require(chunk.begins("OCHK"), {"has a header block without a signature"});
-        read_messages(ByteReader(chunk.from(4), object.path), object, more);
+        read_messages(ByteReader(chunk.from(4), object.path), object);
     }
     return object;
 }

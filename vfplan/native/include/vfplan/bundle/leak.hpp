@@ -35,8 +35,16 @@ struct Certificate {
     const char* kind = "cloud";     // or "curve", or "mesh"
     double largest = 0;             // opening between samples [m]; of a cloud nothing is known
     double limit = infinity;        // the largest opening that holds the proxy back [m]
-    bool holds = false;             // whether the proxy passes nowhere
     std::vector<std::size_t> rows;  // the points around the largest opening
+
+    /// An opening of this size between these points is there; of equal ones the first counts.
+    void widen(double size, std::initializer_list<std::size_t> around) {
+        if (!(size > largest)) return;
+        largest = size;
+        rows = around;
+    }
+    /// Whether it is known that the proxy passes nowhere.
+    [[nodiscard]] bool holds() const { return limit < infinity && largest <= limit; }
 };
 
 /// The widest gap between neighbours along the strokes. Of equal gaps it is the first in the order
@@ -44,16 +52,12 @@ struct Certificate {
 inline void find_largest_gap(const CertifiedShape& shape, Certificate& certificate) {
     certificate.rows = {0, 0};
     const auto measure = [&](std::size_t i, std::size_t j) {
-        const double gap = shape.distance(i, j);
-        if (!(gap > certificate.largest)) return;
-        certificate.largest = gap;
-        certificate.rows = {i, j};
+        certificate.widen(shape.distance(i, j), {i, j});
     };
     const std::span<const std::int32_t> stroke = shape.stroke;
     for (std::size_t i = 1; i < stroke.size(); ++i)
         if (stroke[i] == stroke[i - 1]) measure(i - 1, i);
-    std::size_t first = 0;
-    for (std::size_t i = 1; i <= stroke.size(); ++i) {
+    for (std::size_t first = 0, i = 1; i <= stroke.size(); ++i) {
         if (i < stroke.size() && stroke[i] == stroke[i - 1]) continue;
         if (shape.closed[static_cast<std::size_t>(stroke[i - 1])] != 0) measure(i - 1, first);
         first = i;
@@ -63,19 +67,14 @@ inline void find_largest_gap(const CertifiedShape& shape, Certificate& certifica
 /// How far a place of the mesh may be from the nearest sample: of the samples in the file, or of
 /// those that a reader takes where it renders points.
 inline void find_largest_cover(const CertifiedShape& shape, Certificate& certificate) {
-    const std::span<const std::int32_t> t = shape.triangles;
-    std::size_t worst = 0;
-    for (std::size_t i = 0; i + 2 < t.size(); i += 3) {
-        const auto corner = [&](std::size_t k) { return static_cast<std::size_t>(t[i + k]); };
-        const double cover = mesh::covering_radius({shape.distance(corner(0), corner(1)),
-                                                    shape.distance(corner(1), corner(2)),
-                                                    shape.distance(corner(2), corner(0))});
-        if (!(cover > certificate.largest)) continue;
-        certificate.largest = cover;
-        worst = i;
+    const auto corner = [&](std::size_t i) { return static_cast<std::size_t>(shape.triangles[i]); };
+    certificate.rows = {corner(0), corner(1), corner(2)};
+    for (std::size_t i = 0; i + 2 < shape.triangles.size(); i += 3) {
+        const std::size_t a = corner(i), b = corner(i + 1), c = corner(i + 2);
+        certificate.widen(mesh::covering_radius(
+                              {shape.distance(a, b), shape.distance(b, c), shape.distance(c, a)}),
+                          {a, b, c});
     }
-    for (std::size_t k = 0; k < 3; ++k)
-        certificate.rows.push_back(static_cast<std::size_t>(t[worst + k]));
     certificate.largest = std::min(certificate.largest, shape.sample_radius);
 }
 
@@ -90,11 +89,14 @@ inline Certificate certify(const CertifiedShape& shape, double reach) {
         certificate.kind = "curve";
         certificate.limit = 2 * reach;
         find_largest_gap(shape, certificate);
-    } else {
-        return certificate;
     }
-    certificate.holds = certificate.largest <= certificate.limit;
     return certificate;
+}
+
+/// The radius R of what is rendered [m].
+inline double radius_of(const Content& content) {
+    return content.number("/rendering@contact_radius_m") +
+           content.number("/rendering@point_radius_m");
 }
 
 inline CertifiedShape certified_shape(const Content& content) {
@@ -116,30 +118,28 @@ inline void check_leak(const Content& content, Findings& findings) {
                      "/leak", {"is there without /rendering, or missing beside it"},
                      "Write both or neither");
     const std::string& found = content.at("/leak@kind").string();
-    const double reach = content.number("/rendering@contact_radius_m") +
-                         content.number("/rendering@point_radius_m") -
-                         content.number("/rendering@band_m");
+    const double reach = radius_of(content) - content.number("/rendering@band_m");
     const Certificate certificate = certify(certified_shape(content), reach);
     const std::string_view kind = certificate.kind;
     if (found != kind) {
         return findings.error("corrupt.leak", "/leak@kind",
                               {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
     }
-    bool holds = false;
-    if (kind == "cloud") {
+    const bool is_cloud = kind == "cloud";
+    const double limit = content.number("/leak@limit_m", 0);
+    const double largest = content.number("/leak@largest_m");
+    const bool holds = !is_cloud && largest <= limit;
+    if (is_cloud) {
         findings.require(!content.has("/leak@limit_m"), "corrupt.leak", "/leak@limit_m",
                          {"is there, and the fixture is a cloud"},
                          "Leave it out: how points connect is not known");
     } else {
-        const double limit = content.number("/leak@limit_m", 0);
-        const double largest = content.number("/leak@largest_m");
         const auto compare = [&](std::string_view path, double found, double wanted) {
             findings.require(std::abs(found - wanted) <= 1e-9 * std::max(wanted, 1e-3),
                              "corrupt.leak", path, {"is ", found, "; the fixture gives ", wanted});
         };
         compare("/leak@limit_m", limit, certificate.limit);
         compare("/leak@largest_m", largest, certificate.largest);
-        holds = largest <= limit;
         const std::vector<double>& at = content.at("/leak/place").f8;
         findings.require(
             holds, "unsafe.leak", "/leak",

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cstring>
-#include <functional>
 #include <map>
 #include <set>
 #include <type_traits>
@@ -22,14 +21,13 @@ inline void require(bool good, std::string_view code, const Row& row, Sentence w
     require(good, code, row.path, wrong, todo);
 }
 
-/// The datatype messages of float64, int32 and uint8, little-endian. The first byte, which holds
-/// the message's version and the datatype's class, is left out. No other encoding of a number is
-/// allowed.
+/// The datatype messages of float64, int32 and uint8, little-endian. No other encoding of a number
+/// is allowed.
 inline std::string_view encoding_of(Type type) {
     using namespace std::string_view_literals;
-    return type == Type::f8   ? "\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv
-           : type == Type::i4 ? "\x08\0\0\x04\0\0\0\0\0\x20\0"sv
-                              : "\0\0\0\x01\0\0\0\0\0\x08\0"sv;
+    if (type == Type::f8) return "\x11\x20\x3f\0\x08\0\0\0\0\0\x40\0\x34\x0b\0\x34\xff\x03\0\0"sv;
+    return type == Type::i4 ? "\x10\x08\0\0\x04\0\0\0\0\0\x20\0"sv
+                            : "\x10\0\0\0\x01\0\0\0\0\0\x08\0"sv;
 }
 
 /// The size in bytes of one element. Its datatype must be that of the row, byte for byte.
@@ -44,8 +42,7 @@ inline std::size_t element_size(View message, const Row& row) {
             {"has a datatype of version ", version, "; 1 wanted"});
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
-        const bool same_class = kind == (row.type == Type::f8 ? floating : integer);
-        require(same_class && message.from(1).text() == encoding_of(row.type), "corrupt.type", row,
+        require(message.text() == encoding_of(row.type), "corrupt.type", row,
                 {"has another type than ", name_of(row.type)});
         return static_cast<std::size_t>(size);
     }
@@ -88,10 +85,12 @@ inline std::string text_of(View raw, const Row& row) {
     return std::string(text);
 }
 
-/// A value of `count` elements from bytes, `size` of them for each.
-inline Value value_of(View raw, std::size_t count, std::size_t size, const Row& row) {
+/// A value of this shape from bytes, `size` of them for each element.
+inline Value value_of(View raw, std::vector<std::size_t> shape, std::size_t size, const Row& row) {
+    const std::size_t count = raw.size() / size;
     Value value;
     value.type = row.type;
+    value.shape = std::move(shape);
     value.visit([&]<class T>(std::vector<T>& all) {
         all.resize(count);
         if constexpr (std::is_arithmetic_v<T>)
@@ -104,8 +103,8 @@ inline Value value_of(View raw, std::size_t count, std::size_t size, const Row& 
 
 /// Refuses an object whose fill value is not zero.
 inline void check_fill(const Object& object, std::size_t element) {
-    if (!object.fill) return;
-    ByteReader body(*object.fill, object.path);
+    if (!object.has(fill_value)) return;
+    ByteReader body(object.single.at(fill_value), object.path);
     body.expect(1, 3, "version of a fill value");
     const auto flags = body.number(1);
     const auto size = (flags & 0x20) != 0 ? body.number(4) : 0;
@@ -119,7 +118,7 @@ inline void check_fill(const Object& object, std::size_t element) {
 /// The bytes of a table, which must stand in one piece and be as many as its shape and type need.
 inline View data_of(File& file, const Object& object, std::uint64_t bytes, const Row& row) {
     constexpr std::uint64_t contiguous = 1;
-    ByteReader layout(*object.layout, object.path);
+    ByteReader layout(object.single.at(data_layout), object.path);
     layout.require(layout.number(1) == 3 && layout.number(1) == contiguous,
                    {"is not stored in one piece"}, "unsafe.layout");
     const auto address = layout.number(8), size = layout.number(8);
@@ -130,18 +129,6 @@ inline View data_of(File& file, const Object& object, std::uint64_t bytes, const
     return file.claim(address, size, object.path);
 }
 
-/// Every element of a table of this shape, whose datatype is known to be the row's.
-inline Value table_of(File& file, const Object& object, const std::vector<std::uint64_t>& sides,
-                      std::size_t element, const Row& row) {
-    check_fill(object, element);
-    std::uint64_t count = 1;  // which cannot overflow: sides and texts are limited
-    for (const auto side : sides) count *= side;
-    const View data = data_of(file, object, count * element, row);
-    Value value = value_of(data, static_cast<std::size_t>(count), element, row);
-    for (const auto side : sides) value.shape.push_back(static_cast<std::size_t>(side));
-    return value;
-}
-
 /// A scalar attribute of a row's type.
 inline Value scalar_of(const Attribute& attribute, const Row& row) {
     require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, {"is not a scalar"},
@@ -149,33 +136,29 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
     const std::size_t size = element_size(attribute.type, row);
     require(attribute.data.size() == size, "corrupt.hdf5", row,
             {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
-    return value_of(attribute.data, 1, size, row);
-}
-
-/// The lowest and the highest of a value's numbers. Both are NaN if one of the numbers is.
-template <class T>
-std::pair<double, double> extent(const std::vector<T>& numbers) {
-    if (std::any_of(numbers.begin(), numbers.end(), [](T x) { return x != x; }))
-        return {std::nan(""), std::nan("")};
-    const auto [low, high] = std::minmax_element(numbers.begin(), numbers.end());
-    return {static_cast<double>(*low), static_cast<double>(*high)};
+    return value_of(attribute.data, {}, size, row);
 }
 
 /// Refuses a value outside of its row's range, which may depend on its unit.
 inline void check_range(const Value& value, const Row& row, std::string_view unit) {
-    if (row.type == Type::text) {
-        if (row.allowed.empty()) return;
-        for (const std::string& text : value.text)
-            require(holds(split(row.allowed, '|'), text), "corrupt.value", row,
-                    {"is ", Quoted{text}, "; one of ", row.allowed, " allowed"});
-        return;
-    }
-    const auto [low, high] = row.type == Type::f8   ? extent(value.f8)
-                             : row.type == Type::i4 ? extent(value.i4)
-                                                    : extent(value.u1);
-    require(std::isfinite(low) && std::isfinite(high), "corrupt.value", row,
-            {"holds a number that is not finite"}, "Write finite numbers");
-    const double cap = unit == "m" ? row.max_abs_m : unit == "px" ? row.max_abs_px : infinity;
+    for (const std::string& text : value.text)
+        require(row.allowed.empty() || holds(split(row.allowed, '|'), text), "corrupt.value", row,
+                {"is ", Quoted{text}, "; one of ", row.allowed, " allowed"});
+    double low = infinity, high = -infinity;
+    bool is_finite = true;
+    value.visit([&]<class T>(const std::vector<T>& numbers) {
+        if constexpr (std::is_arithmetic_v<T>)
+            for (const double x : numbers) {
+                is_finite = is_finite && std::isfinite(x);
+                low = std::min(low, x);
+                high = std::max(high, x);
+            }
+    });
+    require(is_finite, "corrupt.value", row, {"holds a number that is not finite"},
+            "Write finite numbers");
+    double cap = infinity;
+    if (unit == "m") cap = row.max_abs_m;
+    if (unit == "px") cap = row.max_abs_px;
     const double lowest = std::max(-cap, row.min), highest = std::min(cap, row.max);
     require(low >= lowest && high <= highest, "corrupt.range", row,
             {"runs from ", low, " to ", high, "; ", lowest, " to ", highest, " allowed"});
@@ -197,14 +180,14 @@ inline std::pair<std::string_view, std::string_view> parent_and_name(const Row& 
 /// "@source_frame".
 inline std::string with_frame_names(std::string_view text, const Content& content, bool as_unit) {
     std::string out(text);
-    for (const auto& [name, path] : {std::pair{"@frame", "/@frame"},
-                                     std::pair{"@source_frame", "/registration@source_frame"}}) {
+    for (const std::string_view path : {"/@frame", "/registration@source_frame"}) {
+        const std::string_view name = path.substr(path.find('@'));
         const auto at = out.find(name);
         if (at == std::string::npos) continue;
         const Value* frame = content.find(path);
         const std::string known = frame != nullptr ? frame->string() : "?";
         const bool metres = known == "robot_base" || known == "patient_lps";
-        out.replace(at, std::string_view(name).size(), as_unit ? (metres ? "m" : "px") : known);
+        out.replace(at, name.size(), as_unit ? (metres ? "m" : "px") : known);
     }
     return out;
 }
@@ -214,8 +197,8 @@ inline const Row& row_at(std::string_view path) {
                          [&](const Row& row) { return row.path == path; });
 }
 
-/// The version of the format that a file says it follows.
-inline Version version_of(const Object& root) {
+/// Refuses another major version of the format; whether it is a newer minor one.
+inline bool is_newer(const Object& root) {
     const auto text = [&](std::string_view path) {
         const Row& row = row_at(path);
         const Attribute* attribute = root.attributes.find(parent_and_name(row).second);
@@ -225,10 +208,16 @@ inline Version version_of(const Object& root) {
     const std::string format = text("/@format"), version = text("/@version");
     require(format == format_name, "corrupt.format", "/@format",
             {"format is ", Quoted{format}, "; ", Quoted{format_name}, " wanted"});
-    Version found;
+    Version found{};
     require(is_version(version, found), "corrupt.version", "/@version",
             {"version is ", Quoted{version}, "; MAJOR.MINOR wanted"});
-    return found;
+    std::string_view todo = "Get a program that reads it: pip install --upgrade vfplan";
+    if (found < newest) todo = "Plan it anew, or get the program that wrote it";
+    require(found[0] == newest[0], "version.major", "/@version",
+            {"has version ", version, "; this program reads versions ", newest[0], ".x and writes ",
+             format_version},
+            todo);
+    return newest < found;
 }
 
 /// Reads one file, row after row of the format's table.
@@ -242,11 +231,8 @@ class Reader {
     Content read() {
         const std::uint64_t address = root_address(file_, data_, file_length_);
         addresses_.insert(address);
-        Object root = read_object(file_, address, "/");
-        require_group(root, row_at("/"));
-        groups_.emplace("/", std::move(root));
-        version_ = version_of(groups_.at("/"));
-        check_version();
+        open_group(row_at("/"), address);
+        is_newer_ = is_newer(groups_.at("/"));
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
             for (const Row& row : rows)
@@ -255,22 +241,10 @@ class Reader {
         if (findings_.sound()) collecting([&] { file_.check_unclaimed(unknown_); });
         return std::move(content_);
     }
-    [[nodiscard]] const Version& version() const { return version_; }
 
   private:
-    [[nodiscard]] bool newer() const { return newest < version_; }
-
-    void check_version() const {
-        if (version_.major == newest.major) return;
-        const bool is_old = version_.major < newest.major;
-        refuse("version.major", "/@version",
-               {"has version ", version_.major, ".", version_.minor,
-                "; this program reads versions ", newest.major, ".x and writes ", format_version},
-               is_old ? "Plan it anew, or get the program that wrote it"
-                      : "Get a program that reads it: pip install --upgrade vfplan");
-    }
-
-    void collecting(const std::function<void()>& work) {
+    template <class Work>
+    void collecting(const Work& work) {
         try {
             work();
         } catch (const BundleError& error) {
@@ -280,7 +254,7 @@ class Reader {
 
     /// Reads what one row of the format's table names.
     void read_row(const Row& row) {
-        if (row.path == "/") return check_names(groups_.at("/"), row);
+        if (row.path == "/") return check_names(row);
         const auto [parent, name] = parent_and_name(row);
         const auto group = groups_.find(parent);
         if (group == groups_.end()) return;  // its own row has reported that it is missing
@@ -291,8 +265,9 @@ class Reader {
         }
         const Link* link = group->second.links.find(name);
         if (link == nullptr) return check_absence(row);
-        if (row.kind == Kind::group) return open_group(row, link->address);
-        keep(row, table(row, link->address));
+        if (row.kind == Kind::dataset) return keep(row, table(row, link->address));
+        open_group(row, link->address);
+        check_names(row);
     }
 
     /// Makes a value that lies within its row's range part of the content.
@@ -302,28 +277,22 @@ class Reader {
     }
 
     void check_absence(const Row& row) const {
-        require(!must_be_there(row), "corrupt.missing", row, {"is missing"});
-    }
-
-    [[nodiscard]] bool must_be_there(const Row& row) const {
-        return row.required == Required::always || row.required == Required::group ||
-               (row.required == Required::rendering && groups_.count("/rendering") > 0);
-    }
-
-    static void require_group(const Object& object, const Row& row) {
-        require(object.is_group(), "corrupt.kind", row, {"is not a group"});
+        const bool may_miss =
+            row.required == Required::optional ||
+            (row.required == Required::rendering && !groups_.contains("/rendering"));
+        require(may_miss, "corrupt.missing", row, {"is missing"});
     }
 
     void open_group(const Row& row, std::uint64_t address) {
         Object object = read_object(file_, address, std::string(row.path));
-        require_group(object, row);
-        const Object& group = groups_.emplace(row.path, std::move(object)).first->second;
-        check_names(group, row);
+        require(object.is_group(), "corrupt.kind", row, {"is not a group"});
+        groups_.emplace(row.path, std::move(object));
     }
 
     /// Refuses a name that the table does not know, unless the file is of a newer version, and a
     /// second link to one object.
-    void check_names(const Object& group, const Row& row) {
+    void check_names(const Row& row) {
+        const Object& group = groups_.at(row.path);
         const auto has = [&](std::string_view name, bool attribute) {
             return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
                 return (other.kind == Kind::attribute) == attribute &&
@@ -342,16 +311,21 @@ class Reader {
     }
 
     void check_known(bool known, std::string_view name, const Row& row) const {
-        require(known || newer(), "unsafe.unknown", row,
+        require(known || is_newer_, "unsafe.unknown", row,
                 {"holds ", Quoted{name}, ", which this format lacks"});
     }
 
     Value table(const Row& row, std::uint64_t address) {
         const Object object = read_object(file_, address, std::string(row.path));
         require(object.is_dataset(), "corrupt.kind", row, {"is not a dataset"});
-        const auto sides = sides_of(*object.space, row);
+        const auto sides = sides_of(object.single.at(dataspace), row);
         check_shape(sides, row);
-        Value value = table_of(file_, object, sides, element_size(*object.type, row), row);
+        const std::size_t element = element_size(object.single.at(datatype), row);
+        check_fill(object, element);
+        std::uint64_t bytes = element;  // which cannot overflow: sides and texts are limited
+        for (const auto side : sides) bytes *= side;
+        const View data = data_of(file_, object, bytes, row);
+        Value value = value_of(data, {sides.begin(), sides.end()}, element, row);
         check_unit_and_frame(object, row);
         return value;
     }
@@ -382,29 +356,28 @@ class Reader {
         const std::size_t rank = row.shape[1].empty() ? 1 : 2;
         require(sides.size() == rank, "corrupt.shape", row,
                 {"has ", sides.size(), " dimensions; ", rank, " wanted"});
-        for (std::size_t i = 0; i < rank; ++i) check_side(sides[i], row.shape[i], row);
-    }
-
-    void check_side(std::uint64_t side, std::string_view wanted, const Row& row) {
-        if (is_digit(wanted[0])) {
-            return require(side == static_cast<std::uint64_t>(wanted[0] - '0'), "corrupt.shape",
-                           row, {"has a side of ", side, "; ", wanted, " wanted"});
+        for (std::size_t i = 0; i < rank; ++i) {
+            const std::string_view wanted = row.shape[i];
+            const auto* size = std::find_if(sizes.begin(), sizes.end(),
+                                            [&](const Size& s) { return s.letter == wanted[0]; });
+            if (size == sizes.end()) {
+                require(std::to_string(sides[i]) == wanted, "corrupt.shape", row,
+                        {"has a side of ", sides[i], "; ", wanted, " wanted"});
+                continue;
+            }
+            require(sides[i] >= 1 && sides[i] <= size->max, "unsafe.cap", row,
+                    {wanted, " is ", sides[i], "; 1 to ", size->max, " allowed"});
+            const auto known = sizes_.emplace(wanted[0], sides[i]).first->second;
+            require(known == sides[i], "corrupt.shape", row,
+                    {wanted, " is ", sides[i], " here and ", known, " elsewhere"});
         }
-        const auto cap = std::find_if(sizes.begin(), sizes.end(), [&](const Size& s) {
-                             return s.letter == wanted[0];
-                         })->max;
-        require(side >= 1 && side <= cap, "unsafe.cap", row,
-                {wanted, " is ", side, "; 1 to ", cap, " allowed"});
-        const auto known = sizes_.emplace(wanted[0], side).first->second;
-        require(known == side, "corrupt.shape", row,
-                {wanted, " is ", side, " here and ", known, " elsewhere"});
     }
 
     View data_;
     File file_;
     std::uint64_t file_length_;
     Findings& findings_;
-    Version version_;
+    bool is_newer_ = false;
     Content content_;
     std::map<std::string_view, Object> groups_;
     std::set<std::uint64_t> addresses_;

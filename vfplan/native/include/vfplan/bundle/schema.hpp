@@ -61,19 +61,9 @@ inline constexpr std::uint64_t links_per_group = 32;
 }  // namespace limits
 
 inline constexpr std::array<Size, 13> sizes{
-    Size{'N', 4000000},
-    Size{'S', 100000},
-    Size{'M', 10000},
-    Size{'D', 3},
-    Size{'Q', 4},
-    Size{'U', 12},
-    Size{'K', 4000000},
-    Size{'I', 64},
-    Size{'C', 256},
-    Size{'H', 64},
-    Size{'E', 200000},
-    Size{'V', 1000000},
-    Size{'F', 1000},
+    Size{'N', 4000000}, Size{'S', 100000}, Size{'M', 10000}, Size{'D', 3}, Size{'Q', 4},
+    Size{'U', 12}, Size{'K', 4000000}, Size{'I', 64}, Size{'C', 256}, Size{'H', 64},
+    Size{'E', 200000}, Size{'V', 1000000}, Size{'F', 1000}
 };
 
 inline constexpr std::array<Row, 90> rows{{

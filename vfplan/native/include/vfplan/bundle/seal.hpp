@@ -99,12 +99,8 @@ inline Digest sha256(View data) {
 }
 
 inline std::string to_hex(View data) {
-    constexpr std::string_view digits = "0123456789abcdef";
     std::string hex;
-    for (const unsigned char byte : data) {
-        hex += digits[byte >> 4];
-        hex += digits[byte & 15];
-    }
+    for (const unsigned char byte : data) hex += hex_of(byte);
     return hex;
 }
 
@@ -179,30 +175,37 @@ inline View find_seal(View data) {
     return seal;
 }
 
-/// The texts lie within the seal, nothing follows them, and it is no longer than they need.
-inline void check_texts(View seal) {
-    const auto end =
-        static_cast<std::size_t>(head_size + number_at(seal, 144, 2) + number_at(seal, 146, 2));
-    const std::size_t room = seal.size() - tail_size;
-    require(end <= room, {"has a seal into which its texts do not fit"});
+/// What a seal of a length that it may have says. Its texts lie within it, nothing follows them,
+/// and it is no longer than they need.
+inline Seal read_seal(View block) {
+    const View body = block.first(block.size() - tail_size);
+    const auto count = [&](std::size_t at) {
+        return static_cast<std::size_t>(number_at(body, at, 2));
+    };
+    const std::size_t flags = count(10), robot = head_size + count(144), end = robot + count(146);
+    require(end <= body.size(), {"has a seal into which its texts do not fit"});
     const auto* shortest =
         std::find_if(seal_sizes.begin(), seal_sizes.end(),
                      [&](std::uint32_t size) { return size >= end + tail_size; });
-    require(*shortest == seal.size(), {"has a seal that is longer than its texts need"});
-    const auto flags = number_at(seal, 10, 2);
-    require((flags & ~std::uint64_t{3}) == 0 && seal.part(end, room - end).all_zero(),
-            {"has a seal that holds something unknown"});
-}
-
-inline void read_signed(Seal& seal, View block) {
-    const auto count = [&](std::size_t at) {
-        return static_cast<std::size_t>(number_at(block, at, 2));
-    };
-    std::copy_n(block.begin() + 56, 16, seal.key_id.begin());
-    std::copy_n(block.begin() + 72, 64, seal.signature.begin());
-    seal.signed_at = number_at(block, 136, 8);
-    seal.case_token = block.part(head_size, count(144)).text();
-    seal.robot_serial = block.part(head_size + count(144), count(146)).text();
+    require(*shortest == block.size(), {"has a seal that is longer than its texts need"});
+    require(flags <= 3 && body.from(end).all_zero(), {"has a seal that holds something unknown"});
+    const Digest digest = sha256(body);
+    require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
+            {"has a damaged seal: its SHA-256 differs"});
+    Seal seal;
+    seal.is_signed = (flags & 1) != 0;
+    seal.despite_findings = (flags & 2) != 0;
+    require(seal.is_signed || !seal.despite_findings,
+            {"has an unsigned seal that is yet signed in spite of findings"});
+    require(seal.is_signed || body.from(56).all_zero(),
+            {"has an unsigned seal that holds what only a signature covers"});
+    std::copy_n(body.begin() + 24, 32, seal.digest.begin());
+    if (!seal.is_signed) return seal;
+    std::copy_n(body.begin() + 56, 16, seal.key_id.begin());
+    std::copy_n(body.begin() + 72, 64, seal.signature.begin());
+    seal.signed_at = number_at(body, 136, 8);
+    seal.case_token = body.part(head_size, count(144)).text();
+    seal.robot_serial = body.part(robot, count(146)).text();
     for (const std::string* part : {&seal.case_token, &seal.robot_serial}) {
         require(is_utf8(*part), {"has texts in its seal that are not UTF-8"});
         require(!has_control(*part), {"has texts in its seal that hold control characters"});
@@ -210,31 +213,9 @@ inline void read_signed(Seal& seal, View block) {
     require(seal.signed_at <= latest,
             {"was signed ", seal.signed_at, " s after 1970; at most ", latest, " allowed"});
     // Everything but the signature itself, and the tail, which repeats what is known.
-    const View body = block.first(block.size() - tail_size);
     seal.signed_message.assign(signed_domain.begin(), signed_domain.end());
     seal.signed_message.insert(seal.signed_message.end(), body.begin(), body.begin() + 72);
     seal.signed_message.insert(seal.signed_message.end(), body.begin() + 136, body.end());
-}
-
-inline Seal read_seal(View block) {
-    check_texts(block);
-    const View body = block.first(block.size() - tail_size);
-    const Digest digest = sha256(body);
-    require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
-            {"has a damaged seal: its SHA-256 differs"});
-    Seal seal;
-    const auto flags = number_at(block, 10, 2);
-    seal.is_signed = (flags & 1) != 0;
-    seal.despite_findings = (flags & 2) != 0;
-    require(seal.is_signed || !seal.despite_findings,
-            {"has an unsigned seal that is yet signed in spite of findings"});
-    std::copy_n(block.begin() + 24, 32, seal.digest.begin());
-    if (seal.is_signed) {
-        read_signed(seal, block);
-    } else {
-        require(body.from(56).all_zero(),
-                {"has an unsigned seal that holds what only a signature covers"});
-    }
     return seal;
 }
 

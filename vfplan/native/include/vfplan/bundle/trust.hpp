@@ -73,14 +73,6 @@ struct Trust {
     std::optional<std::chrono::seconds> max_age = std::nullopt;  // since the signing
 };
 
-inline bool signature_holds(const Seal& seal, const PublicKey& key) {
-    const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
-    return ctx != nullptr &&
-           EVP_DigestVerifyInit(ctx.get(), nullptr, nullptr, nullptr, key.get()) == 1 &&
-           EVP_DigestVerify(ctx.get(), seal.signature.data(), seal.signature.size(),
-                            seal.signed_message.data(), seal.signed_message.size()) == 1;
-}
-
 /// Throws "signature..." unless a trusted key signed this seal for this case, robot and time.
 inline void require_signature(
     const Seal& seal, const Trust& trust,
@@ -90,8 +82,13 @@ inline void require_signature(
                                   [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
     detail::require(key != trust.keys.end(), "signature.key", "",
                     {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
-    detail::require(signature_holds(seal, *key), "signature.wrong", "",
-                    {"has a signature that does not hold"});
+    const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
+    const bool holds =
+        ctx != nullptr &&
+        EVP_DigestVerifyInit(ctx.get(), nullptr, nullptr, nullptr, key->get()) == 1 &&
+        EVP_DigestVerify(ctx.get(), seal.signature.data(), seal.signature.size(),
+                         seal.signed_message.data(), seal.signed_message.size()) == 1;
+    detail::require(holds, "signature.wrong", "", {"has a signature that does not hold"});
     const auto check_for = [](const std::optional<std::string>& wanted, const std::string& found,
                               const std::string& noun, const char* option) {
         if (!wanted || *wanted == found) return;
