@@ -21,7 +21,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.proxy import MAX_TICK_TIME, sampled
+from vfplan.engine.proxy import MAX_TICK_TIME, Status, sampled
 from vfplan.errors import SceneError
 from vfplan.scenes import god_object
 
@@ -280,3 +280,17 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
 def test_what_is_no_mesh_is_refused(triangles, said):
     with pytest.raises(SceneError, match=said):
         vfplan.ProxyEngine.on(np.eye(3), triangles)
+
+
+def test_a_hand_that_never_rests_comes_out_of_a_body_that_takes_long_to_look_through():
+    """The side of a place takes two ticks to know. The hand moves on by up to R a tick meanwhile,
+    along the ray that is followed, so that it stays long. Else it would feel the force for ever."""
+    engine = vfplan.ProxyEngine.on(*meshes.rippled_ball(400, 0.04), R)
+    for speed in (1e-4, 1e-3, 3e-3):
+        start, away = -0.038 * RAY, -RAY
+        play(engine, np.tile(start, (150, 1)))
+        trace = engine.run(start + np.outer(np.arange(1000), speed * away))
+        assert trace.status[0] & Status.INSIDE
+        assert np.linalg.norm(trace.force[0]) > 0.5
+        assert not np.any(trace.status[200:] & Status.INSIDE)
+        assert not np.any(trace.force[300:])

@@ -274,17 +274,18 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
 }
 
 VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
-    constexpr double a_triangle = 4;  // steps
     mesh::check(surface);
     std::vector<Box<3>> boxes;
-    boxes.reserve(surface.k);
-    for (std::size_t i = 0; i < surface.k; ++i) {
-        const mesh::Face face = mesh::face_of(surface, i);
-        boxes.emplace_back();
-        for (const std::uint32_t row : face) boxes.back().include(mesh::corner_of(surface, row));
-    }
-    const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
-    return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
+    std::vector<std::uint32_t> steps;
+    mesh::Mesh(surface).visit(
+        [&](const mesh::Disc& disc) {
+            boxes.push_back(disc.box());
+            steps.push_back(2);  // one for each disc that hangs on this one
+            return true;
+        },
+        [&](std::uint32_t) { steps.back() += 3; });
+    const double query = most_within(boxes, mesh::MeshRule::list_reach * p.R(), steps.data());
+    return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + query);
 }
 
 }  // namespace vfplan::inline v1

@@ -234,6 +234,12 @@ struct Disc {
         const double over = std::max(std::abs(up) - high, 0.0), off = std::max(beside - wide, 0.0);
         return over * over + off * off;
     }
+    Box<3> box() const noexcept {
+        Vec3 half;
+        for (int k = 0; k < 3; ++k)
+            half.c[k] = high * std::abs(n[k]) + wide * std::sqrt(std::max(1 - n[k] * n[k], 0.0));
+        return {middle - half, middle + half};
+    }
     /// The radius of a ball around it [m].
     double size() const noexcept { return std::sqrt(wide * wide + high * high); }
 };
@@ -416,17 +422,19 @@ class BodySearch {
     /// `skin`: stays where it is; null where there is no closed mesh.
     explicit BodySearch(const Mesh* skin = nullptr) noexcept : skin_(skin) {}
 
-    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y.
+    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y, so
+    /// that the search goes on for a place that moves no further than that from tick to tick.
     /// `step` is what an inner step costs.
     std::optional<bool> is_inside(const Vec3& y, double clear, WorkBudget& budget,
                                   int step = 1) noexcept {
         if (!skin_) return false;
-        if (!(norm(y - at_) <= clear_)) {
+        if (!(norm(y - last_) <= clear_)) {
             at_ = y;
-            clear_ = clear;
             node_ = 0;
             turns_ = 0;
         }
+        last_ = y;
+        clear_ = clear;
         while (node_ < skin_->boxes()) {
             if (budget.is_spent()) return std::nullopt;
             budget.spend(step * skin_->count_turns(at_, node_, turns_));
@@ -436,8 +444,8 @@ class BodySearch {
 
   private:
     const Mesh* skin_;
-    Vec3 at_;
-    double clear_ = -1;  // nothing is looked for yet
+    Vec3 at_, last_;     // where the search began, and what was asked for last on the same side
+    double clear_ = -1;  // around the last; nothing is looked for yet
     std::uint32_t node_ = 0;
     int turns_ = 0;
 };

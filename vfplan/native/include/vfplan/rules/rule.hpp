@@ -189,7 +189,6 @@ class GuardedRule {
         if (!start_inside_.ensure_outside(motion_.inside(), proxy, hip, is_clear)) {
             motion_.release();
             path_.clear();
-            unfinished_ = 0;
             rests_ = false;
             return start_inside_.answer();
         }
@@ -218,6 +217,7 @@ class GuardedRule {
         stall_.end_of_iterations(proxy, end != MotionEnd::limit);
         if (stall_.must_undo(start, proxy, hip, motion_.iterations())) {
             proxy = start;
+            path_.drop();
             end = MotionEnd::rests;
         }
         return finish(start, proxy, hip, end, Status::ok);
@@ -231,7 +231,7 @@ class GuardedRule {
             const Vec<D> start = proxy;
             const MotionEnd end = motion_.move_within(ball, proxy, hip);
             bool continues = end == MotionEnd::force_ball;
-            if (end == MotionEnd::limit) continues = ++unfinished_ < tuned::ticks_to_stall;
+            if (end == MotionEnd::limit) continues = !path_.has_taken_over(false);
             start_inside_.continue_hand_over(continues);
             return finish(start, proxy, hip, end, continues ? Status::inside : Status::ok);
         } else {
@@ -249,7 +249,7 @@ class GuardedRule {
                     return answer;
                 }
             }
-            return finish(proxy, proxy, hip, MotionEnd::rests, Status::inside);
+            return finish(proxy, proxy, hip, MotionEnd::force_ball, Status::inside);
         }
     }
 
@@ -260,13 +260,18 @@ class GuardedRule {
         if (end != MotionEnd::settled && !motion_.is_outside(proxy)) {
             // Cannot happen. If it does, the proxy stays where it was safe.
             proxy = start;
+            path_.drop();
             motion_.release();
             status |= Status::limit;
             start_inside_.set_outside(motion_.is_outside(proxy));
         }
         rests_ = status == Status::ok;
-        if constexpr (requires { motion_.settle(start, proxy, hip, rests_); })
-            if (end != MotionEnd::settled) motion_.settle(start, proxy, hip, rests_);
+        if constexpr (requires { motion_.settle(start, proxy, hip, rests_); }) {
+            if (end == MotionEnd::rests || end == MotionEnd::limit) {
+                motion_.settle(start, proxy, hip, rests_);
+                path_.record(proxy);
+            }
+        }
         last_ = motion_.contact(proxy, hip);
         last_.status = status;
         return last_;
@@ -276,7 +281,6 @@ class GuardedRule {
     Stall stall_;
     StartInside<D> start_inside_;
     PlannedPath<D> path_;
-    int unfinished_ = 0;  // ticks of a handover that ran out of iterations
     bool rests_ = false;
     Vec<D> last_hip_;
     RuleAnswer<D> last_;

@@ -78,11 +78,12 @@ class InsideCloud {
         });
         return distance;
     }
-    /// Whether y lies in the body; nothing where this tick may look no further.
+    /// Whether y lies in the body; nothing where this tick may look no further. No point is nearer
+    /// to y than `clear`, but the skin between the points may be.
     std::optional<bool> is_in_body(const Vec<D>& y, double clear) const noexcept
         requires(D == 3)
     {
-        return body_.is_inside(y, clear, points_.budget(), work::triangle);
+        return body_.is_inside(y, clear / 64, points_.budget(), work::triangle);
     }
 
   private:
@@ -261,8 +262,8 @@ class WayOut {
         return false;
     }
 
-    /// Whether x, and all within `clear`, lies in a body whose skin is the geometry, where the
-    /// geometry knows; nothing where this tick may look no further.
+    /// Whether x, with no geometry within `clear`, lies in a body whose skin is the geometry, where
+    /// the geometry knows; nothing where this tick may look no further.
     template <class Geometry>
     static std::optional<bool> is_in_body(const Geometry& geometry, const Vec<D>& x,
                                           double clear) noexcept {
@@ -297,7 +298,7 @@ class WayOut {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
         if (!keeps_out_) return free;
-        const std::optional<bool> is_in = is_in_body(geometry, y, R_ / 64);
+        const std::optional<bool> is_in = is_in_body(geometry, y, R_);
         if (!is_in) {
             is_cut_short_ = true;
             return 0;
