@@ -76,39 +76,13 @@ def box(size=(0.03, 0.02, 0.025)):
 
 
 def hollow(rng):
-    """A ball or a box, round or not, mostly with a cavity whose side may be turned."""
-    outer = rng.uniform(3, 9) * R
-    skins = []
-    for size in (outer, outer * rng.uniform(0.3, 0.8))[: rng.integers(1, 4)]:
-        if rng.random() < 0.3:
-            skins.append(box(rng.uniform(1.2, 2, 3) * size))
-            continue
-        points, faces = sphere(size, int(rng.integers(1, 4)))
-        skins.append((points * rng.uniform(0.8, 1.2, 3), faces))
-    points, faces = skins[0]
-    for more, side in skins[1:]:
-        faces = np.vstack([faces, side[:, :: rng.choice([-1, 1])] + len(points)])
-        points = np.vstack([points, more])
-    return points, faces.astype(np.int32)
-
-
-def rippled_ball(around, radius):
-    """A closed mesh whose every other corner stands out, so that a ray passes many of its discs."""
-    rings = around // 2
-    i, j = (side.ravel() for side in np.mgrid[: rings + 1, :around])
-    polar, angle = np.pi * i / rings, 2 * np.pi * j / around
-    size = radius * (1 + 0.3 * ((i + j) % 2) * ((i > 0) & (i < rings)))
-    sine = np.sin(polar)
-    points = np.column_stack([sine * np.cos(angle), sine * np.sin(angle), np.cos(polar)])
-    row = np.where((i == 0) | (i == rings), i * around, np.arange(len(i)))
-    row = row.reshape(rings + 1, around)
-    a, d = row[:-1], np.roll(row[:-1], -1, axis=1)
-    b, c = row[1:], np.roll(row[1:], -1, axis=1)
-    faces = np.vstack([
-        np.column_stack([side[first != last] for side in (*corners, first, last)])
-        for corners, first, last in (((a,), b, c), ((c,), d, a))
-    ])  # fmt: skip
-    return size[:, None] * points, faces.astype(np.int32)
+    """A ball or a box around another one, whose side may be turned: points, triangles."""
+    skins = [box(rng.uniform(1, 2, 3)), sphere(1, rng.integers(1, 4)), sphere(1, 3)]
+    (points, faces), (inner, side) = (skins[k] for k in rng.integers(3, size=2))
+    points = np.vstack([points, inner * rng.uniform(0.3, 0.8)]) * rng.uniform(3, 9) * R
+    return points, np.vstack(
+        [faces, side[:, :: rng.choice([-1, 1])] + points.shape[0] - len(inner)]
+    )
 
 
 def sheet(rng, n, height):

@@ -228,11 +228,10 @@ class MeshMotion {
     bool is_settled_ = false;                   // the proxy rests on the smooth body
 };
 
-class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
+class MeshRule : public GuardedRule<MeshMotion> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
-    static constexpr int max_steps = MeshMotion::max_steps;
     /// How far away the triangles lie at most that a tick looks at [R].
     static constexpr double list_reach = TriangleQuery::reach;
 

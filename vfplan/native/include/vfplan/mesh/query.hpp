@@ -162,12 +162,14 @@ class TriangleQuery {
         }
     }
 
-    /// As Mesh::nearest, and counts the steps that it takes.
+    /// The triangle nearest to y, or none where all are `distance` [m] away, which becomes its
+    /// distance.
     std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
-        int steps = 0;
-        const std::uint32_t triangle = mesh_.nearest(y, distance, steps);
-        budget_.spend(steps);
-        return triangle;
+        std::uint32_t found = Mesh::none;
+        budget_.spend(mesh_.around(y, distance, [&](std::uint32_t i) noexcept {
+            if (const double d = mesh_[i].distance(y); d < distance) distance = d, found = i;
+        }));
+        return found;
     }
     /// A triangle within `reach` of y; none where there is none, or the tick has no steps left.
     std::uint32_t any_within(const Vec3& y, double reach) const noexcept {
