@@ -229,9 +229,10 @@ class GuardedRule {
             return finish(start, proxy, hip, end, is_handing_over_ ? Status::inside : Status::ok);
         } else {
             if (path_.leads_to(hip)) {
-                const bool is_at_end = path_.walk(proxy, ball);
-                const bool rests = path_.was_planned_for(hip) && planned_.status == Status::ok;
-                if (M::rest_is_final && is_at_end && path_.has_taken_over(rests)) {
+                // At the end the proxy is where it would rest, unless the HIP has moved since.
+                const bool would_rest = path_.walk(proxy, ball) && planned_.status == Status::ok;
+                const bool rests = would_rest && path_.was_planned_for(hip);
+                if (M::rest_is_final && would_rest && path_.has_taken_over(rests)) {
                     is_handing_over_ = false;
                     if (!rests) planned_ = finish(proxy, proxy, hip, MotionEnd::force_ball, 0);
                     rests_ = rests;
