@@ -156,15 +156,17 @@ def test_a_start_inside_lines_and_arcs_is_led_out_without_a_jump(seed):
     assert led_out(trace, path) < 1400
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(24))
 def test_a_start_inside_a_mesh_is_led_out_without_a_jump(seed):
+    """Any mesh, and a body with a cavity: a hand that rests, wanders, trembles."""
     rng = np.random.default_rng(seed)
-    points, triangles, _ = meshes.mesh(rng)
-    start = points[triangles[rng.integers(len(triangles)), 0]]
-    path = np.cumsum(rng.normal(size=(1500, 3)) * 2e-5, axis=0) + start
-    trace = play(ProxyEngine.on(points, triangles, R), path)
-    busy = (trace.status & Status.INSIDE) > 0
-    assert busy[0]
-    assert not busy[-1]
-    allowed = 1000 * (2 * sizes(path) + R / 128)
-    assert (sizes(trace.force) <= allowed)[busy[1:] & busy[:-1]].all()
+    for points, triangles in (meshes.mesh(rng)[:2], meshes.hollow(rng)):
+        engine = ProxyEngine.on(points, triangles, R)
+        corner = points[triangles[rng.integers(len(triangles)), 0]]
+        start = corner * rng.uniform(0.8, 1.05) + 0.2 * R * rng.normal(size=3)
+        noise = 10 ** rng.uniform(-6, -3.5) * rng.normal(size=(1500, 3))
+        for moved in (0 * noise, np.cumsum(noise, axis=0), noise):
+            path = start + np.vstack([moved, np.tile(moved[-1], (3000, 1))])
+            trace = play(engine, path)
+            if trace.status[0] & Status.INSIDE:
+                led_out(trace, path)

@@ -21,7 +21,7 @@ import vfplan
 from vfplan import _core
 from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
-from vfplan.engine.proxy import MAX_TICK_TIME, sampled
+from vfplan.engine.proxy import MAX_TICK_TIME, Status, sampled
 from vfplan.errors import SceneError
 from vfplan.scenes import god_object
 
@@ -171,13 +171,30 @@ def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
         assert meshes.winding(points[triangles], proxy)[0] == 0
 
 
-def test_a_search_for_the_body_stops_at_the_budget_of_a_tick():
-    """In the first of 1500 cubes, through all of which the search looks."""
+def row_of_cubes():
+    """The engine of 1500 cubes, and a place in the first. A search for its body looks through all
+    of them, which takes more than a tick."""
     points, triangles = meshes.box((0.02, 0.02, 0.02))
     rows = np.arange(1500)[:, None, None]
     points = (points + 0.03 * rows * RAY).reshape(-1, 3)
     engine = vfplan.ProxyEngine.on(points, (triangles + 8 * rows).reshape(-1, 3), R)
-    hip = np.array([0.0085, 1e-3, 5e-4])
+    return engine, np.array([0.0085, 1e-3, 5e-4])
+
+
+@pytest.mark.parametrize("speed", [1e-4, 1e-3, 3e-3])
+def test_a_hand_that_never_rests_comes_out_of_a_body(speed):
+    """It goes by up to R a tick, and all the cubes stay before it. Else the force would stay."""
+    engine, hip = row_of_cubes()
+    play(engine, np.tile(hip, (200, 1)))
+    trace = engine.run(hip - np.outer(np.arange(1000), speed * RAY))
+    assert trace.status[0] == Status.INSIDE
+    assert np.linalg.norm(trace.force[0]) > 0.5
+    assert not np.any(trace.status[500:])
+    assert not np.any(trace.force[500:])
+
+
+def test_a_search_for_the_body_stops_at_the_budget_of_a_tick():
+    engine, hip = row_of_cubes()
     times = []
     for _ in range(4):
         engine.reset(hip)

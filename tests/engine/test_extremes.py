@@ -22,11 +22,11 @@ def engine_at(place, **settings):
     return engine
 
 
-def walked(place, ticks=3000, **settings):
+def walked(place, **settings):
     """The breach over a random walk."""
     engine = engine_at(place, **settings)
     place = replace(place, radius=engine.parameters.R)
-    return breach(place, engine, play(engine, random_path(place, ticks), place.start))
+    return breach(place, engine, play(engine, random_path(place, 3000), place.start))
 
 
 ALONG = np.array([np.cos(np.pi / 360), np.sin(np.pi / 360)])
@@ -123,6 +123,7 @@ CLOUDS = {
     "curve, spacing 0.001 R": lambda: row(20_001, 5e-6),
     "sheet, spacing 0.02 R": lambda: sheet(401, 1e-4),
     "sheet, spacing R": lambda: sheet(41, R),
+    "dust, 1e5 points in 1 cm³": lambda: blob(scattered(100_000, 0.01), 5e-3),
     # No engine can hold what leaks: it must stay outside every ball.
     "sheet, spacing 1.5 R, leaks": lambda: sheet(31, 1.5 * R),
 }
@@ -131,11 +132,6 @@ CLOUDS = {
 @pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
 def test_the_proxy_stays_outside_of_any_cloud(cloud):
     assert walked(cloud()) <= ROUNDING_M
-
-
-def test_the_proxy_stays_outside_of_dust():
-    """10^5 points in 1 cm³."""
-    assert walked(blob(scattered(100_000, 0.01), 5e-3), 1000) <= ROUNDING_M
 
 
 @pytest.mark.full
@@ -149,15 +145,9 @@ def cusp():
     return 0.04 * t * t, 0.02 * t**3
 
 
-def needle():
-    s = np.linspace(-0.03, 0.03, 301)  # a channel that the proxy does not fit
-    return np.tile(s, 2), np.repeat([-4.95e-3, 4.95e-3], 301)
-
-
-@pytest.mark.parametrize("curve", [cusp, needle])
-def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
+def test_the_proxy_stays_outside_of_a_cusp():
     """Met along the whole curve and across it."""
-    x, y = curve()
+    x, y = cusp()
     points = np.column_stack([x, y, 0 * x])
     place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
     engine, way = engine_at(place), [place.start]
@@ -176,11 +166,3 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
 def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
     lift = settings.get("point_radius", 0.0) * UP[0]
     assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M
-
-
-def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
-    angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    ring = 0.02 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
-    trace = play(ProxyEngine(ring, R, ignore_axis="z"), np.zeros((1000, 3)), [1e-3, 0.0, 0.0])
-    assert not trace.proxy.any()
-    assert not trace.force.any()

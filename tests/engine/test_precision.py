@@ -28,19 +28,9 @@ def digits():
         yield
 
 
-# What is looked at, and within how many ulps it is right.
-LOOKS = {
-    "robust flight onto a point": (lambda rng: _flights(rng, 0.9), 4),
-    "robust flight that grazes": (lambda rng: _flights(rng, 1 - 1e-9), 4),
-    "robust among random points": (lambda rng: _kept(rng), 4),
-}
-
-
-@pytest.mark.parametrize(("ulps", "most"), LOOKS.values(), ids=LOOKS)
-def test_a_tick_is_right_to_some_ulps(ulps, most):
-    found = [*ulps(np.random.default_rng(5))]
-    assert len(found) >= COUNT
-    assert max(found) <= most
+@pytest.mark.parametrize("miss", [0.9, 1 - 1e-9])
+def test_a_flight_ends_right_to_some_ulps(miss):
+    assert max(_flights(np.random.default_rng(5), miss)) <= 4
 
 
 def _flights(rng, miss):
@@ -58,19 +48,6 @@ def _flights(rng, miss):
         proxy = play(engine, [stop], start).proxy[0]
         gap = Decimal(engine.parameters.R - engine.parameters.band) - _length(_exact(proxy))
         yield max(0.0, float(gap) / ULP)
-
-
-def _kept(rng):
-    """How far the robust rule's proxy is inside R - band, in exact arithmetic [ulp]."""
-    for _ in range(COUNT // 10):
-        points = rng.uniform(-2 * R, 2 * R, (60, 3))
-        engine = ProxyEngine(points)
-        engine.reset([0.0, 6 * R, 0.0])
-        kept = Decimal(engine.parameters.R) - Decimal(engine.parameters.band)
-        for hip in rng.uniform(-2 * R, 2 * R, (10, 3)):
-            proxy = _exact(engine.step(hip).proxy)
-            gaps = [kept - _length(_exact(p) - proxy) for p in points]
-            yield max(0.0, float(max(gaps)) / ULP)
 
 
 def _exact(x):

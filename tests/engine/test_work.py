@@ -7,7 +7,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import quick_compiler
-from motion import NATIVE, compiled
+from motion import NATIVE, compiled, output
 from replays import of_lines
 from scipy.spatial import cKDTree
 
@@ -94,6 +94,16 @@ def program(tmp_path_factory):
     """One call makes an engine of a fixture; by a second word, offline."""
     folder, flags = tmp_path_factory.mktemp("work"), ("-O0", "-DVFPLAN_NARROW")
     return compiled(folder, NATIVE / "tick_work.cpp", *flags, compiler=quick_compiler())
+
+
+@pytest.mark.slow
+def test_meshes_of_needles_keep_to_the_work_of_a_tick_or_are_refused(tmp_path):
+    """Inner steps, counted: where discs of needles cover each other, few triangles are near."""
+    program = compiled(tmp_path, NATIVE / "needle_work.cpp", "-O1", "-DVFPLAN_NARROW")
+    bound, worst = np.array([line.split() for line in output(program).splitlines()], float).T
+    taken = bound <= MAX_TICK_TIME / 16e-9
+    assert 3 < taken.sum() < len(taken)
+    assert (worst <= bound)[taken].all()
 
 
 @pytest.mark.slow

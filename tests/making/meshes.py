@@ -75,6 +75,16 @@ def box(size=(0.03, 0.02, 0.025)):
     return points, np.array(faces, np.int32)
 
 
+def hollow(rng):
+    """A ball or a box around another one, whose side may be turned: points, triangles."""
+    skins = [box(rng.uniform(1, 2, 3)), sphere(1, rng.integers(1, 4)), sphere(1, 3)]
+    (points, faces), (inner, side) = (skins[k] for k in rng.integers(3, size=2))
+    points = np.vstack([points, inner * rng.uniform(0.3, 0.8)]) * rng.uniform(3, 9) * R
+    return points, np.vstack(
+        [faces, side[:, :: rng.choice([-1, 1])] + points.shape[0] - len(inner)]
+    )
+
+
 def sheet(rng, n, height):
     """A grid of n x n squares 4 R wide with bumps: open all around."""
     u = np.linspace(-2, 2, n + 1) * R

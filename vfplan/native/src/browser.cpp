@@ -22,19 +22,13 @@ enum class Shape {
     guide_pieces   ///< lines and arcs that guide; ties as of pieces
 };
 
-struct Array {
-    std::vector<double> numbers;
-};
+using Array = std::vector<double>;
 
 /// Reads an array from its beginning.
 struct Reader {
     const double* at;
     double number() { return *at++; }
-    Vec3 vector() {
-        const Vec3 v{{at[0], at[1], at[2]}};
-        at += 3;
-        return v;
-    }
+    Vec3 vector() { return {{number(), number(), number()}}; }
     std::optional<Vec3> axis() {
         const Vec3 v = vector();
         return norm(v) > 0 ? std::optional(v) : std::nullopt;
@@ -42,7 +36,7 @@ struct Reader {
 };
 
 vfplan::Parameters engine_parameters(const Array& array) {
-    Reader r{array.numbers.data()};
+    Reader r{array.data()};
     vfplan::Parameters p;
     p.rule = static_cast<vfplan::Rule>(static_cast<int>(r.number()));
     for (double* x : {&p.contact_radius, &p.band, &p.point_radius, &p.outer_radius, &p.gain})
@@ -55,7 +49,7 @@ vfplan::Parameters engine_parameters(const Array& array) {
 }
 
 vfplan::GuideParameters guide_parameters(const Array& array) {
-    Reader r{array.numbers.data()};
+    Reader r{array.data()};
     vfplan::GuideParameters p;
     p.radius = r.number();
     p.stiffness = r.number();
@@ -69,14 +63,14 @@ vfplan::GuideParameters guide_parameters(const Array& array) {
 
 /// The strokes of rows and ties.
 std::vector<vfplan::Stroke> strokes(const Array& rows, const Array& ties) {
-    const std::size_t n = rows.numbers.size() / 3;
-    std::vector<vfplan::Stroke> all(ties.numbers.size() - 2 * n);
-    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = ties.numbers[2 * n + s] != 0;
+    const std::size_t n = rows.size() / 3;
+    std::vector<vfplan::Stroke> all(ties.size() - 2 * n);
+    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = ties[2 * n + s] != 0;
     for (std::size_t i = 0; i < n; ++i) {
-        vfplan::Stroke& s = all.at(static_cast<std::size_t>(ties.numbers[2 * i + 1]));
-        const double* x = rows.numbers.data() + 3 * i;
+        vfplan::Stroke& s = all.at(static_cast<std::size_t>(ties[2 * i + 1]));
+        const double* x = rows.data() + 3 * i;
         s.vertices.insert(s.vertices.end(), x, x + 3);
-        s.bulges.push_back(ties.numbers[2 * i]);
+        s.bulges.push_back(ties[2 * i]);
     }
     return all;
 }
@@ -99,19 +93,18 @@ std::unique_ptr<vfplan::Guide> guide_of(Shape shape, const Array& parameters, co
         counts.push_back(s.bulges.size());
         closed.push_back(s.closed);
     }
-    return std::make_unique<vfplan::Guide>(rows.numbers.data(), counts, closed, p);
+    return std::make_unique<vfplan::Guide>(rows.data(), counts, closed, p);
 }
 
 std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, const Array& rows,
                                           const Array& ties) {
     const vfplan::Parameters p = engine_parameters(parameters);
-    const std::size_t n = rows.numbers.size() / 3;
+    const std::size_t n = rows.size() / 3;
     if (shape == Shape::pieces) return std::make_unique<vfplan::Engine>(strokes(rows, ties), p);
-    const std::vector<std::int32_t> triangles(ties.numbers.begin(), ties.numbers.end());
-    const vfplan::mesh::Surface surface{rows.numbers.data(), n, triangles.data(),
-                                        triangles.size() / 3};
+    const std::vector<std::int32_t> triangles(ties.begin(), ties.end());
+    const vfplan::mesh::Surface surface{rows.data(), n, triangles.data(), triangles.size() / 3};
     if (shape == Shape::mesh) return std::make_unique<vfplan::Engine>(surface, p);
-    auto engine = std::make_unique<vfplan::Engine>(rows.numbers.data(), n, p);
+    auto engine = std::make_unique<vfplan::Engine>(rows.data(), n, p);
     if (surface.k > 0) engine->set_skin(surface);
     return engine;
 }
@@ -121,8 +114,8 @@ std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, 
 #define EXPORTED(name) extern "C" __attribute__((export_name(#name)))
 
 /// Room for n float64, to be filled by the page at `data` and freed by it.
-EXPORTED(array) Array* array(std::size_t n) { return new Array{std::vector<double>(n)}; }
-EXPORTED(data) double* data(Array* array) { return array->numbers.data(); }
+EXPORTED(array) Array* array(std::size_t n) { return new Array(n); }
+EXPORTED(data) double* data(Array* array) { return array->data(); }
 EXPORTED(free_array) void free_array(Array* array) { delete array; }
 
 EXPORTED(make)

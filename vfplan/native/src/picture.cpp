@@ -102,16 +102,14 @@ nb::tuple nearest(const Places& points, const Places& places) {
             const vfplan::Vec2 at = place(places, k);
             double square = vfplan::infinity, reach = square;
             std::size_t found = 0;
-            tree.visit_nearest(
-                reach, [&](const auto& box) { return box.distance2(at) * (1 - 1e-12); },
-                [&](std::size_t i) {
-                    const vfplan::Vec2 away = place(points, order[i]) - at;
-                    const double here = dot(away, away);
-                    if (here > square || (here == square && order[i] > found)) return;
-                    square = here;
-                    reach = std::sqrt(here);
-                    found = order[i];
-                });
+            tree.visit_nearest(at, reach, [&](std::size_t i) {
+                const vfplan::Vec2 away = place(points, order[i]) - at;
+                const double here = dot(away, away);
+                if (here > square || (here == square && order[i] > found)) return;
+                square = here;
+                reach = std::sqrt(here);
+                found = order[i];
+            });
             distances.data()[k] = reach;
             rows.data()[k] = static_cast<std::int64_t>(found);
         }

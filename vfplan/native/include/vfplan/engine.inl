@@ -17,7 +17,7 @@ namespace vfplan::inline v1 {
 namespace detail {
 
 /// A rule in the space in which the proxy moves. It gives forces, and answers a bad HIP.
-template <class Space, ProxyRule RuleOf>
+template <class Space, class RuleOf>
 class RuleInSpace : public EngineImpl {
   public:
     static constexpr int D = Space::dimension;
@@ -256,29 +256,30 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
                                             const Parameters& p) {
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
-    using curve::CurveRule;
+    using curve::CurveMotion, curve::CurveRule;
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
     std::vector<Box<2>> boxes;
     for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[static_cast<int>(i)].box);
     const double near = most_within(boxes, CurveRule::list_reach * p.R());
-    return detail::time_of(CurveRule::max_iterations, CurveRule::a_step * CurveRule::max_steps, 4,
-                           an_iteration + a_feature * near);
+    return detail::time_of(CurveMotion::max_iterations, CurveRule::a_step * CurveMotion::max_steps,
+                           4, an_iteration + a_feature * near);
 }
 
 VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
-    constexpr double a_triangle = 4;  // steps
     mesh::check(surface);
     std::vector<Box<3>> boxes;
-    boxes.reserve(surface.k);
-    for (std::size_t i = 0; i < surface.k; ++i) {
-        const mesh::Face face = mesh::face_of(surface, i);
-        boxes.emplace_back();
-        for (const std::uint32_t row : face) boxes.back().include(mesh::corner_of(surface, row));
-    }
-    const double near = most_within(boxes, mesh::MeshRule::list_reach * p.R());
-    return mesh::MeshRule::a_step * (3 * mesh::MeshRule::max_steps + a_triangle * near);
+    std::vector<std::uint32_t> steps;
+    mesh::Mesh(surface).visit(
+        [&](const mesh::Disc& disc) {
+            boxes.push_back(disc.box());
+            steps.push_back(2);  // one for each disc that hangs on this one
+            return true;
+        },
+        [&](std::uint32_t) { steps.back() += 3; });
+    const double query = most_within(boxes, mesh::MeshRule::list_reach * p.R(), steps.data());
+    return mesh::MeshRule::a_step * (3 * mesh::MeshMotion::max_steps + query);
 }
 
 }  // namespace vfplan::inline v1

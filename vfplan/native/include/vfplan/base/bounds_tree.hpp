@@ -60,25 +60,31 @@ class BoundsTree {
         return 1 + 3 * static_cast<int>(node.last - node.first);
     }
 
-    /// Calls f(i) for every item under bounds that lie within `reach`, the nearer of two halves
-    /// first. `distance2(bounds)` gives the square of their distance; f may shrink `reach`.
-    template <class Distance2, class F>
-    void visit_nearest(const double& reach, Distance2&& distance2, F&& f) const noexcept {
-        if (!nodes_.empty()) descend(0, reach, distance2, f);
+    /// Calls f(i) for every item under bounds within `reach` of y, and for some others. f may
+    /// shrink `reach`. Returns the inner steps that it took.
+    template <class V, class F>
+    int around(const V& y, const double& reach, F&& f) const noexcept {
+        return visit([&](const Bounds& b) noexcept { return b.distance2(y) <= reach * reach; }, f);
+    }
+    /// The same, the nearer of two halves first.
+    template <class V, class F>
+    void visit_nearest(const V& y, const double& reach, F&& f) const noexcept {
+        if (!nodes_.empty()) descend(0, y, reach, f);
     }
 
   private:
-    template <class Distance2, class F>
-    void descend(std::uint32_t k, const double& reach, Distance2&& distance2,
-                 F&& f) const noexcept {
+    template <class V, class F>
+    void descend(std::uint32_t k, const V& y, const double& reach, F&& f) const noexcept {
         const Node& node = nodes_[k];
         for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
         if (node.first < node.last) return;
         std::uint32_t near = k + 1, far = nodes_[k + 1].skip;
-        double near2 = distance2(nodes_[near].bounds), far2 = distance2(nodes_[far].bounds);
+        double near2 = nodes_[near].bounds.distance2(y), far2 = nodes_[far].bounds.distance2(y);
         if (far2 < near2) std::swap(near, far), std::swap(near2, far2);
-        if (near2 <= reach * reach) descend(near, reach, distance2, f);
-        if (far2 <= reach * reach) descend(far, reach, distance2, f);
+        // What is as near as the last is looked at too, whatever roundings say.
+        constexpr double more = 1 + 1e-12;
+        if (near2 <= reach * reach * more) descend(near, y, reach, f);
+        if (far2 <= reach * reach * more) descend(far, y, reach, f);
     }
 
     struct Node {

@@ -11,15 +11,22 @@ namespace vfplan::inline v1 {
 
 class WorkBudget {
   public:
-    void begin(std::int64_t work) noexcept { left_ = work; }
+    void begin(std::int64_t work) noexcept {
+        done_ = total();
+        begun_ = left_ = work;
+    }
     template <class Integer>
     void spend(Integer work) noexcept {
         left_ -= static_cast<std::int64_t>(work);
     }
     bool is_spent() const noexcept { return left_ <= 0; }
+    /// What has begun before it was spent ends here at last.
+    bool is_overdrawn() const noexcept { return left_ <= -begun_ / 2; }
+    /// What was spent since it was made.
+    std::int64_t total() const noexcept { return done_ + begun_ - left_; }
 
   private:
-    std::int64_t left_ = 0;
+    std::int64_t left_ = 0, begun_ = 0, done_ = 0;
 };
 
 }  // namespace vfplan::inline v1

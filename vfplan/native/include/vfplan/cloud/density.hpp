@@ -14,13 +14,14 @@ namespace vfplan::inline v1 {
 // How much lies close together: the largest number of points, or of boxes, around any one place.
 
 /// The largest number of boxes within `reach` of any place, or a few more than that. `box(i)` gives
-/// the i-th of n boxes.
+/// the i-th of n boxes, and `weights`, if given, as how many it counts.
 ///
-/// A grid counts them. Each box, wider by `reach` on all sides, adds 1 or -1 at its corners. Sums
-/// along one axis after another then give each cell the number of boxes that cover it. The grid has
-/// at most `max_cells` cells: their side grows until there are so few.
+/// A grid counts them. Each box, wider by `reach` on all sides, adds its weight at its corners, or
+/// takes it away. Sums along one axis after another then give each cell the number of boxes that
+/// cover it. The grid has at most `max_cells` cells: their side grows until there are so few.
 template <int D, class BoxOf>
-double most_within(std::size_t n, const BoxOf& box, double reach, double max_cells) {
+double most_within(std::size_t n, const BoxOf& box, double reach, double max_cells,
+                   const std::uint32_t* weights = nullptr) {
     Box<D> all;
     for (std::size_t i = 0; i < n; ++i) all.include(box(i));
     double side = reach / 4;
@@ -52,12 +53,12 @@ double most_within(std::size_t n, const BoxOf& box, double reach, double max_cel
         }
         for (int corner = 0; corner < 1 << D; ++corner) {
             std::size_t at = 0;
-            std::uint32_t sign = 1;
+            std::uint32_t weight = weights ? weights[i] : 1;
             for (int k = 0; k < D; ++k) {
                 at += ends[k][corner >> k & 1];
-                if (corner >> k & 1) sign = -sign;
+                if (corner >> k & 1) weight = -weight;
             }
-            sum[at] += sign;
+            sum[at] += weight;
         }
     }
     for (int k = 0; k < D; ++k)
@@ -75,10 +76,12 @@ double most_within(const Cloud<D>& cloud, double reach) {
 }
 /// The same of boxes.
 template <int D>
-double most_within(const std::vector<Box<D>>& boxes, double reach) {
+double most_within(const std::vector<Box<D>>& boxes, double reach,
+                   const std::uint32_t* weights = nullptr) {
     const auto box = [&](std::size_t i) { return boxes[i]; };
     const double n = static_cast<double>(boxes.size());
-    return most_within<D>(boxes.size(), box, reach, 8.0 * n + (D == 3 ? 1048576 : 65536));
+    const double max_cells = 8.0 * n + (D == 3 ? 1048576 : 65536);
+    return most_within<D>(boxes.size(), box, reach, max_cells, weights);
 }
 
 // In a dense cloud most points can never be felt. Where other points stand around a point p, a

@@ -93,18 +93,17 @@ class Curve {
     /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
     template <class F>
     void around(const Vec2& y, const double& reach, F&& f) const noexcept {
-        visit([&](const Box<2>& box) noexcept { return box.distance2(y) <= reach * reach; }, f);
+        budget_.spend(
+            tree_.around(y, reach, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
     }
 
     /// Distance of y from the curve [m].
     double distance(const Vec2& y) const noexcept {
         double nearest_so_far = infinity;
-        tree_.visit_nearest(
-            nearest_so_far, [&](const Box<2>& box) noexcept { return box.distance2(y); },
-            [&](std::uint32_t i) noexcept {
-                budget_.spend(steps_an_item);
-                nearest_so_far = std::min(nearest_so_far, features_[i].distance(y));
-            });
+        tree_.visit_nearest(y, nearest_so_far, [&](std::uint32_t i) noexcept {
+            budget_.spend(steps_an_item);
+            nearest_so_far = std::min(nearest_so_far, features_[i].distance(y));
+        });
         return nearest_so_far;
     }
 
@@ -233,8 +232,8 @@ inline bool is_full_hollow(const FeatureContact& contact, const RoundingLimits& 
     return -contact.curvature * limits.full_hollow > 1;
 }
 
-/// How the rule moves a proxy that is outside. `move_to_hip` has the parts of a tick in their
-/// order.
+/// How the rule moves a proxy that is outside. `move_freely_and_slide` has the parts of a tick in
+/// their order.
 class CurveMotion {
   public:
     static constexpr int dimension = 2;
@@ -272,8 +271,8 @@ class CurveMotion {
     /// The proxy is put elsewhere: it touches nothing that is known.
     void release() noexcept { current_ = none; }
     void reset() noexcept { release(); }
-    /// Only a stall test asks for the iterations of the last motion, and this rule needs none: each
-    /// of its iterations brings the proxy nearer to the HIP (E6). NoStall ignores the number.
+    /// Only a proxy that is stalled is asked for the iterations of its last motion, and this rule
+    /// has none: each of its iterations brings the proxy nearer to the HIP (E6).
     int iterations() const noexcept { return max_iterations; }
 
     /// Whether a proxy that may be anywhere is outside.
@@ -285,14 +284,17 @@ class CurveMotion {
     }
 
     /// Moves the proxy towards the HIP.
-    MotionEnd move(Vec2& proxy, const Vec2& hip, NoStall<2>&, PlannedPath<2>&) noexcept {
-        return move_to_hip(proxy, hip, nullptr);
+    MotionEnd move(Vec2& proxy, const Vec2& hip, StallTest<2>&, PlannedPath<2>&) noexcept {
+        return move_within(nullptr, proxy, hip);
     }
     /// As `move`, but no further than to the edge of the ball. The proxy moves so while it is
     /// handed over to the rule after a start inside, because the force may change only slowly.
     /// ((W3) of docs/robust.md)
-    MotionEnd move_within(const ForceBall<2>& ball, Vec2& proxy, const Vec2& hip) noexcept {
-        return move_to_hip(proxy, hip, &ball);
+    MotionEnd move_within(const ForceBall<2>* ball, Vec2& proxy, const Vec2& hip) noexcept {
+        outcome_ = move_freely_and_slide(proxy, hip, ball);
+        if (outcome_ == Outcome::limit) return MotionEnd::limit;
+        if (outcome_ == Outcome::force_ball) return MotionEnd::force_ball;
+        return MotionEnd::rests;
     }
 
     /// Which state the proxy is in, and the direction in which the curve pushes it. GuardedRule has
@@ -388,8 +390,7 @@ class CurveMotion {
 
     /// How a part of the motion ended.
     enum class Outcome {
-        arrived,     ///< at the HIP
-        rests,       ///< on one feature, where nothing leads nearer to the HIP
+        rests,       ///< at the HIP, or on one feature, where nothing leads nearer to the HIP
         corner,      ///< the same, held by several features
         goes_on,     ///< another part follows, free or along a feature
         blocked,     ///< by the feature at which the proxy stands: a slide along it follows
@@ -398,8 +399,6 @@ class CurveMotion {
     };
     /// Features that a slide tries where the proxy stands, one after the other.
     static constexpr int max_features_tried = 12;
-
-    double start_slack() const noexcept { return limits_.start_slack; }
 
     /// What the path meets first up to the parameter `max_t`, the feature `skip` left out. Looks at
     /// a short part from the start, then at four times as much, and so on: most paths end soon.
@@ -439,13 +438,6 @@ class CurveMotion {
         return box.distance2(path.x) <= reach * reach;
     }
 
-    MotionEnd move_to_hip(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
-        outcome_ = move_freely_and_slide(proxy, hip, ball);
-        if (outcome_ == Outcome::limit) return MotionEnd::limit;
-        if (outcome_ == Outcome::force_ball) return MotionEnd::force_ball;
-        return MotionEnd::rests;
-    }
-
     /// Moves freely until something is met, then along it, and so on: each turn of the loop is an
     /// iteration. `ball` is null except after a start inside, when the proxy may not leave it.
     Outcome move_freely_and_slide(Vec2& proxy, const Vec2& hip, const ForceBall<2>* ball) noexcept {
@@ -453,7 +445,7 @@ class CurveMotion {
             if (i > 0 && curve_.budget().is_spent()) break;
             const Vec2 to_hip = hip - proxy;
             const double length = norm(to_hip);
-            if (!(length > 0)) return Outcome::arrived;
+            if (!(length > 0)) return Outcome::rests;
             Outcome outcome = Outcome::blocked;
             if (!is_held(proxy, to_hip)) outcome = move_freely(proxy, hip, to_hip, length, ball);
             if (outcome == Outcome::blocked) outcome = slide(proxy, hip, ball);
@@ -465,9 +457,9 @@ class CurveMotion {
     /// Whether the feature that the proxy slid along last lies between it and the HIP, so that it
     /// need not first try to move freely.
     bool is_held(const Vec2& proxy, const Vec2& to_hip) const noexcept {
-        if (current_ == none || !curve_[current_].faces(proxy, start_slack())) return false;
+        if (current_ == none || !curve_[current_].faces(proxy, limits_.start_slack)) return false;
         const FeatureContact contact = curve_[current_].contact(proxy);
-        const bool touches = contact.distance < R_ + start_slack();
+        const bool touches = contact.distance < R_ + limits_.start_slack;
         const double rounding = tuned::pressing_share * (R_ + norm(to_hip));
         return touches && dot(contact.normal, to_hip) < -rounding;
     }
@@ -489,7 +481,7 @@ class CurveMotion {
         current_ = hit.feature;
         if (hit.feature == none && hit.t == infinity) {
             proxy = hip;
-            return Outcome::arrived;
+            return Outcome::rests;
         }
         if (hit.is_immediate(limits_)) return Outcome::blocked;
         proxy = path.at(hit.t);
@@ -531,7 +523,7 @@ class CurveMotion {
 
             // Where the path ends if it meets no other feature. (E2)-(E4)
             PathEnd end = end_of_path(path, to_hip, contact, feature);
-            if (end.next != feature && end.t < start_slack()) {
+            if (end.next != feature && end.t < limits_.start_slack) {
                 // The proxy stands at the end of this feature already: the one beyond takes its
                 // place, and is tried. A hollow that the proxy fills is added as its two ends.
                 const FeatureContact next = curve_[end.next].contact(proxy);
@@ -548,7 +540,7 @@ class CurveMotion {
 
             // The HIP is in sight already, along the tangent, though roundings have it that the
             // feature is in the way.
-            if (contact.curvature > 0 && end.next == feature && end.t < start_slack() &&
+            if (contact.curvature > 0 && end.next == feature && end.t < limits_.start_slack &&
                 is_tangent(contact, to_hip)) {
                 const Outcome left = move_freely(proxy, hip, to_hip, norm(to_hip), ball, feature);
                 if (left != Outcome::blocked) return left;
@@ -589,7 +581,7 @@ class CurveMotion {
     /// holds the proxy here.
     bool is_tangent(const FeatureContact& contact, const Vec2& to_hip) const noexcept {
         const double sine = dot(contact.normal, to_hip) / norm(to_hip);
-        return sine >= 0 || sine * sine < 2 * contact.curvature * start_slack();
+        return sine >= 0 || sine * sine < 2 * contact.curvature * limits_.start_slack;
     }
 
     /// Where a path along a feature ends if it meets no other one.
@@ -643,18 +635,16 @@ class CurveMotion {
     Curve curve_;
     RoundingLimits limits_;
     double R_, band_, neighbourhood_;
-    int current_ = none;                  // the feature that the proxy has met or slid along last
-    Outcome outcome_ = Outcome::arrived;  // of the last motion
-    double distance_ = infinity;          // from the curve, where the proxy was checked last [m]
+    int current_ = none;                // the feature that the proxy has met or slid along last
+    Outcome outcome_ = Outcome::rests;  // of the last motion
+    double distance_ = infinity;        // from the curve, where the proxy was checked last [m]
 };
 
 /// The rule `exact` on lines and arcs: its motion, and around it the guarantees of GuardedRule.
-class CurveRule : public GuardedRule<CurveMotion, NoStall<2>> {
+class CurveRule : public GuardedRule<CurveMotion> {
   public:
     /// How far below R roundings may let the proxy sink [R].
     static constexpr double roundings = 1e-7;
-    static constexpr int max_iterations = CurveMotion::max_iterations;
-    static constexpr int max_steps = CurveMotion::max_steps;
     /// Time of an inner step [s], on the machine of docs/engine.md.
     static constexpr double a_step = 5e-9;
     /// How far away the features lie that an iteration looks at [R]: on the first part of a path

@@ -123,16 +123,13 @@ class Path {
     };
     PathPlace nearest(const Vec3& x) const noexcept {
         PathPlace best;
-        tree_.visit_nearest(
-            best.distance,
-            [&](const Box<3>& box) noexcept { return box.distance2(x) * (1 - 1e-12); },
-            [&](std::uint32_t i) noexcept {
-                const Vec3 c = pieces_[i].nearest(x);
-                const double d = norm(x - c);
-                // Of places that are as near, the first.
-                if (d < best.distance || (d == best.distance && i < best.piece))
-                    best = {strand_of(i), i, c, d};
-            });
+        tree_.visit_nearest(x, best.distance, [&](std::uint32_t i) noexcept {
+            const Vec3 c = pieces_[i].nearest(x);
+            const double d = norm(x - c);
+            // Of places that are as near, the first.
+            if (d < best.distance || (d == best.distance && i < best.piece))
+                best = {strand_of(i), i, c, d};
+        });
         return best;
     }
     /// The number of the strand that a piece is part of.

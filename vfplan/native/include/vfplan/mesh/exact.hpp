@@ -44,9 +44,10 @@ class InsideMesh {
         }
         return std::max(s, 0.0);
     }
-    /// Whether y lies in the body; nothing where this tick may look no further.
+    /// Whether y, with no triangle within `clear`, lies in the body; nothing where this tick may
+    /// look no further.
     std::optional<bool> is_in_body(const Vec3& y, double clear) const noexcept {
-        return body_.is_inside(y, clear, query_.budget());
+        return body_.is_inside(y, clear * (1 - 1e-9), query_.budget());
     }
 
   private:
@@ -75,6 +76,8 @@ class MeshMotion {
           body_(std::move(body), p.R(), band_) {}
 
     const Mesh& mesh() const noexcept { return query_.mesh(); }
+    /// Inner steps of all ticks.
+    std::int64_t work() const noexcept { return query_.budget().total(); }
     std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
     InsideMesh inside() noexcept { return {query_, R_, body_search_}; }
     void begin_tick() noexcept { query_.budget().begin(max_steps); }
@@ -94,25 +97,22 @@ class MeshMotion {
         return distance_ >= R_ - band_;
     }
 
-    MotionEnd move(Vec3& proxy, const Vec3& hip, StallTest<3>& stall, PlannedPath<3>&) noexcept {
+    MotionEnd move(Vec3& proxy, const Vec3& hip, StallTest<3>& stall,
+                   PlannedPath<3>& path) noexcept {
         if (body_.settle(query_, proxy, hip, proxy)) {
             stall.release();
             distance_ = body_.count() > 0 ? 0 : infinity;
             is_settled_ = true;
+            path.record(proxy);
             return MotionEnd::settled;
         }
         query_.budget().begin(max_steps);
         const Vec3& goal = stall.goal(hip, norm(hip - proxy), 1);
-        const MotionEnd end = step_to_hip(proxy, goal, nullptr);
+        const MotionEnd end = step_to_hip(proxy, goal, path);
         if (proxy == hip) stall.release();
         return end;
     }
-    /// As `move`, while the rule takes over from a way out.
-    MotionEnd move_within(const ForceBall<3>& ball, Vec3& proxy, const Vec3& hip) noexcept {
-        query_.budget().begin(max_steps);
-        return step_to_hip(proxy, hip, &ball);
-    }
-    /// From the triangles onto the smooth body that they stand for, once the proxy rests.
+    /// Straight from the triangles onto the smooth body that they stand for, once the proxy rests.
     void settle(const Vec3& start, Vec3& proxy, const Vec3& hip, bool rests) noexcept {
         query_.budget().begin(max_steps);
         body_.hold(mesh(), proxy, planes_);
@@ -142,19 +142,13 @@ class MeshMotion {
     }
 
   private:
-    MotionEnd step_to_hip(Vec3& proxy, const Vec3& hip, const ForceBall<3>* ball) noexcept {
+    MotionEnd step_to_hip(Vec3& proxy, const Vec3& hip, PlannedPath<3>& path) noexcept {
         for (int i = 0; i < max_iterations && !query_.budget().is_spent(); ++i) {
             const Vec3 to_hip = hip - proxy;
             const Vec3 step = round_an_edge(proxy, to_hip, free_step(proxy, to_hip));
             const double length = norm(step);
-            if (ball && length > 0) {
-                const double free = ball->free_length(proxy, (1 / length) * step, length);
-                if (free < length) {
-                    proxy = proxy + (free / length) * step;
-                    return MotionEnd::force_ball;
-                }
-            }
             proxy = step == to_hip ? hip : proxy + step;
+            path.record(proxy);
             if (step == to_hip) return MotionEnd::rests;
             if (length < band_ / 8 && !query_.budget().is_spent()) return MotionEnd::rests;
         }
@@ -174,7 +168,7 @@ class MeshMotion {
         }
         for (;;) {
             const TriangleHit hit = query_.sweep(x, step, planes_);
-            if (hit.i == Mesh::none) return step;
+            if (hit.i == Mesh::none) return hit.t < 1 ? hit.t * step : step;
             const Vec3 tried = step;
             if (!turn(x, to_hip, hit, step)) return hit.t * tried;
         }
@@ -206,7 +200,8 @@ class MeshMotion {
         const double more = 1.9 * left > R_ ? R_ / left - 1 : 0.9;
         if (!(more > 0 && dot(slide, slide) > band_ * band_ / 64)) return step;
         const Vec3 further = step + more * slide;
-        return query_.sweep(x, further, planes_).i == Mesh::none ? further : step;
+        const TriangleHit hit = query_.sweep(x, further, planes_);
+        return hit.i == Mesh::none && hit.t == 1 ? further : step;
     }
 
     bool is_in_neighbourhood(const Vec3& x) noexcept {
@@ -214,9 +209,8 @@ class MeshMotion {
         // The triangle that was near in the last tick most likely still is.
         if (near_triangle_ < mesh().size() && mesh()[near_triangle_].distance(x) < neighbourhood_)
             return true;
-        double distance = neighbourhood_;
-        near_triangle_ = query_.nearest(x, distance);
-        return near_triangle_ != Mesh::none;
+        near_triangle_ = query_.any_within(x, neighbourhood_);
+        return near_triangle_ != Mesh::none || query_.budget().is_spent();
     }
     Vec3 away_from_mesh(const Vec3& x) const noexcept {
         double distance = TriangleQuery::reach * R_;
@@ -234,11 +228,10 @@ class MeshMotion {
     bool is_settled_ = false;                   // the proxy rests on the smooth body
 };
 
-class MeshRule : public GuardedRule<MeshMotion, StallTest<3>> {
+class MeshRule : public GuardedRule<MeshMotion> {
   public:
     /// What a file's single precision, and roundings, may let the proxy sink [R].
     static constexpr double roundings = 1e-5;
-    static constexpr int max_steps = MeshMotion::max_steps;
     /// How far away the triangles lie at most that a tick looks at [R].
     static constexpr double list_reach = TriangleQuery::reach;
 

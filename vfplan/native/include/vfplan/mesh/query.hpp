@@ -128,18 +128,23 @@ class TriangleQuery {
         return false;
     }
 
-    /// What the step v from x meets first, behind no plane.
+    /// What the step v from x meets first, behind no plane. Where the tick has no steps left to
+    /// look beyond the beginning, `t` without a triangle is how much is free.
     TriangleHit sweep(const Vec3& x, const Vec3& v, const ContactPlanes& planes) const noexcept {
         TriangleHit hit;
         const double length = norm(v);
         const double first = beginning * R_;
         if (!(length > 0)) return hit;
+        double free = 0;
         for (hit.t = length > first ? first / length : 1;; hit.t = 1) {
             const double all = hit.t;
             const double half = R_ + all * length / 2;
             const Vec3 middle = x + (all / 2) * v;
-            const int steps = mesh_.visit(
+            const auto is_cut_short = [&] { return free > 0 && budget_.is_overdrawn(); };
+            mesh_.visit(
                 [&](const Disc& disc) noexcept {
+                    budget_.spend(1);
+                    if (is_cut_short()) return false;
                     const Vec3 w = disc.middle - x;
                     const double share = dot(w, v) / (length * length);
                     const double reach_of_disc = R_ + disc.size();
@@ -148,19 +153,38 @@ class TriangleQuery {
                            disc.distance2(middle) <= half * half;
                 },
                 [&](std::uint32_t i) noexcept {
+                    budget_.spend(3);
                     if (!planes.hide(mesh_[i])) meets(i, x, v, hit);
                 });
-            budget_.spend(steps);
+            if (is_cut_short()) return {free, Mesh::none, {}, {}};
             if (hit.i != Mesh::none || all == 1) return hit;
+            free = all;
         }
     }
 
-    /// As Mesh::nearest, and counts the steps that it takes.
+    /// The triangle nearest to y, or none where all are `distance` [m] away, which becomes its
+    /// distance.
     std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
-        int steps = 0;
-        const std::uint32_t triangle = mesh_.nearest(y, distance, steps);
-        budget_.spend(steps);
-        return triangle;
+        std::uint32_t found = Mesh::none;
+        budget_.spend(mesh_.around(y, distance, [&](std::uint32_t i) noexcept {
+            if (const double d = mesh_[i].distance(y); d < distance) distance = d, found = i;
+        }));
+        return found;
+    }
+    /// A triangle within `reach` of y; none where there is none, or the tick has no steps left.
+    std::uint32_t any_within(const Vec3& y, double reach) const noexcept {
+        std::uint32_t found = Mesh::none;
+        mesh_.visit(
+            [&](const Disc& disc) noexcept {
+                budget_.spend(1);
+                return found == Mesh::none && !budget_.is_spent() &&
+                       disc.distance2(y) <= reach * reach;
+            },
+            [&](std::uint32_t i) noexcept {
+                budget_.spend(3);
+                if (mesh_[i].distance(y) < reach) found = i;
+            });
+        return found;
     }
     /// Distance from the mesh where that is less than about R, and a larger number elsewhere [m].
     /// Triangles that the proxy's planes part from it are left out, as they are no nearer than the

@@ -8,19 +8,35 @@
 
 namespace vfplan::inline v1::mesh {
 
-/// Whether each side is one of two triangles that have the same side up.
-inline bool is_closed(const Mesh& mesh) {
-    std::vector<std::array<std::uint32_t, 2>> sides, back;
+/// A side of a triangle: the rows of its ends, the lower first, the triangle, and its number there.
+using Side = std::array<std::uint32_t, 4>;
+
+/// All sides, those of the same ends one after the other.
+inline std::vector<Side> sorted_sides(const Mesh& mesh) {
+    std::vector<Side> sides;
     for (std::uint32_t i = 0; i < mesh.size(); ++i)
-        for (std::size_t k = 0; k < 3; ++k) {
-            const std::uint32_t from = mesh.face(i)[k], to = mesh.face(i)[(k + 1) % 3];
-            if (from == to) return false;
-            sides.push_back({from, to});
-            back.push_back({to, from});
+        for (std::uint32_t k = 0; k < 3; ++k) {
+            const auto [low, high] = std::minmax(mesh.face(i)[k], mesh.face(i)[(k + 1) % 3]);
+            sides.push_back({low, high, i, k});
         }
     std::sort(sides.begin(), sides.end());
-    std::sort(back.begin(), back.end());
-    return sides == back && std::adjacent_find(sides.begin(), sides.end()) == sides.end();
+    return sides;
+}
+/// Whether two triangles that have a side, and no third one, have the same side up.
+inline bool are_partners(const Mesh& mesh, const std::vector<Side>& sides, std::size_t j) {
+    const auto has_ends = [&](std::size_t k) {
+        return k < sides.size() && sides[k][0] == sides[j][0] && sides[k][1] == sides[j][1];
+    };
+    const auto from = [&](const Side& side) { return mesh.face(side[2])[side[3]]; };
+    return sides[j][0] != sides[j][1] && has_ends(j + 1) && !has_ends(j + 2) && !has_ends(j - 1) &&
+           from(sides[j]) != from(sides[j + 1]);
+}
+/// Whether each side is one of two triangles that have the same side up.
+inline bool is_closed(const Mesh& mesh) {
+    const std::vector<Side> sides = sorted_sides(mesh);
+    for (std::size_t j = 0; j < sides.size(); j += 2)
+        if (!are_partners(mesh, sides, j)) return false;
+    return true;
 }
 
 /// The place of the body under another place.
@@ -154,26 +170,14 @@ class SmoothBody {
     /// Links pairs of triangles that share a side between which the body is smooth: both have the
     /// same side up, no third triangle has the side, and the edge between them is hardly one.
     void link(const Mesh& mesh) {
-        struct Side {
-            std::uint32_t from, to, i, k;
-            auto key() const { return std::array{std::min(from, to), std::max(from, to), i, k}; }
-            bool operator<(const Side& s) const { return key() < s.key(); }
-        };
-        std::vector<Side> sides;
-        for (std::uint32_t i = 0; i < mesh.size(); ++i)
-            for (std::uint32_t k = 0; k < 3; ++k)
-                sides.push_back({mesh.face(i)[k], mesh.face(i)[(k + 1) % 3], i, k});
-        std::sort(sides.begin(), sides.end());
-        for (std::size_t j = 0, last; j < sides.size(); j = last) {
-            const Side &s = sides[j], &t = sides[std::min(j + 1, sides.size() - 1)];
-            for (last = j; last < sides.size() && sides[last].key()[0] == s.key()[0] &&
-                           sides[last].key()[1] == s.key()[1];)
-                ++last;
-            const bool is_shared = last - j == 2 && s.from == t.to && s.to != s.from;
-            if (is_shared && is_smooth_edge(mesh, s.i, t.i)) {
-                facets_[s.i].beside[s.k] = t.i;
-                facets_[t.i].beside[t.k] = s.i;
-            }
+        const std::vector<Side> sides = sorted_sides(mesh);
+        for (std::size_t j = 0; j < sides.size(); ++j) {
+            if (!are_partners(mesh, sides, j)) continue;
+            const auto [low, high, i, k] = sides[j];
+            const auto [same_low, same_high, other, l] = sides[j + 1];
+            if (!is_smooth_edge(mesh, i, other)) continue;
+            facets_[i].beside[k] = other;
+            facets_[other].beside[l] = i;
         }
     }
     /// Whether the body is smooth between two triangles. A sharper edge is allowed beside a sliver,

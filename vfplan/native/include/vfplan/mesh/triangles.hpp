@@ -4,6 +4,7 @@
 // tree of boxes above them.
 #pragma once
 
+#include <span>
 #include <unordered_map>
 
 #include "vfplan/base/bounds_tree.hpp"
@@ -122,10 +123,6 @@ class Refinement {
     void cut_marked_sides() {
         std::vector<std::int32_t> cut;
         cut.reserve(made_.triangles.size());
-        const auto add = [&](std::int32_t a, std::int32_t b, std::int32_t c) {
-            cut.insert(cut.end(), {a, b, c});
-            if (cut.size() > 3 * max_samples) reject_as_too_many();
-        };
         for (std::size_t i = 0; i < made_.triangles.size(); i += 3) {
             std::array<std::int32_t, 3> t{made_.triangles[i], made_.triangles[i + 1],
                                           made_.triangles[i + 2]};
@@ -138,26 +135,22 @@ class Refinement {
                 std::rotate(t.begin(), t.begin() + 1, t.end());
                 std::rotate(m.begin(), m.begin() + 1, m.end());
             }
-            if (marked == 0) {
-                add(t[0], t[1], t[2]);
-            } else if (marked == 1) {
-                add(t[0], m[0], t[2]);
-                add(m[0], t[1], t[2]);
-            } else if (marked == 2) {
-                add(m[0], t[1], m[1]);
-                // What is left has four sides. Its shorter diagonal parts it.
-                if (length(t[0], m[1]) < length(m[0], t[2])) {
-                    add(t[0], m[0], m[1]);
-                    add(t[0], m[1], t[2]);
-                } else {
-                    add(t[0], m[0], t[2]);
-                    add(m[0], m[1], t[2]);
-                }
-            } else {
-                add(t[0], m[0], m[2]);
-                add(m[0], t[1], m[1]);
-                add(m[2], m[1], t[2]);
-                add(m[0], m[1], m[2]);
+            // Corners 0 to 2, and 3 to 5 the middles of the sides behind them. What is left of a
+            // triangle with two marked sides has four; its shorter diagonal parts it.
+            static constexpr std::array<int, 3> none[] = {{0, 1, 2}},
+                                                one[] = {{0, 3, 2}, {3, 1, 2}},
+                                                two[] = {{3, 1, 4}, {0, 3, 4}, {0, 4, 2}},
+                                                other_two[] = {{3, 1, 4}, {0, 3, 2}, {3, 4, 2}},
+                                                all[] = {
+                                                    {0, 3, 5}, {3, 1, 4}, {5, 4, 2}, {3, 4, 5}};
+            std::span<const std::array<int, 3>> parts = none;
+            if (marked == 1) parts = one;
+            if (marked == 2) parts = length(t[0], m[1]) < length(m[0], t[2]) ? two : other_two;
+            if (marked == 3) parts = all;
+            const std::array<std::int32_t, 6> rows{t[0], t[1], t[2], m[0], m[1], m[2]};
+            for (const auto& [a, b, c] : parts) {
+                for (const int k : {a, b, c}) cut.push_back(rows[std::size_t(k)]);
+                if (cut.size() > 3 * max_samples) reject_as_too_many();
             }
         }
         made_.triangles = std::move(cut);
@@ -234,6 +227,12 @@ struct Disc {
         const double over = std::max(std::abs(up) - high, 0.0), off = std::max(beside - wide, 0.0);
         return over * over + off * off;
     }
+    Box<3> box() const noexcept {
+        Vec3 half;
+        for (int k = 0; k < 3; ++k)
+            half.c[k] = high * std::abs(n[k]) + wide * std::sqrt(std::max(1 - n[k] * n[k], 0.0));
+        return {middle - half, middle + half};
+    }
     /// The radius of a ball around it [m].
     double size() const noexcept { return std::sqrt(wide * wide + high * high); }
 };
@@ -248,8 +247,9 @@ class Mesh {
         items.reserve(s.k);
         for (std::size_t i = 0; i < s.k; ++i) {
             const Face face = face_of(s, i);
-            items.emplace_back(corner_of(s, face[0]), corner_of(s, face[1]), corner_of(s, face[2]),
-                               face);
+            const Vec3 a = corner_of(s, face[0]), b = corner_of(s, face[1]);
+            const Vec3 c = corner_of(s, face[2]);
+            items.push_back({{a, b, c}, (1.0 / 3) * (a + b + c), face});
         }
         tree_.build(
             0, items.size(),
@@ -290,26 +290,15 @@ class Mesh {
     /// `reach`.
     template <class F>
     int around(const Vec3& y, const double& reach, F&& f) const noexcept {
-        return visit([&](const Disc& disc) noexcept { return disc.distance2(y) <= reach * reach; },
-                     f);
-    }
-
-    /// The triangle nearest to y, or none where all are `least` [m] away. `least` becomes its
-    /// distance.
-    std::uint32_t nearest(const Vec3& y, double& least, int& steps) const noexcept {
-        std::uint32_t found = none;
-        steps = around(y, least, [&](std::uint32_t i) noexcept {
-            if (const double d = triangles_[i].distance(y); d < least) least = d, found = i;
-        });
-        return found;
+        return tree_.around(y, reach, f);
     }
 
     /// The distance of y from the nearest triangle [m].
     double distance(const Vec3& y) const noexcept {
         double least = infinity;
-        tree_.visit_nearest(
-            least, [&](const Disc& disc) noexcept { return disc.distance2(y); },
-            [&](std::uint32_t i) noexcept { least = std::min(least, triangles_[i].distance(y)); });
+        tree_.visit_nearest(y, least, [&](std::uint32_t i) noexcept {
+            least = std::min(least, triangles_[i].distance(y));
+        });
         return least;
     }
 
@@ -360,8 +349,6 @@ class Mesh {
         std::array<Vec3, 3> corner;
         Vec3 middle;
         Face rows;
-        Item(const Vec3& a, const Vec3& b, const Vec3& c, const Face& face)
-            : corner{a, b, c}, middle((1.0 / 3) * (a + b + c)), rows(face) {}
     };
     /// The disc around items whose axis leads through `middle` along n.
     static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
@@ -416,17 +403,19 @@ class BodySearch {
     /// `skin`: stays where it is; null where there is no closed mesh.
     explicit BodySearch(const Mesh* skin = nullptr) noexcept : skin_(skin) {}
 
-    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y.
+    /// Nothing while it is not known. What lies within `clear` of y is on the same side as y, so
+    /// that the search goes on for a place that moves no further than that from tick to tick.
     /// `step` is what an inner step costs.
     std::optional<bool> is_inside(const Vec3& y, double clear, WorkBudget& budget,
                                   int step = 1) noexcept {
         if (!skin_) return false;
-        if (!(norm(y - at_) <= clear_)) {
+        if (!(norm(y - last_) <= clear_)) {
             at_ = y;
-            clear_ = clear;
             node_ = 0;
             turns_ = 0;
         }
+        last_ = y;
+        clear_ = clear;
         while (node_ < skin_->boxes()) {
             if (budget.is_spent()) return std::nullopt;
             budget.spend(step * skin_->count_turns(at_, node_, turns_));
@@ -436,8 +425,8 @@ class BodySearch {
 
   private:
     const Mesh* skin_;
-    Vec3 at_;
-    double clear_ = -1;  // nothing is looked for yet
+    Vec3 at_, last_;     // where the search began, and what was asked for last on the same side
+    double clear_ = -1;  // around the last; nothing is looked for yet
     std::uint32_t node_ = 0;
     int turns_ = 0;
 };

@@ -104,14 +104,7 @@ class PaperRule {
     Vec<D> contact_step(const Vec<D>& u, const Vec<D>& n) const noexcept {
         const double into = dot(n, u);
         const Vec<D> up = u - into * n;
-        return slide(into < 0 ? up : u, norm(up));
-    }
-    /// xi min(|u_p|, r1) along s. Mostly that is s itself: a processor that expects so goes on with
-    /// s before it has the root and the quotient, which saves a tenth of a tick.
-    Vec<D> slide(const Vec<D>& s, double up) const noexcept {
-        const double length = norm(s), step = p_.gain * std::min(up, p_.r1());
-        if (length > 0 && step == length) return s;
-        return along(s, step);
+        return along(into < 0 ? up : u, p_.gain * std::min(norm(up), p_.r1()));
     }
 
     /// Algorithm 2.

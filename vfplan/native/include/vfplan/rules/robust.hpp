@@ -46,72 +46,6 @@ struct SweepRadii {
                    ///< every meeting is
 };
 
-struct SweepResult {
-    double length;              ///< of the free part of the path [m]
-    bool is_cut_short = false;  ///< the tick may look no further, so more of the path may be free
-};
-
-/// How far the proxy gets along a straight path before it meets the sphere of a point. It is exact
-/// whatever the length, so that no HIP is fast enough to pass a wall. (R5)
-template <int D>
-class Sweep {
-  public:
-    /// A path longer than R is looked at in parts of length R. All long paths of a tick together
-    /// have this many parts.
-    static constexpr int max_parts = 128;
-
-    explicit Sweep(double radius) noexcept : R_(radius) {}
-
-    void begin_tick() noexcept { parts_left_ = max_parts; }
-
-    /// How much of the path of this length from x along the unit vector `direction` is free.
-    SweepResult free_part(Neighbours<D>& neighbours, const Vec<D>& x, const Vec<D>& direction,
-                          double length, const SweepRadii& radii) noexcept {
-        const double steep = radii.steep * radii.outer;
-        Ray<D> ray{x, direction, radii.outer * radii.outer, radii.inner * radii.inner,
-                   steep * steep};
-        if (length <= R_) return {std::min(length, first_hit(neighbours, ray, length))};
-        // Only what lies within R of the cloud's box can meet anything: from `from` to `to`.
-        double from, to;
-        if (!neighbours.index().box().clip(x, direction, length, R_, from, to)) return {length};
-        // At least one part, that a long path through a crowd comes to an end.
-        for (bool goes_on = true; goes_on && parts_left_ > 0;) {
-            const double part = std::min(R_, to - from);
-            if (part <= 0) return {length};
-            ray.from = x + from * direction;
-            const double hit = first_hit(neighbours, ray, part);
-            if (hit < part) return {std::min(length, from + hit)};
-            from += R_;
-            --parts_left_;
-            goes_on = !neighbours.index().budget().is_spent();
-        }
-        return {std::min(length, from), true};
-    }
-
-  private:
-    /// How far the ray gets before it meets a sphere; infinity where it meets none within `length`.
-    /// A short path looks through the list of points around the proxy, which is at hand. A long one
-    /// looks up the points around its middle.
-    double first_hit(Neighbours<D>& neighbours, const Ray<D>& ray, double length) const noexcept {
-        double hit = infinity;
-        const auto include = [&](const PointSpan<D>& points) noexcept {
-            hit = std::min(hit, kernels<D>.ray_hit(points, ray));
-        };
-        if (length <= tuned::list_margin * R_) {
-            neighbours.visit(ray.from, R_ + length, include);
-        } else {
-            const Vec<D> middle = ray.from + 0.5 * length * ray.direction;
-            neighbours.index().visit(middle, R_ + 0.5 * length, include);
-        }
-        // The path ends a little before the sphere, so that the sphere is met again in the next
-        // sweep and not, by a rounding, entered.
-        return std::max(0.0, hit - tuned::stop_before * R_);
-    }
-
-    double R_;
-    int parts_left_ = max_parts;
-};
-
 /// How the rule moves a proxy that is outside: the four parts of an iteration stand in `iterate`.
 ///
 /// `Thinned` is the cloud without points that can never be felt. Leaving them out lets the proxy
@@ -126,6 +60,9 @@ class RobustMotion {
     /// A proxy that a tick left at rest may move on in the next tick although the HIP has not
     /// moved, until it is stalled. So a tick with an unmoved HIP is computed again.
     static constexpr bool rest_is_final = false;
+    /// A path longer than R is looked at in parts of length R. All long paths of a tick together
+    /// have this many parts.
+    static constexpr int max_parts = 128;
 
     RobustMotion(const Thinned<D>& thinned, const Parameters& p)
         : p_(p),
@@ -133,15 +70,14 @@ class RobustMotion {
           safe2_((R_ - p.band + thinned.lent) * (R_ - p.band + thinned.lent)),
           g_(std::sqrt(p.band / R_)),
           sliding_radii_{
-              R_, inner_radius(thinned, p),
+              R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin),
               std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
-          free_radii_{R_, inner_radius(thinned, p), 0},
+          free_radii_{R_, sliding_radii_.inner, 0},
           surfaces_(R_, p.band),
           // The three lengths are how far the list of points reaches, how far the proxy may go
           // before it is gathered anew, and the side of a cell of the grid [m].
           neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
-                      2 * tuned::list_margin * R_, p.search),
-          sweep_(R_) {}
+                      2 * tuned::list_margin * R_, p.search) {}
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
     InsideCloud<D> inside() noexcept { return {neighbours_.index(), R_, body_}; }
@@ -164,7 +100,7 @@ class RobustMotion {
     /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud (R6). The
     /// distance that it measures is kept for `contact`.
     bool is_outside(const Vec<D>& proxy) noexcept {
-        nearest2_ = nearest2(proxy, surfaces_.touch_radius());
+        nearest2_ = nearest2(neighbours_, proxy, surfaces_.touch_radius());
         return nearest2_ >= safe2_;
     }
 
@@ -178,7 +114,7 @@ class RobustMotion {
         distance_limit_ = distance + p_.band * (1 - tuned::gain_margin);
         is_sweep_cut_short_ = false;
         iterations_ = 0;
-        sweep_.begin_tick();
+        parts_left_ = max_parts;
         budget().begin(work::motion);
         if (try_straight_path(proxy, hip, distance, path)) {
             stall.release();
@@ -193,10 +129,10 @@ class RobustMotion {
         while (iterations_ < p_.max_iterations && !is_sweep_cut_short_) {
             if (iterations_ > 0 && budget().is_spent()) break;
             budget().spend(work::iteration);
-            const Iteration done = iterate(proxy, goal, stall, path);
+            const bool rests = !iterate(proxy, goal, stall, path);
             // The iteration that fills the recorded path is not counted.
             if (!path.is_full()) ++iterations_;
-            if (done == Iteration::rests && !is_sweep_cut_short_) return MotionEnd::rests;
+            if (rests && !is_sweep_cut_short_) return MotionEnd::rests;
             if (path.is_full()) break;
         }
         return MotionEnd::limit;
@@ -216,19 +152,13 @@ class RobustMotion {
             charge_plane_choices(surfaces_.count());
             answer.normal = surfaces_.normal(hip - proxy, min_step(), plane_slack());
         } else if (nearest2_ < neighbourhood * neighbourhood ||
-                   nearest2(proxy, neighbourhood) < neighbourhood * neighbourhood) {
+                   nearest2(neighbours_, proxy, neighbourhood) < neighbourhood * neighbourhood) {
             answer.state = State::free_motion;
         }
         return answer;
     }
 
   private:
-    /// How an iteration ended.
-    enum class Iteration {
-        moved,  ///< nearer to the goal, or by a lift: another iteration follows
-        rests   ///< at the goal, or where nothing leads nearer to it
-    };
-
     /// Where nothing lies on the straight path, the proxy goes with the HIP, whatever it touches.
     /// True where it has arrived. Where the HIP lies behind a point at R or less, no path is tried.
     bool try_straight_path(Vec<D>& proxy, const Vec<D>& hip, double distance,
@@ -262,21 +192,19 @@ class RobustMotion {
     }
 
     /// One iteration. `goal` is the HIP, or the anchor of the stall test once the proxy is stalled.
-    Iteration iterate(Vec<D>& proxy, const Vec<D>& goal, StallTest<D>& stall,
-                      PlannedPath<D>& path) noexcept {
+    /// False at the goal, or where nothing leads nearer to it.
+    bool iterate(Vec<D>& proxy, const Vec<D>& goal, StallTest<D>& stall,
+                 PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
         const double distance = norm(to_goal);
-        if (!(distance > 0)) return Iteration::rests;
+        if (!(distance > 0)) return false;
 
         // Touch: the points within R + 2 b are sorted into surfaces, and a quadric fitted to each
         // surface gives its plane. What is known at this place already is not computed again. (R1,
         // R2)
         surfaces_.update(neighbours_, proxy);
         const int surfaces = surfaces_.count();
-        if (surfaces == 0) {
-            const bool has_arrived = move_straight(proxy, goal, distance, path);
-            return has_arrived ? Iteration::rests : Iteration::moved;
-        }
+        if (surfaces == 0) return !move_straight(proxy, goal, distance, path);
 
         // How far from the goal a lift may take the proxy, and how near to the goal the iteration
         // has to end. A stalled proxy has to come nearer, and so has one between several surfaces,
@@ -317,7 +245,7 @@ class RobustMotion {
         if (!(length > min_step())) {
             // One plane leaves no step where the proxy is as near to the goal as the plane lets it.
             // Several may leave none although there is a way between their points.
-            if (surfaces == 1) return Iteration::rests;
+            if (surfaces == 1) return false;
             return move_between_points(proxy, goal, path);
         }
 
@@ -333,7 +261,7 @@ class RobustMotion {
         else
             next = proxy + step;
         if (is_stopped_at_once && surfaces > 1 && lift_then_move(proxy, goal, step, path))
-            return Iteration::moved;
+            return true;
 
         // Accept: the place is near enough to the goal, and the sweep was not stopped at once. A
         // slide that was stopped at once is accepted too if the plane asks for a lift, because the
@@ -346,7 +274,7 @@ class RobustMotion {
         move_to(proxy, next, path);
         stall.count_lift(distance_after - distance);
         is_lift_due_ = is_lifted_next;
-        return proxy == goal ? Iteration::rests : Iteration::moved;
+        return !(proxy == goal);
     }
 
     /// Between several surfaces, where the proxy has sunk below R among points and these stop its
@@ -373,22 +301,21 @@ class RobustMotion {
     /// god-object method, which runs into none of these points and never leads away from the goal.
     /// Without it a proxy would rest where there is still a way on between the points
     /// (test_where_it_rests_there_is_no_way_on). (R4)
-    Iteration move_between_points(Vec<D>& proxy, const Vec<D>& goal,
-                                  PlannedPath<D>& path) noexcept {
+    bool move_between_points(Vec<D>& proxy, const Vec<D>& goal, PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
         const Vec<D> step = god_object_step(proxy, to_goal);
         // Where the step is shorter than g |u|, the HIP pulls straight into the surface but for the
         // slopes between its points. The proxy would wander among these.
-        if (!(norm(step) > std::max(min_step(), g_ * norm(to_goal)))) return Iteration::rests;
+        if (!(norm(step) > std::max(min_step(), g_ * norm(to_goal)))) return false;
         const Vec<D> next = swept(proxy, step);
         // Between several surfaces a gain of two bands may be no more than sinking between their
         // points.
         double least_gain = 0;
         if (surfaces_.count() > 1) least_gain = tuned::max_lift_bands * p_.band;
         const bool moves = norm(next - proxy) > min_step();
-        if (!(moves && norm(goal - next) < norm(to_goal) - least_gain)) return Iteration::rests;
+        if (!(moves && norm(goal - next) < norm(to_goal) - least_gain)) return false;
         move_to(proxy, next, path);
-        return Iteration::moved;
+        return true;
     }
     /// The step v nearest to `to_goal` with (x - p) . v >= 0 for every point p at R from x, or
     /// nearer (R4). The point that v runs into most steeply becomes a plane that v has to keep to,
@@ -423,12 +350,48 @@ class RobustMotion {
     void charge_plane_choices(int planes) noexcept {
         budget().spend(work::choice * static_cast<std::size_t>(plane_choices<D>(planes)));
     }
-    /// How much of the path from x is free [m].
+    /// How much of the path of this length from x along the unit vector `direction` is free [m]. It
+    /// is exact whatever the length, so that no HIP is fast enough to pass a wall. (R5)
     double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
                  const SweepRadii& radii) noexcept {
-        const SweepResult result = sweep_.free_part(neighbours_, x, direction, length, radii);
-        is_sweep_cut_short_ = is_sweep_cut_short_ || result.is_cut_short;
-        return result.length;
+        const double steep = radii.steep * radii.outer;
+        Ray<D> ray{x, direction, radii.outer * radii.outer, radii.inner * radii.inner,
+                   steep * steep};
+        if (length <= R_) return std::min(length, first_hit(ray, length));
+        // Only what lies within R of the cloud's box can meet anything: from `from` to `to`.
+        double from, to;
+        if (!neighbours_.index().box().clip(x, direction, length, R_, from, to)) return length;
+        // At least one part, that a long path through a crowd comes to an end.
+        for (bool goes_on = true; goes_on && parts_left_ > 0;) {
+            const double part = std::min(R_, to - from);
+            if (part <= 0) return length;
+            ray.from = x + from * direction;
+            const double hit = first_hit(ray, part);
+            if (hit < part) return std::min(length, from + hit);
+            from += R_;
+            --parts_left_;
+            goes_on = !budget().is_spent();
+        }
+        is_sweep_cut_short_ = true;
+        return std::min(length, from);
+    }
+    /// How far the ray gets before it meets a sphere; infinity where it meets none within `length`.
+    /// A short path looks through the list of points around the proxy, which is at hand. A long one
+    /// looks up the points around its middle.
+    double first_hit(const Ray<D>& ray, double length) noexcept {
+        double hit = infinity;
+        const auto include = [&](const PointSpan<D>& points) noexcept {
+            hit = std::min(hit, kernels<D>.ray_hit(points, ray));
+        };
+        if (length <= tuned::list_margin * R_) {
+            neighbours_.visit(ray.from, R_ + length, include);
+        } else {
+            const Vec<D> middle = ray.from + 0.5 * length * ray.direction;
+            neighbours_.index().visit(middle, R_ + 0.5 * length, include);
+        }
+        // The path ends a little before the sphere, so that the sphere is met again in the next
+        // sweep and not, by a rounding, entered.
+        return std::max(0.0, hit - tuned::stop_before * R_);
     }
     /// Where x comes to by the step, or by as much of it as is free.
     Vec<D> swept(const Vec<D>& x, const Vec<D>& step) noexcept {
@@ -447,16 +410,6 @@ class RobustMotion {
         // 1 % more, for roundings.
         return std::max((1.01 + tuned::list_margin) * R_, surfaces_.reach());
     }
-    /// Square of the distance from x to the nearest point within `reach`; one further off, or
-    /// infinity, where there is none [m^2].
-    double nearest2(const Vec<D>& x, double reach) noexcept {
-        return vfplan::nearest2(neighbours_, x, reach);
-    }
-    /// Radius of the spheres that a sweep may graze but not enter [m]: R - b, and above it a margin
-    /// and what thinning the cloud has used of the band.
-    static double inner_radius(const Thinned<D>& thinned, const Parameters& p) noexcept {
-        return p.R() - (p.band - thinned.lent) * (1 - tuned::gain_margin);
-    }
     // Three lengths [m], of which rules/constants.hpp gives the reasons: a step shorter than the
     // first is none, a gain has to exceed the second, and a step may miss a plane by the third.
     double min_step() const noexcept { return tuned::min_step * p_.band; }
@@ -467,24 +420,25 @@ class RobustMotion {
     double R_;
     double safe2_;  // (R - b + lent)^2, the squared distance from every point that is outside [m^2]
     double g_;      // sqrt(b / R)
-    // A proxy that slides is stopped by what it meets steeply, and grazes the rest. One that is
-    // free is stopped at R by everything.
+    // A proxy that slides is stopped by what it meets steeply, and grazes the rest: down to R - b,
+    // and above it a margin and what thinning the cloud has used of the band. One that is free is
+    // stopped at R by everything.
     SweepRadii sliding_radii_, free_radii_;
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
-    Sweep<D> sweep_;
     mesh::BodySearch body_;
     double distance_limit_ = 0;  // |proxy - HIP| with which this tick may end at most [m]
     double nearest2_ = 0;        // of the place that is_outside was asked for last [m^2]
     int iterations_ = 0;         // of this tick
+    int parts_left_ = 0;         // of long paths, in this tick
     bool is_lift_due_ = false;   // the next iteration only lifts, if its plane asks for a lift
     bool is_sweep_cut_short_ = false;  // this tick has looked at as much of paths as it may
 };
 
 /// The rule `robust`: its motion, and around it the guarantees of GuardedRule.
 template <int D>
-class RobustRule : public GuardedRule<RobustMotion<D>, StallTest<D>> {
-    using Guarded = GuardedRule<RobustMotion<D>, StallTest<D>>;
+class RobustRule : public GuardedRule<RobustMotion<D>> {
+    using Guarded = GuardedRule<RobustMotion<D>>;
 
   public:
     RobustRule(const Thinned<D>& thinned, const Parameters& p)

@@ -5,20 +5,9 @@
 // numbers in brackets are the equations of docs/robust.md, and docs/rules.md lists the guarantees.
 #pragma once
 
-#include <concepts>
-
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {
-
-/// What an engine holds: something that moves a proxy, one servo tick after the other.
-template <class R>
-concept ProxyRule = requires(R rule, Vec<R::dimension>& proxy, const Vec<R::dimension>& hip,
-                             const FreeBefore<R::dimension>* free_before) {
-    { rule.step(proxy, hip) } noexcept -> std::same_as<RuleAnswer<R::dimension>>;
-    { rule.reset() } noexcept;
-    { rule.continue_from(free_before) } noexcept;
-};
 
 /// How a motion ended.
 enum class MotionEnd {
@@ -119,37 +108,21 @@ class StallTest {
     int ticks_at_rest_ = 0;  // in which the HIP has been at rest_position_
 };
 
-/// For a motion that comes to rest by itself.
-template <int D>
-struct NoStall {
-    explicit NoStall(double) noexcept {}
-    void release() noexcept {}
-    void end_of_iterations(const Vec<D>&, bool) noexcept {}
-    bool must_undo(const Vec<D>&, const Vec<D>&, const Vec<D>&, int) const noexcept {
-        return false;
-    }
-};
-
-/// What moves a proxy that is outside: towards the HIP, never through anything.
-template <class M, class Stall>
-concept Motion = requires(M motion, Stall& stall, PlannedPath<M::dimension>& path,
-                          Vec<M::dimension>& proxy, const Vec<M::dimension>& hip) {
-    { M::rest_is_final } -> std::convertible_to<bool>;
-    { motion.begin_tick() } noexcept;
-    { motion.move(proxy, hip, stall, path) } noexcept -> std::same_as<MotionEnd>;
-    { motion.is_clear(proxy) } noexcept -> std::same_as<bool>;    // of one not known to be outside
-    { motion.is_outside(proxy) } noexcept -> std::same_as<bool>;  // after a motion
-    { motion.contact(proxy, hip) } noexcept -> std::same_as<RuleAnswer<M::dimension>>;
-    { motion.iterations() } noexcept -> std::same_as<int>;  // of the last motion
-    { motion.release() } noexcept;
-    { motion.reset() } noexcept;
-    motion.inside();  // what a way out leaves: InsideCloud, CurveMotion or InsideMesh
-};
-
 /// The guarantees: the proxy is outside or on its way out, it rests where the HIP rests, and a tick
 /// that would end inside is undone.
-template <class M, class Stall>
-    requires Motion<M, Stall>
+///
+/// A motion M moves a proxy that is outside: towards the HIP, never through anything. It has
+///
+///     begin_tick, release, reset      before a tick; the proxy is put elsewhere; all is forgotten
+///     move(proxy, hip, stall, path)   how a MotionEnd says that it ended
+///     iterations                      of the last motion
+///     is_clear, is_outside            of a proxy not known to be outside; of one after a motion
+///     contact(proxy, hip)             what it touches, as a RuleAnswer
+///     inside                          what a way out leaves: InsideCloud, CurveMotion, InsideMesh
+///     move_within(ball, proxy, hip)   where a path has no corners to record: no further than to
+///                                     the edge of the ball
+///     settle(start, proxy, hip, rests)  where it goes on straight once it rests
+template <class M>
 class GuardedRule {
   public:
     static constexpr int dimension = M::dimension;
@@ -160,42 +133,40 @@ class GuardedRule {
     GuardedRule(double radius, double band, double pace, OfMotion&&... of_motion)
         : motion_(std::forward<OfMotion>(of_motion)...),
           stall_(band),
-          start_inside_(radius, tuned::force_ramp * radius * pace),
+          way_out_(radius, tuned::force_ramp * radius * pace),
           path_(radius) {}
 
     void reset() noexcept {
         motion_.reset();
         stall_.release();
-        start_inside_.reset();
+        way_out_.stop();
         path_.clear();
-        rests_ = false;
+        is_outside_ = is_handing_over_ = keeps_place_ = rests_ = false;
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
     void continue_from(const FreeBefore<D>* free_before) noexcept {
         reset();
-        start_inside_.continue_from(free_before);
+        keeps_place_ = true;
+        way_out_.keep_to(free_before);
     }
 
     /// Where a proxy at x is led to that was inside after an exchange, else x; nothing while that
     /// is not known.
     std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept {
-        return start_inside_.end_of_way(x);
+        return keeps_place_ ? way_out_.end(x) : x;
     }
 
     /// One servo tick.
     RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         motion_.begin_tick();
-        const auto is_clear = [&]() noexcept { return motion_.is_clear(proxy); };
-        if (!start_inside_.ensure_outside(motion_.inside(), proxy, hip, is_clear)) {
-            motion_.release();
-            path_.clear();
-            unfinished_ = 0;
-            rests_ = false;
-            return start_inside_.answer();
+        if (!is_outside_ && !way_out_.is_active() && motion_.is_clear(proxy)) {
+            way_out_.stop();
+            is_outside_ = true;
         }
+        if (!is_outside_) return lead_out(proxy, hip);
         if (M::rest_is_final && rests_ && hip == last_hip_) return last_;
         last_hip_ = hip;
-        if (start_inside_.is_handing_over()) return hand_over(proxy, hip);
+        if (is_handing_over_) return hand_over(proxy, hip);
         return follow(proxy, hip);
     }
 
@@ -207,10 +178,32 @@ class GuardedRule {
     /// Something came near, or went, where the proxy is.
     void surroundings_changed(bool something_came) noexcept {
         stall_.release();
-        if (something_came) start_inside_.recheck();
+        if (!something_came) return;
+        // From the next tick on a proxy that is inside is led out from where it is.
+        if (is_outside_) keeps_place_ = true;
+        is_outside_ = false;
     }
 
   private:
+    /// One tick of a proxy that is inside.
+    RuleAnswer<D> lead_out(Vec<D>& proxy, const Vec<D>& hip) noexcept {
+        const auto& geometry = motion_.inside();
+        if (!way_out_.is_active()) {
+            anchor_ = proxy;
+            way_out_.begin(geometry, keeps_place_ ? proxy : hip);
+        }
+        is_outside_ = way_out_.step(geometry, keeps_place_ ? anchor_ : hip, proxy);
+        is_handing_over_ = is_outside_ && !(proxy == hip);
+        if (is_outside_) {
+            way_out_.set_hip(hip);
+            keeps_place_ = false;
+        }
+        motion_.release();
+        path_.clear();
+        rests_ = false;
+        return {way_out_.direction(), State::entrenched, way_out_.status()};
+    }
+
     /// One tick of a proxy that is outside.
     RuleAnswer<D> follow(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         const Vec<D> start = proxy;
@@ -218,6 +211,7 @@ class GuardedRule {
         stall_.end_of_iterations(proxy, end != MotionEnd::limit);
         if (stall_.must_undo(start, proxy, hip, motion_.iterations())) {
             proxy = start;
+            path_.drop();
             end = MotionEnd::rests;
         }
         return finish(start, proxy, hip, end, Status::ok);
@@ -226,30 +220,37 @@ class GuardedRule {
     /// One tick of a proxy that has come out and is not yet where the rule would have it: as far
     /// that way as the force may change. (W3)
     RuleAnswer<D> hand_over(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        const ForceBall<D> ball = start_inside_.force_ball(proxy, hip);
-        if constexpr (requires { motion_.move_within(ball, proxy, hip); }) {
+        const ForceBall<D> ball = way_out_.force_ball(proxy, hip);
+        if constexpr (requires { motion_.move_within(&ball, proxy, hip); }) {
             const Vec<D> start = proxy;
-            const MotionEnd end = motion_.move_within(ball, proxy, hip);
-            bool continues = end == MotionEnd::force_ball;
-            if (end == MotionEnd::limit) continues = ++unfinished_ < tuned::ticks_to_stall;
-            start_inside_.continue_hand_over(continues);
-            return finish(start, proxy, hip, end, continues ? Status::inside : Status::ok);
+            const MotionEnd end = motion_.move_within(&ball, proxy, hip);
+            is_handing_over_ = end == MotionEnd::force_ball;
+            if (end == MotionEnd::limit) is_handing_over_ = !path_.has_taken_over(false);
+            return finish(start, proxy, hip, end, is_handing_over_ ? Status::inside : Status::ok);
         } else {
             if (path_.leads_to(hip)) {
-                path_.walk(proxy, ball);
+                // At the end the proxy is where it would rest, unless the HIP has moved since.
+                const bool would_rest = path_.walk(proxy, ball) && planned_.status == Status::ok;
+                const bool rests = would_rest && path_.was_planned_for(hip);
+                if (M::rest_is_final && would_rest && path_.has_taken_over(rests)) {
+                    is_handing_over_ = false;
+                    if (!rests) planned_ = finish(proxy, proxy, hip, MotionEnd::force_ball, 0);
+                    rests_ = rests;
+                    return last_ = planned_;
+                }
             } else {
                 Vec<D> end = proxy;
                 path_.begin_recording(hip);
-                const RuleAnswer<D> answer = follow(end, hip);
+                planned_ = follow(end, hip);
                 path_.end_recording(!(end == proxy));
                 const bool is_at_end = path_.walk(proxy, ball);
-                if (is_at_end && path_.has_taken_over(answer.status == Status::ok)) {
-                    start_inside_.continue_hand_over(false);
+                if (is_at_end && path_.has_taken_over(planned_.status == Status::ok)) {
+                    is_handing_over_ = false;
                     proxy = end;
-                    return answer;
+                    return planned_;
                 }
             }
-            return finish(proxy, proxy, hip, MotionEnd::rests, Status::inside);
+            return finish(proxy, proxy, hip, MotionEnd::force_ball, Status::inside);
         }
     }
 
@@ -260,26 +261,34 @@ class GuardedRule {
         if (end != MotionEnd::settled && !motion_.is_outside(proxy)) {
             // Cannot happen. If it does, the proxy stays where it was safe.
             proxy = start;
+            path_.drop();
             motion_.release();
             status |= Status::limit;
-            start_inside_.set_outside(motion_.is_outside(proxy));
+            is_outside_ = motion_.is_outside(proxy);
         }
         rests_ = status == Status::ok;
-        if constexpr (requires { motion_.settle(start, proxy, hip, rests_); })
-            if (end != MotionEnd::settled) motion_.settle(start, proxy, hip, rests_);
+        if constexpr (requires { motion_.settle(start, proxy, hip, rests_); }) {
+            if (end == MotionEnd::rests || end == MotionEnd::limit) {
+                motion_.settle(start, proxy, hip, rests_);
+                path_.record(proxy);
+            }
+        }
         last_ = motion_.contact(proxy, hip);
         last_.status = status;
         return last_;
     }
 
     M motion_;
-    Stall stall_;
-    StartInside<D> start_inside_;
+    StallTest<D> stall_;
+    WayOut<D> way_out_;
     PlannedPath<D> path_;
-    int unfinished_ = 0;  // ticks of a handover that ran out of iterations
+    Vec<D> anchor_;  // where a way out began on which the proxy does not go with the HIP
+    bool is_outside_ = false;
+    bool is_handing_over_ = false;  // the proxy has come out, and is not where it would rest
+    bool keeps_place_ = false;      // on the way out the proxy does not go with the HIP
     bool rests_ = false;
     Vec<D> last_hip_;
-    RuleAnswer<D> last_;
+    RuleAnswer<D> last_, planned_;  // of the last tick, and at the end of the path
 };
 
 }  // namespace vfplan::inline v1

@@ -77,11 +77,12 @@ class InsideCloud {
         });
         return distance;
     }
-    /// Whether y lies in the body; nothing where this tick may look no further.
+    /// Whether y lies in the body; nothing where this tick may look no further. No point is nearer
+    /// to y than `clear`, but the skin between the points may be.
     std::optional<bool> is_in_body(const Vec<D>& y, double clear) const noexcept
         requires(D == 3)
     {
-        return body_.is_inside(y, clear, points_.budget(), work::triangle);
+        return body_.is_inside(y, clear / 64, points_.budget(), work::triangle);
     }
 
   private:
@@ -259,8 +260,8 @@ class WayOut {
         return false;
     }
 
-    /// Whether x, and all within `clear`, lies in a body whose skin is the geometry, where the
-    /// geometry knows; nothing where this tick may look no further.
+    /// Whether x, with no geometry within `clear`, lies in a body whose skin is the geometry, where
+    /// the geometry knows; nothing where this tick may look no further.
     template <class Geometry>
     static std::optional<bool> is_in_body(const Geometry& geometry, const Vec<D>& x,
                                           double clear) noexcept {
@@ -295,7 +296,7 @@ class WayOut {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
         if (!keeps_out_) return free;
-        const std::optional<bool> is_in = is_in_body(geometry, y, R_ / 64);
+        const std::optional<bool> is_in = is_in_body(geometry, y, R_);
         if (!is_in) {
             is_cut_short_ = true;
             return 0;
@@ -318,83 +319,6 @@ class WayOut {
     int ticks_to_choose_ = 0;
 };
 
-/// Whether the proxy is outside, as the rules `robust` and `exact` need it, and how it comes there.
-template <int D>
-class StartInside {
-  public:
-    StartInside(double radius, double ramp) noexcept : way_out_(radius, ramp) {}
-
-    void reset() noexcept {
-        way_out_.stop();
-        is_outside_ = false;
-        is_handing_over_ = false;
-        keeps_place_ = false;
-    }
-    /// After a reset: a proxy that is inside is led out from where it is.
-    void continue_from(const FreeBefore<D>* free_before) noexcept {
-        keeps_place_ = true;
-        way_out_.keep_to(free_before);
-    }
-
-    /// Makes sure that the proxy is outside; false while it is on its way out. `is_clear()` tells
-    /// whether a proxy of which nothing is known is outside.
-    template <class Geometry, class IsClear>
-    bool ensure_outside(const Geometry& geometry, Vec<D>& proxy, const Vec<D>& hip,
-                        IsClear&& is_clear) noexcept {
-        if (is_outside_) return true;
-        if (!way_out_.is_active()) {
-            if (is_clear()) {
-                way_out_.stop();
-                is_outside_ = true;
-                return true;
-            }
-            anchor_ = proxy;
-            way_out_.begin(geometry, keeps_place_ ? proxy : hip);
-        }
-        is_outside_ = way_out_.step(geometry, keeps_place_ ? anchor_ : hip, proxy);
-        is_handing_over_ = is_outside_ && !(proxy == hip);
-        if (is_outside_) {
-            way_out_.set_hip(hip);
-            keeps_place_ = false;
-        }
-        return false;
-    }
-    /// Where a proxy at x that was led out from where it was before an exchange comes out.
-    std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept {
-        return keeps_place_ ? way_out_.end(x) : x;
-    }
-    /// What a tick on the way out answers.
-    RuleAnswer<D> answer() const noexcept {
-        RuleAnswer<D> answer;
-        answer.state = State::entrenched;
-        answer.normal = way_out_.direction();
-        answer.status = way_out_.status();
-        return answer;
-    }
-
-    /// Whether the proxy has come out and is not yet where the rule would have it.
-    bool is_handing_over() const noexcept { return is_handing_over_; }
-    void continue_hand_over(bool continues) noexcept { is_handing_over_ = continues; }
-    ForceBall<D> force_ball(const Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        return way_out_.force_ball(proxy, hip);
-    }
-
-    /// Whether the proxy is outside; else it is taken out from the next tick on.
-    void set_outside(bool is_outside) noexcept { is_outside_ = is_outside; }
-    /// Something has come near: from the next tick on a proxy that is inside of it is led out.
-    void recheck() noexcept {
-        if (is_outside_) keeps_place_ = true;
-        is_outside_ = false;
-    }
-
-  private:
-    WayOut<D> way_out_;
-    Vec<D> anchor_;  // where a way out began on which the proxy does not go with the HIP
-    bool is_outside_ = false;
-    bool is_handing_over_ = false;
-    bool keeps_place_ = false;  // on the way out the proxy does not go with the HIP
-};
-
 /// A path that the rule plans at once and the proxy walks over several ticks, each as far as the
 /// force may change, after it has come out of a fixture. Without it
 /// test_a_hand_that_leaves_clutter_feels_no_jump fails.
@@ -408,9 +332,7 @@ class PlannedPath {
     explicit PlannedPath(double radius) noexcept : R_(radius) {}
 
     void clear() noexcept {
-        next_ = 0;
-        count_ = 0;
-        is_recording_ = false;
+        drop();
         unfinished_ = 0;
     }
     /// What is left of the path may lead into something new.
@@ -422,6 +344,8 @@ class PlannedPath {
     bool leads_to(const Vec<D>& hip) const noexcept {
         return next_ < count_ && norm(hip - hip_) <= max_hip_motion * R_;
     }
+
+    bool was_planned_for(const Vec<D>& hip) const noexcept { return hip == hip_; }
 
     /// The rule moves to the HIP now, and records each corner that it passes.
     void begin_recording(const Vec<D>& hip) noexcept {
@@ -439,8 +363,8 @@ class PlannedPath {
         is_recording_ = false;
         if (!moved) count_ = 0;
     }
-    /// The whole path fits into this tick. True when the rule has taken over: it came to an end, or
-    /// it has not for 32 such ticks, as below a HIP that trembles.
+    /// The path has come to its end. True when the rule has taken over: it came to an end, or it
+    /// has not for 32 such paths, as below a HIP that trembles.
     bool has_taken_over(bool came_to_end) noexcept {
         return came_to_end || ++unfinished_ == tuned::ticks_to_stall;
     }

@@ -1,0 +1,70 @@
+// Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
+//
+// A line for each of many meshes of needles: the inner steps that a tick takes at most by
+// tick_time_bound, and those of the worst of 2,000 ticks.
+#include <cstdio>
+
+#include "scenes.hpp"
+#include "vfplan/tick_time.hpp"
+
+namespace {
+
+using vfplan::Vec3;
+
+/// The rule, whose work can be read.
+struct CountedRule : vfplan::mesh::MeshRule {
+    using MeshRule::MeshRule, MeshRule::motion;
+};
+
+/// Needles of 50 mm, 10 um wide: parallel in space, side by side on a plane, in all directions,
+/// nearly parallel, or long around a cylinder.
+std::vector<double> needles(int kind, int count, scenes::Random& random) {
+    std::vector<double> corners;
+    for (int i = 0; i < count; ++i) {
+        const Vec3 anywhere{random(-0.1, 0.1), random(-0.1, 0.1), random(-0.1, 0.1)};
+        const Vec3 any_way{random(-1, 1), random(-1, 1), random(-1, 1)};
+        Vec3 from = anywhere, way{0.05, 0, 0};
+        if (kind == 1) from[2] = 0;
+        if (kind == 2) way = along(any_way, 0.05);
+        if (kind == 3) way = way + 5e-4 * any_way;
+        if (kind == 3) from[2] *= 0.1;
+        if (kind == 4) from = 0.02 * along(Vec3{any_way[0], any_way[1], 0}, 1);
+        if (kind == 4) way = {0, 0, 0.3};
+        const Vec3 aside{random(-1e-5, 1e-5), random(-1e-5, 1e-5), random(-1e-5, 1e-5)};
+        for (const Vec3& corner : {from, from + way, from + 0.5 * way + aside})
+            corners.insert(corners.end(), corner.c, corner.c + 3);
+    }
+    return corners;
+}
+
+void measure(const std::vector<double>& corners, scenes::Random& random) {
+    std::vector<std::int32_t> rows(corners.size() / 3);
+    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::int32_t>(i);
+    const vfplan::mesh::Surface surface{corners.data(), rows.size(), rows.data(), rows.size() / 3};
+    vfplan::Parameters p;
+    const double bound = tick_time_bound(surface, p) / CountedRule::a_step;
+    p.band = CountedRule::band(p, surface);
+    vfplan::mesh::Mesh mesh(surface);
+    vfplan::mesh::SmoothBody body(mesh, p.R());
+    p.band += body.rise();
+    CountedRule rule(std::move(mesh), std::move(body), p);
+    Vec3 proxy{0.2, 0.2, 0.2}, hip = proxy, goal;
+    std::int64_t worst = 0;
+    for (int tick = 0; tick < 2000; ++tick) {
+        if (tick % 100 == 0) goal = {random(-0.15, 0.15), random(-0.12, 0.12), random(-0.12, 0.12)};
+        const Vec3 way = goal - hip;
+        hip = hip + (0.003 / std::max(norm(way), 0.003)) * way;
+        const std::int64_t before = rule.motion().work();
+        rule.step(proxy, hip);
+        worst = std::max(worst, rule.motion().work() - before);
+    }
+    std::printf("%.0f %lld\n", bound, static_cast<long long>(worst));
+}
+
+}  // namespace
+
+int main() {
+    scenes::Random random{5};
+    for (int kind = 0; kind < 5; ++kind)
+        for (const int count : {300, 3000, 20000}) measure(needles(kind, count, random), random);
+}
