@@ -124,28 +124,27 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     OutputError
         A file cannot be made or written, or it exists.
     """
-    temporaries = [
-        None if path is None else hidden_name(path, "".join(path.suffixes[-2:])[1:] or "tmp")
+    temporaries = {
+        path: hidden_name(path, "".join(path.suffixes[-2:])[1:] or "tmp")
         for path in paths
-    ]
-    pairs = [(t, path) for t, path in zip(temporaries, paths, strict=True) if t and path]
+        if path is not None
+    }
     with ExitStack() as cleanup:
         try:
-            for folder in {path.parent for _, path in pairs}:
-                cleanup.enter_context(made_folder(folder))
-            for temporary, _ in pairs:
+            for path, temporary in temporaries.items():
+                cleanup.enter_context(made_folder(path.parent))
                 cleanup.callback(remove_quietly, temporary)
-            yield tuple(temporaries)
+            yield tuple(map(temporaries.get, paths))
             context = click.get_current_context(silent=True)
             if context is not None and RAISE_IF_STOPPED in context.meta:
                 context.meta[RAISE_IF_STOPPED]()
-            pairs = [(temporary, path) for temporary, path in pairs if temporary.exists()]
-            move_into_place(pairs, overwrite=is_overwriting())
+            made = [(part, path) for path, part in temporaries.items() if part.exists()]
+            move_into_place(made, overwrite=is_overwriting())
         except OSError as error:
-            raise not_written(pairs[0][1] if pairs else None, error) from error
+            raise not_written(next(iter(temporaries), None), error) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.
-            for temporary, path in pairs:
+            for path, temporary in temporaries.items():
                 if error.where == str(temporary):
                     error.where = str(path)
             raise
