@@ -21,7 +21,7 @@ from vfplan.geometry.lines import interpolated
 Array = NDArray[np.float64]
 
 # The units in which a robot's positions can be.
-UNITS = ("m", "mm")
+UNITS = {"m": 1.0, "mm": 1e-3}
 
 # The frames in which a robot's positions can be.
 FRAMES = ("robot_base", "patient_lps")
@@ -288,7 +288,7 @@ def unit_factor(units: str) -> float:
     """Metres in one of `units` ("m" or "mm"); raises `SettingError` for anything else."""
     if units not in UNITS:
         raise SettingError(f"unit of positions is {units!r}. Give m or mm", code="unit-unknown")
-    return 1.0 if units == "m" else 1e-3
+    return UNITS[units]
 
 
 def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
