@@ -227,7 +227,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             similar = difflib.get_close_matches(name, numbers, len(numbers), 0.0)
             message = f"the report has no number {name!r}. Give one of {', '.join(similar)}"
             raise SettingError(message, code="no-such-number")
-        holds = value <= limit if sense == "at_most" else value >= limit
+        holds = {"at_most": value <= limit, "at_least": value >= limit}[sense]
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
     return checks
 
@@ -332,7 +332,7 @@ def beyond_words(metrics: dict[str, Any]) -> str:
 
 def bound_text(check: dict[str, Any]) -> str:
     """The bound of a limit, such as "at most 20 N"."""
-    sense = "at_most" if "at_most" in check else "at_least"
+    (sense,) = {"at_most", "at_least"} & check.keys()
     return f"{sense.replace('_', ' ')} {check[sense]:g}{unit_beside(check['name'])}"
 
 
