@@ -239,7 +239,7 @@ def draw_sheet(
                 pointing_to_page(*files, output=approved, overwrites=False),
                 drawing_refusal(source, settings, sheet_out),
             ):
-                shown = sheet_of_slice(arguments)
+                shown = sheet_of_slice(arguments, settings)
         with outputs(sheet_out, print_out) as (sheet, page_of_plan):
             if sheet is not None:
                 write_sheet(shown, sheet)
@@ -273,7 +273,7 @@ def draw_sheet(
     )  # fmt: skip
 
 
-def sheet_of_slice(arguments: dict[str, Any]) -> Any:
+def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
     """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
@@ -284,7 +284,6 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         raise click.UsageError(
             "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
         )
-    settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
         extracted = extract(source, settings, curve=curve)
         return Plan.of(extracted.fixture, source.name, extracted.image)
