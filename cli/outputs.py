@@ -124,27 +124,28 @@ def outputs(*paths: Path | None) -> Iterator[tuple[Path | None, ...]]:
     OutputError
         A file cannot be made or written, or it exists.
     """
-    temporaries = {
-        path: hidden_name(path, "".join(path.suffixes[-2:])[1:] or "tmp")
+    temporaries = [
+        None if path is None else hidden_name(path, "".join(path.suffixes[-2:])[1:] or "tmp")
         for path in paths
-        if path is not None
-    }
+    ]
+    pairs = [(t, path) for t, path in zip(temporaries, paths, strict=True) if t and path]
     with ExitStack() as cleanup:
         try:
-            for path, temporary in temporaries.items():
-                cleanup.enter_context(made_folder(path.parent))
+            for folder in {path.parent for _, path in pairs}:
+                cleanup.enter_context(made_folder(folder))
+            for temporary, _ in pairs:
                 cleanup.callback(remove_quietly, temporary)
-            yield tuple(map(temporaries.get, paths))
+            yield tuple(temporaries)
             context = click.get_current_context(silent=True)
             if context is not None and RAISE_IF_STOPPED in context.meta:
                 context.meta[RAISE_IF_STOPPED]()
-            made = [(part, path) for path, part in temporaries.items() if part.exists()]
-            move_into_place(made, overwrite=is_overwriting())
+            pairs = [(temporary, path) for temporary, path in pairs if temporary.exists()]
+            move_into_place(pairs, overwrite=is_overwriting())
         except OSError as error:
-            raise not_written(next(iter(temporaries), None), error) from error
+            raise not_written(pairs[0][1] if pairs else None, error) from error
         except VfplanError as error:
             # The error names the file as the caller knows it.
-            for path, temporary in temporaries.items():
+            for temporary, path in pairs:
                 if error.where == str(temporary):
                     error.where = str(path)
             raise
