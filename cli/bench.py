@@ -47,11 +47,12 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     """
     from vfplan.bench.record import table_lines
 
-    is_summary = stage == "summary"
-    stages = list(STAGES) if stage == "all" else ["proxy" if is_summary else stage]
-    if peers and "proxy" not in stages:
+    stages = {"all": list(STAGES), "summary": ["proxy"]}.get(stage, [stage])
+    drawn = list(stages)
+    if "proxy" in stages:
+        drawn.append("summary")
+    elif peers:
         raise click.UsageError("--peer runs in stage proxy only. Leave it out")
-    drawn = [*stages, "summary"] if "proxy" in stages else stages
     names = ["bench.json", *(f"bench_{name}.png" for name in drawn)]
     refuse_folder(output, *names)
     document = measure(stages, peers, quick)
@@ -60,7 +61,7 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
 
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
     sentences = document["summary"]
-    if is_summary:
+    if stage == "summary":
         # The sentence stands alone, for pages that quote it.
         return CommandResult(document, sentences["proxy"], verdict="", next_step="")
     *others, last = sentences

@@ -21,7 +21,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, millimetres, quoted, wrote
+from vfplan.display import count, millimetres, or_not, quoted, wrote
 from vfplan.planning.settings import FixtureSettings
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
@@ -66,7 +66,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         content, _ = read_bundle(path)
 
     low, high = fixture.points.min(axis=0), fixture.points.max(axis=0)
-    triangles = 0 if fixture.mesh is None else len(fixture.mesh)
+    triangles = len(content.get("/mesh/triangles", ()))
     rule = best_rule(fixture) if fixture.rendering else None
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
@@ -84,7 +84,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
         opening = f"no point further than {millimetres(opening_m)} from the next"
         if data["points"] == 1:
             opening = "a single point"
-    certified = "certified" if content["/leak@certified"] else "not certified"
+    certified = or_not(content["/leak@certified"], "certified")
     if content["/leak@kind"] == "mesh":
         certified = f"each triangle {certified}"
     text = (
@@ -111,9 +111,10 @@ def import_warnings(fixture: Any) -> list[str]:
     from vfplan.fixture import size_doubt
 
     ignored = fixture.provenance.settings.get("left_out")
-    left_out = f"the file says more than the fixture holds, which is left out: {ignored}"
     _, no_engine = engine_doubt(fixture) or ("", "")
-    warnings = [size_doubt(fixture.points), no_engine, left_out if ignored else None]
+    warnings = [size_doubt(fixture.points), no_engine]
+    if ignored:
+        warnings.append(f"the file says more than the fixture holds, which is left out: {ignored}")
     return [warning for warning in warnings if warning]
 
 

@@ -20,7 +20,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import count, wrote
+from vfplan.display import wrote
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
@@ -80,10 +80,8 @@ def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> Command
 def findings_verdict(done: str, fixture: Any) -> str:
     """How a command ended: what it did, and how many findings want an answer."""
     open_count = len(fixture.open_findings)
-    if not open_count:
-        return f"{done}; no finding wants an answer"
-    want = "wants" if open_count == 1 else "want"
-    return f"{done}; {count(open_count, 'finding')} {want} an answer"
+    few = {0: "no finding wants", 1: "1 finding wants"}
+    return f"{done}; {few.get(open_count, f'{open_count} findings want')} an answer"
 
 
 @contextmanager
@@ -165,7 +163,7 @@ def extracted_text(report: dict[str, Any]) -> str:
         shape = "closed" if stroke["closed"] else "open"
         units = [unit for unit in ("px", "mm") if stroke.get(f"length_{unit}")]
         lengths = " = ".join(f"{stroke[f'length_{unit}']:.1f} {unit}" for unit in units)
-        bridged = stroke.get("bridged_points")
-        bridges = f", {bridged} of them bridged" if bridged else ""
-        lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points{bridges}")
+        lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points")
+        if stroke.get("bridged_points"):
+            lines[-1] += f", {stroke['bridged_points']} of them bridged"
     return "\n".join(lines)

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli import options
 from vfplan.cli.next_commands import approval_command
 from vfplan.cli.options import FILE, FIXTURE, OVERWRITE, PNG, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
-from vfplan.display import command_of, count, millimetres, quoted, wrote
+from vfplan.display import command_of, count, millimetres, or_not, quoted, wrote
 
 
 @command("info")
@@ -24,7 +25,7 @@ def vfplan_info(fixture) -> CommandResult:
     from vfplan.bundle.validation import describe
 
     data = describe(fixture, work=True)
-    verdict = "sound, signed" if data["seal"]["signed"] else "sound, not signed"
+    verdict = f"sound, {or_not(data['seal']['signed'], 'signed')}"
     next_step = approval_command(
         fixture, data["seal"], is_reviewed=data["reviewed"] is not None,
         has_image=any(path.startswith("/image@") for path in data),
@@ -69,7 +70,7 @@ def summary_text(data: dict[str, Any]) -> str:
             line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"
         lines.append(line)
     if "/leak@largest_m" in data:
-        certified = "certified" if data["/leak@certified"] else "not certified"
+        certified = or_not(data["/leak@certified"], "certified")
         opening = millimetres(data["/leak@largest_m"])
         lines.append(f"  leak        {data['/leak@kind']}, {certified}: largest opening {opening}")
 
@@ -84,12 +85,11 @@ def signature_text(seal: dict[str, Any]) -> str:
     """Who signed a bundle for what, but for the time."""
     if not seal["signed"]:
         return "not signed"
-    texts = [f", for {what} {seal[name]!r}" for what, name in SIGNED_FOR if name in seal]
-    return f"signed by key {seal['key_id']}{''.join(texts)}"
-
-
-# What a signature may be for, in words, and its name in the seal.
-SIGNED_FOR = (("case", "case"), ("robot", "robot_serial"))
+    text = f"signed by key {seal['key_id']}"
+    for name in options.SIGNED_FOR:
+        if name in seal:
+            text += f", for {name.replace('_', ' ')} {seal[name]!r}"
+    return text
 
 
 @command("diff")
@@ -245,8 +245,9 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
     ticks = None
     if result is not None:
         ticks, _ = read_result(result, seal["sha256"])
-    image = None if slice_path is None else read_slice_of(planned, slice_path)
-    if image is not None:
+    image = None
+    if slice_path is not None:
+        image = read_slice_of(planned, slice_path)
         check_slice(planned, image)
 
     from vfplan import view3d

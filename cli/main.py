@@ -57,26 +57,13 @@ INTERRUPTED = 128 + signal.SIGINT
 
 # The module of a command, imported when the command is called, which keeps `--help` fast. There the
 # command NAME is the function `vfplan_NAME`. One that is not named here is in vfplan.cli.NAME.
-MODULES = {
-    "import": "vfplan.cli.exchange",
-    "export": "vfplan.cli.exchange",
-    "validate": "vfplan.cli.info",
-    "diff": "vfplan.cli.info",
-    "view": "vfplan.cli.info",
-    "keygen": "vfplan.cli.sign",
-    "verify": "vfplan.cli.sign",
-    "accept": "vfplan.cli.sign",
-    "conformance": "vfplan.cli.bench",
-    "demo": "vfplan.cli.bench",
-    "rectify": "vfplan.cli.prepare",
-    "tip": "vfplan.cli.prepare",
-    "surface": "vfplan.surface.command",
-    "campaign": "vfplan.campaign.command",
-    "rehearse": "vfplan.arm.command",
-    "live": "vfplan.live.command",
-    "ar": "vfplan.camera.command",
-    "burr": "vfplan.burr",
-}
+HOMES = {
+    "cli.exchange": "import export", "cli.info": "validate diff view",
+    "cli.sign": "keygen verify accept", "cli.bench": "conformance demo",
+    "cli.prepare": "rectify tip", "surface.command": "surface", "campaign.command": "campaign",
+    "arm.command": "rehearse", "live.command": "live", "camera.command": "ar", "burr": "burr",
+}  # fmt: skip
+MODULES = {name: f"vfplan.{home}" for home, names in HOMES.items() for name in names.split()}
 
 
 class LazyGroup(click.Group):
@@ -97,9 +84,9 @@ class LazyGroup(click.Group):
         if name not in COMMANDS:
             import difflib
 
-            similar = difflib.get_close_matches(name, COMMANDS, 1)
-            choices = f"Choose one of {', '.join(COMMANDS)}"
-            hint = f"Did you mean {similar[0]!r}?" if similar else choices
+            hint = f"Choose one of {', '.join(COMMANDS)}"
+            for similar in difflib.get_close_matches(name, COMMANDS, 1):
+                hint = f"Did you mean {similar!r}?"
             raise click.UsageError(f"there is no command {name!r}. {hint}", ctx)
         module = importlib.import_module(MODULES.get(name, f"vfplan.cli.{name}"))
         return getattr(module, f"vfplan_{name}")

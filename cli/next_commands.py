@@ -70,27 +70,29 @@ def accept_command(fixture: Path, digest: str) -> str:
     return command_of(*words, "-o", file_beside(fixture, "approved"))
 
 
-def sign_command(fixture: Path, *, case: str = "", robot_serial: str = "") -> str:
+def sign_command(fixture: Path, signed_for: dict[str, Any]) -> str:
     """The command that signs a fixture which a person approved.
 
-    case, robot_serial: what an earlier signature was for; the new one is for the same. Without a
-        case the command asks for one, because a robot may demand it
+    signed_for: what an earlier signature was for, if there is one; the new one is for the same.
+        Without a case the command asks for one, because a robot may demand it
     """
-    words = ["sign", fixture, "--key", "KEY", *words_of_signature(case or "CASE", robot_serial)]
+    words = ["sign", fixture, "--key", "KEY"]
+    words += words_of_signature(signed_for | {"case": signed_for.get("case") or "CASE"})
     return command_of(*words, "-o", file_beside(fixture, "signed"))
 
 
-def verify_command(
-    fixture: Path, keys: Path | str = "KEYS.pub", *, case: str = "", robot_serial: str = ""
-) -> str:
+def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) -> str:
     """The command that checks a signature, also that it is for this case and this robot."""
-    return command_of("verify", fixture, "--keys", keys, *words_of_signature(case, robot_serial))
+    return command_of("verify", fixture, "--keys", keys, *words_of_signature(signed_for))
 
 
-def words_of_signature(case: str, robot_serial: str) -> list[str]:
-    """The options that name what a signature is for."""
-    named = ("--case", case), ("--robot-serial", robot_serial)
-    return [word for name, value in named if value for word in (name, value)]
+def words_of_signature(signed_for: dict[str, Any]) -> list[str]:
+    """The options that name what a signature is for: `case` and `robot_serial`."""
+    words = []
+    for option, name in (("--case", "case"), ("--robot-serial", "robot_serial")):
+        if signed_for.get(name):
+            words += [option, signed_for[name]]
+    return words
 
 
 def public_key_of(private_key: Path) -> Path | str:
@@ -120,10 +122,9 @@ def approval_command(
     has_page: as `review_command` takes it
     """
     if seal["signed"]:
-        signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
-        return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), **signed_for)
+        return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), seal)
     if is_reviewed:
-        return sign_command(fixture)
+        return sign_command(fixture, seal)
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 

@@ -432,11 +432,6 @@ def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-def fixture_settings(arguments: dict[str, Any]) -> FixtureSettings:
-    """The settings of a fixture from the arguments of a command."""
-    return FixtureSettings(**given_of_plan(arguments))
-
-
 def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
     """Refuse the margin of a campaign on another plan."""
     if arguments["campaign"] is not None:

@@ -22,7 +22,7 @@ from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 from vfplan.display import quoted, wrote
-from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
 
@@ -80,7 +80,7 @@ def vfplan_plan(
 
     # From the slice to a fixture.
     extraction = settings_from_options(ExtractSettings, arguments)
-    settings = options.fixture_settings(arguments)
+    settings = FixtureSettings(**options.given_of_plan(arguments))
     robot = read_robot(arguments["robot"])
     check_texts(arguments["case"] or "")
     with (

@@ -231,11 +231,11 @@ def replay_with_outputs(
     limits = [(name, sense, limit) for sense in senses for name, limit in arguments[sense]]
 
     with ExitStack() as files:
-        writer = table = None
+        tables = []
         if result_path is not None:
-            writer = files.enter_context(ResultWriter(result_path, {}))
+            tables.append(files.enter_context(ResultWriter(result_path, {})))
         if csv_path is not None:
-            table = files.enter_context(CsvWriter(csv_path))
+            tables.append(files.enter_context(CsvWriter(csv_path)))
         viewer = None
         # When a bag began [s since 1970]; 0 for a session that does not say.
         start = str(source.notes.get("start_utc", "1970-01-01T00:00:00Z"))
@@ -249,9 +249,8 @@ def replay_with_outputs(
             """Write a block of ticks of the rule of this name."""
             if rule == "both" and name == "paper":
                 return
-            for file in (writer, table):
-                if file is not None:
-                    file.append(block)
+            for table in tables:
+                table.append(block)
             if viewer is not None:
                 viewer.write(as_ticks(block, viewer.kept), start_s + float(block.time[-1]))
             # The ticks of both rules are the same ones.
@@ -264,8 +263,8 @@ def replay_with_outputs(
             keep=TICKS_OF_REPORT if arguments["report"] is not None else 0,
             poses=poses, events=events, moving=moving_frame_settings(arguments),
         )  # fmt: skip
-        if writer is not None:
-            writer.set(replayed.record)
+        if result_path is not None:
+            tables[0].set(replayed.record)
     if viewer is not None and viewer.full:
         raise not_written(arguments["mcap"], viewer.full)
     return replayed
@@ -385,6 +384,7 @@ def next_step(
     if "checks" not in report:
         return f"hold it against a robot's limits, such as: {again} --robot franka"
     if report["verdict"] == "fail":
-        drawing = f"draw the session tick by tick: {again} --report DIR"
-        return f"look at the ticks that failed: {index_page}" if index_page else drawing
+        if index_page is not None:
+            return f"look at the ticks that failed: {index_page}"
+        return f"draw the session tick by tick: {again} --report DIR"
     return command_of("stability", fixture, "--robot", str(robot or "franka"))

@@ -38,7 +38,7 @@ from vfplan.cli.run import CommandResult, announce_if_slow, command, command_lin
 from vfplan.display import command_of, quoted, wrote
 from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
-from vfplan.planning.settings import ExtractSettings
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
 if TYPE_CHECKING:
@@ -164,10 +164,10 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     data["output"] = str(output)
     if arguments["key"] is None:
         signed_for = {"case": session.source.case, "robot_serial": session.source.robot_serial}
-        next_step = sign_command(output, **signed_for)
+        next_step = sign_command(output, signed_for)
     else:
         keys = public_key_of(arguments["key"])
-        next_step = verify_command(output, keys, case=arguments["case"])
+        next_step = verify_command(output, keys, arguments)
     return CommandResult(
         data, wrote(output), findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
@@ -239,7 +239,7 @@ def draw_sheet(
                 pointing_to_page(*files, output=approved, overwrites=False),
                 drawing_refusal(source, settings, sheet_out),
             ):
-                shown = sheet_of_slice(arguments)
+                shown = sheet_of_slice(arguments, settings)
         with outputs(sheet_out, print_out) as (sheet, page_of_plan):
             if sheet is not None:
                 write_sheet(shown, sheet)
@@ -249,7 +249,7 @@ def draw_sheet(
                 with naming_place(source):
                     write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
     if is_bundle and shown.fixture.reviewed is not None:
-        following = sign_command(source, case=shown.fixture.case or "")
+        following = sign_command(source, {"case": shown.fixture.case})
     elif shown.image is None and not shown.is_slice_missing and is_bundle and len(files) == 1:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
@@ -273,7 +273,7 @@ def draw_sheet(
     )  # fmt: skip
 
 
-def sheet_of_slice(arguments: dict[str, Any]) -> Any:
+def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
     """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
@@ -284,13 +284,12 @@ def sheet_of_slice(arguments: dict[str, Any]) -> Any:
         raise click.UsageError(
             "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
         )
-    settings = settings_from_options(ExtractSettings, arguments)
     if markers is None:
         extracted = extract(source, settings, curve=curve)
         return Plan.of(extracted.fixture, source.name, extracted.image)
     planned = plan(
         source, markers, arguments["markers2"], extraction=settings, curve=curve,
-        settings=options.fixture_settings(arguments),
+        settings=FixtureSettings(**options.given_of_plan(arguments)),
     )  # fmt: skip
     return Plan.of(planned.fixture, source.name, planned.extracted.image)
 

@@ -355,12 +355,6 @@ def command_line() -> str:
     return shlex.join(["vfplan", *sys.argv[1:]])
 
 
-def is_verbose() -> bool:
-    """Whether the running command was given `-v`: its text then holds the statistics too."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.params.get("verbose"))
-
-
 def command(
     name: str, *, first_screen: str = "", settings_file: bool = False, **attributes: Any
 ) -> Callable[[Callable[..., CommandResult]], click.Command]:
@@ -434,10 +428,10 @@ def printable(text: str) -> str:
 
     Names and labels come from files that others wrote.
     """
-    return "".join(
-        ascii(sign)[1:-1] if sign != "\n" and category(sign) in INVISIBLE_CATEGORIES else sign
-        for sign in text
-    )
+    for sign in set(text) - {"\n"}:
+        if category(sign) in INVISIBLE_CATEGORIES:
+            text = text.replace(sign, ascii(sign)[1:-1])
+    return text
 
 
 def echo_if_possible(text: str, stream: TextIO | None) -> None:

@@ -62,12 +62,11 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
     with outputs(output) as (path,):
         seal = sign(fixture, path, key, **arguments)
         renders = in_one_line(read_fixture(path))
-    signed_for = {name: seal.get(name, "") for name in ("case", "robot_serial")}
     return CommandResult(
         {"output": str(output), **seal, "renders": renders},
         f"{wrote(output)}\n  renders     {renders}",
         verdict=f"signed with key {seal['key_id']}",
-        next_step=verify_command(output, public_key_of(key), **signed_for),
+        next_step=verify_command(output, public_key_of(key), seal),
     )  # fmt: skip
 
 
@@ -99,9 +98,9 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         missing = [SIGNED_FOR[name] for name in data["not_compared"]]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if "despite_findings" in seal:
-        unanswered = ["findings were not answered"] if signed.open_findings else []
-        unseen = ["nobody had reviewed it"] if signed.reviewed is None else []
-        reason = " and ".join(unanswered + unseen)
+        lacks = {"findings were not answered": signed.open_findings,
+                 "nobody had reviewed it": not signed.reviewed}  # fmt: skip
+        reason = " and ".join(filter(lacks.get, lacks))
         lines.append(f"  {'but':<11} signed although {reason}")
         verdict = f"signed by a trusted key, although {reason}"
         next_step = "ask who signed it why, before a robot loads it"
@@ -183,8 +182,5 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
     return CommandResult(
         data, wrote(output), findings=accepted.findings,
         verdict=f"accepted by {by}",
-        next_step=sign_command(
-            output, case=seal.get("case") or accepted.case or "",
-            robot_serial=seal.get("robot_serial", "")
-        ),
+        next_step=sign_command(output, {"case": accepted.case, **seal}),
     )  # fmt: skip

@@ -128,8 +128,9 @@ def write_study(folder: Path, studied: Any) -> None:
     """Write the report, and a picture where there is something to draw."""
     from vfplan.figures.style import passivity_plot, save_png
 
-    is_drawn = any(row.case.startswith("passivity/") for row in studied.rows)
-    picture_path = folder / PICTURE_FILE if is_drawn else None
+    picture_path = None
+    if any(row.case.startswith("passivity/") for row in studied.rows):
+        picture_path = folder / PICTURE_FILE
     with outputs(folder / REPORT_FILE, picture_path) as (report, picture):
         text = json.dumps(to_json_types(studied.as_dict()), indent=2) + "\n"
         write_whole(report, [text.encode()], overwrite=True)

@@ -179,7 +179,7 @@ def codes_of(node: ast.expr, function: ast.FunctionDef) -> tuple[str, ...]:
 def sentence_of(node: ast.expr, function: ast.FunctionDef) -> str:
     """The text of an expression, with `…` for each value that is only known at run time."""
     if isinstance(node, ast.Constant):
-        return str(node.value)
+        return re.sub(r"\{\w+[^{}]*\}", VALUE, str(node.value))
     if isinstance(node, ast.JoinedStr):
         text = ""
         for part in node.values:

@@ -27,21 +27,19 @@ def tree():
 
 
 @pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
-def test_every_error_descends_from_vfplan_error_and_stands_in_the_drawing(error):
+def test_every_error_stands_in_the_drawing_and_with_a_code_of_its_own_on_the_page(error):
     assert issubclass(error, errors.VfplanError)
     assert error.__name__ in errors.__doc__
+    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", error.code)
+    assert [c.__name__ for c in tree() if c.code == error.code] == [error.__name__]
+    row = f"| `{error.code}` | {error.__name__} | {error.exit_code} |"
+    assert row in PAGE.read_text()
 
 
 @pytest.mark.parametrize(("name", "code"), CODES.items())
 def test_exit_code_holds_for_the_whole_branch(name, code):
     base = getattr(errors, name)
     assert all(c.exit_code == code for c in tree() if issubclass(c, base))
-
-
-@pytest.mark.parametrize("error", tree(), ids=lambda c: c.__name__)
-def test_every_class_has_a_code_of_its_own(error):
-    assert re.fullmatch(r"[a-z]+(-[a-z]+)*", error.code)
-    assert [c.__name__ for c in tree() if c.code == error.code] == [error.__name__]
 
 
 DOUBT = doubt("end-unsure", "extract", "The end is known to 2 px only.", place_px=(12.5, 40.0))
@@ -92,13 +90,6 @@ def test_every_code_written_in_the_source_stands_on_the_page():
             if f"`{code}`" not in text:
                 missing.add(f"{path.name}: {code}")
     assert not missing
-
-
-def test_every_class_of_error_stands_on_the_page():
-    text = PAGE.read_text()
-    for value in vars(errors).values():
-        if isinstance(value, type) and issubclass(value, errors.VfplanError):
-            assert f"| `{value.code}` | {value.__name__} | {value.exit_code} |" in text
 
 
 def test_no_advice_is_left_of_a_code_that_is_gone():

@@ -83,8 +83,3 @@ def test_what_the_schema_does_not_allow(tmp_path, line, code):
     path.write_text("\n".join([*lines, *[line] * (code != "robot-incomplete")]))
     with refuses(InputError, code):
         read_robot(path)
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with refuses(InputError, "file-missing"):
-        read_robot(tmp_path / "no.toml")

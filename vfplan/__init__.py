@@ -50,13 +50,8 @@ _DEFINED = {
     "session.session": "Session",
 }
 _LAZY = {name: f"vfplan.{home}" for home, names in _DEFINED.items() for name in names.split()}
-# Public name -> the module that it is
-_MODULES: dict[str, str] = {
-    "markers": "vfplan.markers",
-    "reference": "vfplan.reference",
-    "registration": "vfplan.registration",
-    "scenes": "vfplan.scenes",
-}
+# Public names that are modules
+_MODULES = ("markers", "reference", "registration", "scenes")
 
 __all__ = ["VfplanError", "__version__", "cmake_dir", *_LAZY, *_MODULES]
 
@@ -72,7 +67,7 @@ def __getattr__(name: str) -> Any:
     elif name in _LAZY:
         value = getattr(importlib.import_module(_LAZY[name]), name)
     elif name in _MODULES:
-        value = importlib.import_module(_MODULES[name])
+        value = importlib.import_module(f"vfplan.{name}")
     elif name == "_core" and not list(Path(__path__[0]).glob("_core.*")):
         raise ImportError(
             f"vfplan's compiled part is not in {__path__[0]}: that is the source tree, "

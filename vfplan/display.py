@@ -111,6 +111,13 @@ def count(number: int, noun: str) -> str:
     return f"{number} {noun}s"
 
 
+def or_not(is_so: bool, word: str) -> str:
+    """A word or its opposite, e.g. "signed" or "not signed"."""
+    if is_so:
+        return word
+    return f"not {word}"
+
+
 def _scaled(value: float | None, factor: float, decimals: int, unit: str) -> str:
     if value is None:
         return "unknown"

@@ -136,7 +136,7 @@ def main_algorithm(
     elif in_contact.any():
         state = 1
     else:
-        state = 0 if free_motion.any() else -1
+        state = int(free_motion.any()) - 1
     n = normal_vector(in_neighbour, proxy, r1, r3) if state >= 0 else np.zeros(3)
 
     u = hip - proxy

@@ -73,8 +73,8 @@ def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
         if setting.name in from_file:
             chosen[setting.name] = from_file[setting.name]
         elif value is not None:
-            convert = setting.metadata.get("from_option")
-            chosen[setting.name] = value if convert is None else convert(value)
+            convert = setting.metadata.get("from_option", lambda given: given)
+            chosen[setting.name] = convert(value)
     return chosen
 
 
@@ -143,15 +143,17 @@ def value_as(declared: Any, value: Any) -> Any:
     if origin in (Union, UnionType):
         return next((v for kind in kinds if (v := value_as(kind, value)) is not MISFIT), MISFIT)
     if origin is Literal:
-        return value if value in kinds else MISFIT
-    if origin is not tuple:
-        allowed = (int, float) if declared is float else (declared,)
-        return value if type(value) in allowed else MISFIT
-    separator = ";" if get_origin(kinds[0]) is tuple else ","
-    parts = str(value).split(separator) if value != "" else ()
-    row = tuple(value_as(kinds[0], number_in(part)) for part in parts)
-    is_whole = MISFIT not in row and (kinds[-1] is ... or len(row) == len(kinds))
-    return row if is_whole else MISFIT
+        fits = value in kinds
+    elif origin is tuple:
+        separator = ";" if get_origin(kinds[0]) is tuple else ","
+        parts = str(value).split(separator) if value != "" else ()
+        value = tuple(value_as(kinds[0], number_in(part)) for part in parts)
+        fits = MISFIT not in value and (kinds[-1] is ... or len(value) == len(kinds))
+    else:
+        fits = type(value) is declared or (type(value), declared) == (int, float)
+    if fits:
+        return value
+    return MISFIT
 
 
 def number_in(text: str) -> Any:

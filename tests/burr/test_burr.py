@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from refusals import refuses
-from replays import fixture_of
+from replays import fixture_of, write_session
 
 import vfplan
 from vfplan.bundle.write import write_fixture
@@ -85,8 +85,7 @@ def test_a_ball_that_is_not_felt_first_is_refused():
 def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
     fixture, session = scene()
     write_fixture(fixture, tmp_path / "f.h5")
-    rows = np.column_stack((session.time, session.hip))
-    np.savetxt(tmp_path / "s.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    write_session(tmp_path / "s.csv", session)
     out = ("-o", "r.h5", "--events-out", "e.csv", "--picture-out", "p.png", "--json")
     done = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "3", *out, cwd=tmp_path)
     assert done.code == 0, done.stderr

@@ -2,7 +2,11 @@
 
 from importlib.resources import files
 
+import numpy as np
 import pytest
+from replays import write_session
+
+import vfplan
 
 pytest.importorskip("pyarrow", reason="needs pip install 'vfplan[campaign]'")
 
@@ -56,10 +60,9 @@ def test_usage(vfplan_cli, planned, tmp_path, more, code, says):
 
 
 def test_a_campaign_that_never_touches_is_not_tested(vfplan_cli, planned, tmp_path):
-    head, *rows = planned[1].read_text().splitlines()
-    moved = [row.split(",") for row in rows]
-    lines = [f"{t},{float(x) + 1.0},{y},{z}" for t, x, y, z in moved]
-    (tmp_path / "far.csv").write_text("\n".join([head, *lines]))
+    session = vfplan.read_session(planned[1])
+    far = vfplan.Session(session.time, session.hip + np.array([1.0, 0, 0]))
+    write_session(tmp_path / "far.csv", far)
     words = ("campaign", planned[0], tmp_path / "far.csv", "-o", tmp_path / "c", "--trials", "64")
     run = vfplan_cli(*words, "--workers", "1", "--json")
     assert (run.code, run.json["verdict"]) == (1, "not-tested")

@@ -125,14 +125,6 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
     assert [path.name for path in tmp_path.iterdir()] == [image.name]
 
 
-@pytest.mark.parametrize("name", ["-", "curve", "curve.csv", "curve.png"])
-def test_a_name_that_is_no_bundles_is_refused(vfplan_cli, image, tmp_path, name):
-    empty = tmp_path / "empty"
-    empty.mkdir()
-    vfplan_cli("extract", image, "-o", name, cwd=empty).fails(2, "End the name in .h5 or .hdf5")
-    assert not list(empty.iterdir())
-
-
 def test_an_output_never_takes_a_devices_place(vfplan_cli, image, tmp_path):
     pipe = tmp_path / "pipe.h5"
     os.mkfifo(pipe)

@@ -30,13 +30,6 @@ def test_json_names_every_value_by_its_path(vfplan_cli, path):
     assert run.json["/points"]["shape"] == [70, 3]
 
 
-def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
-    path.write_bytes(path.read_bytes()[:-100])
-    run = vfplan_cli("info", path)
-    assert (run.code, run.stdout) == (4, "")
-    assert str(path) in run.error_line
-
-
 def test_a_file_that_may_not_be_read_is_code_3(path, monkeypatch):
     """As the system answers whoever is not its owner; the tests may run as root."""
     monkeypatch.setattr(os, "access", lambda *_: False)

@@ -26,14 +26,6 @@ def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hin
     assert f"no command '{word}'. {hint}" in run.error_line
 
 
-def test_an_error_in_json_has_a_code_and_numbers(vfplan_cli, tmp_path):
-    """Of the class where the fault has none of its own; never a sentence to be parsed."""
-    run = vfplan_cli("extract", tmp_path / "absent.png", "-o", tmp_path / "c.h5", "--json").fails(3)
-    error = run.json["error"]
-    assert set(error) == {"kind", "message", "where", "code", "numbers"}
-    assert (error["kind"], error["code"], error["numbers"]) == ("ImageError", "file-missing", {})
-
-
 def test_numbers_of_a_fault_are_plain_json(monkeypatch, tmp_path):
     """NumPy's numbers and infinities too."""
     numbers = {"rows": np.int64(3), "far_m": np.inf, "at_px": np.array([1.5, 2.0])}

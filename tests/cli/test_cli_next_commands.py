@@ -25,20 +25,21 @@ from vfplan.cli.next_commands import (
 
 ODD = Path("a folder/it's mine.h5")
 DASH = Path("-dash.h5")
+SEAL = {"case": "it's", "robot_serial": "a 7"}
 COMMANDS = {
     "register": register_command(ODD),
     "register with a slice": register_command(ODD, Path("my slice.png")),
     "review": review_command(ODD, None),
     "review on its slice": review_command(ODD, Path("my slice.png")),
     "review of a slice": page_command(ODD, None, Path("markers 2.csv"), output=ODD),
-    "sign": sign_command(ODD), "sign again": sign_command(ODD, case="it's", robot_serial="a 7"),
-    "verify": verify_command(ODD, "my keys.pub", case="it's", robot_serial="a 7"),
+    "sign": sign_command(ODD, {}), "sign again": sign_command(ODD, SEAL),
+    "verify": verify_command(ODD, "my keys.pub", SEAL),
 }  # fmt: skip
 
 
 def test_a_file_that_begins_like_an_option_gets_its_folder():
     assert review_command(DASH, None) == "vfplan review ./-dash.h5 -o ./-dash-approved.h5"
-    assert verify_command(DASH, Path("-k.pub")) == "vfplan verify ./-dash.h5 --keys ./-k.pub"
+    assert verify_command(DASH, Path("-k.pub"), {}) == "vfplan verify ./-dash.h5 --keys ./-k.pub"
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -60,14 +60,6 @@ def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_p
     vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).fails(2, error="output-exists")
 
 
-def test_statistics_stand_behind_v(vfplan_cli, tmp_path):
-    words = ("plan", IMAGE, PIXELS, ROBOT, "--no-sheet", "--overwrite", "-o", tmp_path / "f.h5")
-    short = vfplan_cli(*words).stdout
-    assert "leverage" not in short
-    assert [line.split(":")[0] for line in short.splitlines()[-2:]] == ["verdict", "next"]
-    assert "leverage" in vfplan_cli(*words, "-v").stdout
-
-
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
@@ -112,6 +104,7 @@ BAD = {
 
 @pytest.mark.parametrize(("option", "message"), [
     (("--mask-out", "m.jpg"), "has suffix '.jpg'. End the name in .png"),
+    (("-o", "curve.csv"), "End the name in .h5 or .hdf5"), (("-o", "-"), "has no suffix"),
     (("--pixel-spacing", "0.5,1e-300"), "Give 1e-05 to 1000 mm"),
     (("--contact-radius", "0.005"), "contact radius is 0.005 mm. Give 0.01 to 1000 mm"),
     (("--point-radius", "1e300"), "point radius is 1e+300 mm. Give 0 to 1000 mm"),

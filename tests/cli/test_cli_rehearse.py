@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 import pytest
-from replays import fixture_of
+from replays import fixture_of, write_session
 
 import vfplan
 
@@ -25,8 +25,7 @@ def scene(tmp_path_factory):
     vfplan.write_fixture(fixture_of(points), folder / "wall.h5")
     t = np.arange(0.0, 0.8, 0.01)
     hip = np.stack([0.48 + 0 * t, 0.02 - 0.02 * t / 0.8, 0.3 + 0 * t], axis=1)
-    rows = np.column_stack([t, hip])
-    np.savetxt(folder / "hand.csv", rows, "%.17g", ",", header="t,x,y,z", comments="")
+    write_session(folder / "hand.csv", vfplan.Session(t, hip))
     return folder / "wall.h5", folder / "hand.csv"
 
 

@@ -155,11 +155,8 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
 @pytest.fixture(scope="module")
 def far(files):
     """The same session a metre away from the fixture."""
-    head, *rows = files[1].read_text().splitlines()
-    moved = [row.split(",") for row in rows]
-    lines = [f"{t},{x},{float(y) + 1.0},{z}" for t, x, y, z in moved]
-    path = files[1].with_name("far.csv")
-    path.write_text("\n".join([head, *lines]))
+    session, path = probing(), files[1].with_name("far.csv")
+    write_session(path, vfplan.Session(session.time, session.hip + np.array([0, 1.0, 0])))
     return path
 
 

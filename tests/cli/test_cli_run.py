@@ -9,7 +9,6 @@ import sys
 import time
 from pathlib import Path
 
-import click
 import pytest
 from click.testing import CliRunner
 from vfplan.cli.run import CommandResult, announce_if_slow, command
@@ -21,12 +20,6 @@ def boom() -> CommandResult:
     raise KeyError("no such thing")
 
 
-@command("misused")
-def misused() -> CommandResult:
-    """Find a usage error only when it runs."""
-    raise click.UsageError("two options exclude each other")
-
-
 def test_unforeseen_error_is_one_line_and_exit_3():
     run = CliRunner().invoke(boom, ["--json"])
     assert run.exit_code == 3
@@ -34,12 +27,6 @@ def test_unforeseen_error_is_one_line_and_exit_3():
     assert "unforeseen KeyError: 'no such thing'" in run.stderr
     assert "Traceback" not in run.stderr
     assert "Traceback" in CliRunner().invoke(boom, ["-vv"]).stderr
-
-
-def test_usage_error_found_late_is_still_one():
-    run = CliRunner().invoke(misused, [])
-    assert run.exit_code == 2
-    assert "exclude each other" in run.stderr
 
 
 @pytest.mark.parametrize("env", [None, {}], ids=["usual", "no_locale"])

@@ -15,6 +15,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import need_program
+from replays import write_session
 
 import vfplan
 from vfplan.bundle.seal import keygen
@@ -40,11 +41,8 @@ def folder(tmp_path_factory, root):
     """The inputs of every case, and old outputs for those that overwrite."""
     folder = tmp_path_factory.mktemp("faults")
     vfplan.write_fixture(bundles.small(), folder / "f.h5")
-    time = np.arange(60) * 1e-3
-    hip = np.zeros((60, 3))
-    hip[:, 2] = np.linspace(0.02, -0.02, 60)
-    np.savetxt(folder / "s.csv", np.column_stack((time, hip)), delimiter=",",
-               header="t,x,y,z", comments="")  # fmt: skip
+    hip = np.linspace([0, 0, 0.02], [0, 0, -0.02], 60)
+    write_session(folder / "s.csv", Session(np.arange(60) * 1e-3, hip))
     np.savetxt(folder / "p.csv", np.eye(3), delimiter=",", header="x,y,z", comments="")
     for name in ("old", "old.pub", "old.h5", "old.csv"):
         (folder / name).write_bytes(b"old")
@@ -119,9 +117,8 @@ def limited():
 def test_a_file_that_may_not_grow_is_one_line(folder, tmp_path):
     """What a full disk is to a file: every write beyond some point fails, not one of them."""
     program = Path(sys.executable).with_name("vfplan")
-    time = np.arange(3000) * 1e-3
-    session = np.column_stack((time, np.full((3000, 3), 0.03)))
-    np.savetxt(tmp_path / "s.csv", session, delimiter=",", header="t,x,y,z", comments="")
+    session = Session(np.arange(3000) * 1e-3, np.full((3000, 3), 0.03))
+    write_session(tmp_path / "s.csv", session)
     for option, name in (("-o", "r.h5"), ("--csv", "r.csv")):
         done = subprocess.run(
             [program, "replay", folder / "f.h5", tmp_path / "s.csv", option, tmp_path / name],

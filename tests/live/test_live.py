@@ -21,6 +21,7 @@ from click.testing import CliRunner
 from conftest import ROOT, need_header, need_program, output
 from motion import turned
 from refusals import refuses
+from replays import write_session
 from vfplan.cli.main import cli
 
 import vfplan
@@ -506,8 +507,7 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     fixture, session = tmp_path / "f.h5", tmp_path / "s.csv"
     vfplan.write_fixture(bundles.whole(), fixture)
     hip = bundles.whole().points[0] + np.linspace([0, 0, 0.02], [0, 0, 0.001], 300)
-    rows = np.column_stack((np.arange(300) / 1000, hip))
-    np.savetxt(session, rows, "%.17g", ",", header="t,x,y,z", comments="")
+    write_session(session, vfplan.Session(np.arange(300) / 1000, hip))
     result, kept = tmp_path / "r.h5", tmp_path / "k.mcap"
     assert vfplan_cli("replay", fixture, session, "-o", result).code == 0
     run = vfplan_cli("live", fixture, result, "--mcap", kept, "--openigtlink", "0", "--json")

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 SPACING_M = 0.5e-3
-PICTURE_PX = 1024
 LAYOUTS = ("grid", "ring", "random")
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.bench.record import Array
 from vfplan.errors import InputError
 from vfplan.scenes import Scene
-from vfplan.scenes.outline import Look, Pieces, from_nearest, nearest_on_segments
+from vfplan.scenes.outline import Look, Pieces, from_nearest, nearest_on_sides
 
 R = 5e-3
 PRESS_M, SLIDE_M, OFF_M = 2e-3, 25e-3, 15e-3
@@ -41,11 +41,11 @@ def nearest_on(corners: Array, x: Array) -> tuple[Array, Array]:
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     ends = [(a, b), (b, c), (c, a)]
-    on_edges = [nearest_on_segments(start, end, x) for start, end in ends]
+    on_edges = [nearest_on_sides(start, (end - start,), x) for start, end in ends]
     places, along = (np.array(part) for part in zip(*on_edges, strict=True))
     edge = ((x - places) ** 2).sum(axis=2).argmin(axis=0)
     rows = np.arange(len(a))
-    nearest, flat = places[edge, rows], np.stack([along[edge, rows], 0 * a], axis=1)
+    nearest, flat = places[edge, rows], np.stack([along[edge, rows, 0], 0 * a], axis=1)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     foot = x - ((x - a) * normal).sum(axis=1)[:, None] * normal

@@ -28,10 +28,10 @@ def fixture(z=0.0, half=25e-3):
     return fixture_of(sheet(z, half), axis=None, stiffness=K, curve=False, band=5e-5)
 
 
-def hand():
-    t = T * np.arange(N)
-    down = 9e-3 * np.cos(2 * np.pi * t / 1.2) + 2e-3
-    return t, np.stack((6e-3 * np.sin(2 * t), 4e-3 * np.cos(3 * t), down), axis=1)
+TIMES = T * np.arange(N)
+DOWN = 9e-3 * np.cos(2 * np.pi * TIMES / 1.2) + 2e-3
+HIPS = np.stack((6e-3 * np.sin(2 * TIMES), 4e-3 * np.cos(3 * TIMES), DOWN), axis=1)
+SESSION = vfplan.Session(TIMES, HIPS)
 
 
 def tracked(draw):
@@ -61,7 +61,7 @@ def controller(poses, events, robot=None):
     governor = None if robot is None else vfplan.Governor.of(robot, K)
     engine.make_editable()
     events, n, forces = list(events), 0, []
-    for t, hip in zip(*hand(), strict=True):
+    for t, hip in zip(TIMES, HIPS, strict=True):
         while poses is not None and n < len(poses.time) and poses.arrived[n] <= t:
             frame.native.pose(poses.time[n], poses.pose[n, :3].copy(), poses.pose[n, 3:].copy())
             n += 1
@@ -80,19 +80,32 @@ def controller(poses, events, robot=None):
     return np.array(forces)
 
 
-@pytest.mark.parametrize("moves", [False, True])
-@pytest.mark.parametrize("changes", [False, True])
-def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
+WEAK = replace(vfplan.read_robot("franka"), force_step_limit_n=0.4, force_limit_n=5.0)
+
+
+@pytest.mark.parametrize(
+    ("moves", "changes", "robot"),
+    [(False, False, None), (False, True, None), (True, False, None), (True, True, None),
+     (True, True, WEAK)],
+)  # fmt: skip
+def test_a_log_replays_to_the_bit(moves, changes, robot, tmp_path):
+    """A governor is behind all of it: K is the stiffest that comes."""
     draw = np.random.default_rng(8)
     poses = tracked(draw) if moves else None
     events = happened(draw) if changes else []
-    forces = controller(poses, events)
-    times, hips = hand()
-    session = vfplan.Session(times, hips, "robot_base")
-    done = vfplan.replay(fixture(), session, rule="robust", poses=poses, events=events)
+    forces = controller(poses, events, robot)
+    how = {"rule": "robust", "poses": poses, "governor": robot}
+    done = vfplan.replay(fixture(), SESSION, events=events, **how)
     assert np.array_equal(done.trace.force, forces)
     assert np.abs(forces).max() > 3
     found = done.metrics
+    if robot is not None:
+        assert found["governor"]["engine_force_max_n"] > 5.0 >= found["force_max_n"]
+        assert found["governor"]["held_ticks"] > 100
+        stiff = replace(fixture().rendering, stiffness=np.full(3, 9e4))
+        stiffer = [Event(5, fixture=replace(fixture(), rendering=stiff))]
+        with pytest.raises(SettingError, match="spring"):
+            vfplan.replay(fixture(), SESSION, events=stiffer, governor=robot)
     if moves or changes:
         assert found["exchanges"] == (2 if changes else 0)
         assert found["edits"] == (255 if changes else 0)
@@ -100,7 +113,7 @@ def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
         assert found["clearance_min_m"] >= -5e-5
     if moves:
         assert 0.02 < found["pose_age_max_s"] < 0.1
-        assert found["stale_ticks"] == np.count_nonzero(times < poses.arrived[0])
+        assert found["stale_ticks"] == np.count_nonzero(poses.arrived[0] > TIMES)
     if changes:
         for event in events:
             if event.fixture is not None:
@@ -109,8 +122,7 @@ def test_a_log_replays_to_the_bit(moves, changes, tmp_path):
         write_events(tmp_path / "events.csv", events)
         read = read_events(tmp_path / "events.csv")
         assert [event.kind for event in read] == [event.kind for event in events]
-        again = vfplan.replay(fixture(), session, rule="robust", poses=poses,
-                              events=tmp_path / "events.csv")  # fmt: skip
+        again = vfplan.replay(fixture(), SESSION, events=tmp_path / "events.csv", **how)
         assert np.array_equal(again.trace.force, forces)
 
 
@@ -142,8 +154,7 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     rounded = read_poses(path)
     assert rounded.rounded == 1
     assert np.linalg.norm(rounded.pose[:, 3:], axis=1) == pytest.approx([1, 1], abs=1e-15)
-    session = vfplan.Session(T * np.arange(9), np.full((9, 3), 0.1), "robot_base")
-    findings = vfplan.replay(fixture(), session, poses=rounded).metrics["findings"]
+    findings = vfplan.replay(fixture(), SESSION, poses=rounded).metrics["findings"]
     assert "poses-rounded" in [finding["code"] for finding in findings]
     for text, code in (("t,x,y,z\n0,0,0,0\n", "column-missing"), (head, "poses-empty"),
                        (head + "0,0,0,0,2,0,0,0\n", "pose-invalid"),
@@ -163,18 +174,16 @@ def test_poses_and_events_are_read_strictly(tmp_path):
         path.write_text("tick,what,x,y,z\n" + text)
         with refuses(SessionError, "event-invalid"):
             read_events(path)
-    session = vfplan.Session(T * np.arange(9), np.zeros((9, 3)) + 0.1, "robot_base")
     with refuses(SettingError, "changes-alone"):
-        vfplan.replay(fixture(), session, rule="both", events=[])
+        vfplan.replay(fixture(), SESSION, rule="both", events=[])
 
 
 def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     write_fixture(fixture(), tmp_path / "f.h5")
-    times, hips = hand()
     edit = "tick,what,x,y,z\n9,edit\n9,remove,3\n"
     (tmp_path / "again.csv").write_text(edit + edit[16:])
     (tmp_path / "gone.csv").write_text(edit + "11,exchange,no.h5\n")
-    write_session(tmp_path / "s.csv", vfplan.Session(times, hips))
+    write_session(tmp_path / "s.csv", SESSION)
     poses = tracked(np.random.default_rng(8))
     table = np.column_stack((poses.time, poses.pose, poses.arrived))
     head = "t,x,y,z,qw,qx,qy,qz,arrived"
@@ -183,7 +192,7 @@ def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     where = ("f.h5", "s.csv", "--poses", "p.csv", "--events", "e.csv")
     done = vfplan_cli("replay", *where, "--pivot", "0,0,0.001", "--json", cwd=tmp_path).sound
     assert done.json["edits"] == 3
-    assert done.json["stale_ticks"] == np.count_nonzero(times < poses.arrived[0])
+    assert done.json["stale_ticks"] == np.count_nonzero(poses.arrived[0] > TIMES)
     assert "gave the hand" in vfplan_cli("replay", *where, cwd=tmp_path).stdout
     for code, says, *words in (
         (2, "one rule", *where, "--drop", "0.1"),
@@ -195,36 +204,17 @@ def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
         assert says in vfplan_cli("replay", *words, cwd=tmp_path).fails(code).stderr
 
 
-def test_a_governed_log_replays_to_the_bit():
-    """The governor is behind all of it: K is the stiffest that comes."""
-    draw = np.random.default_rng(8)
-    poses, events = tracked(draw), happened(draw)
-    robot = replace(vfplan.read_robot("franka"), force_step_limit_n=0.4, force_limit_n=5.0)
-    forces = controller(poses, events, robot)
-    session = vfplan.Session(*hand(), "robot_base")
-    done = vfplan.replay(fixture(), session, poses=poses, events=events, governor=robot)
-    assert np.array_equal(done.trace.force, forces)
-    found = done.metrics
-    assert found["governor"]["engine_force_max_n"] > 5.0 >= found["force_max_n"]
-    assert found["governor"]["held_ticks"] > 100
-    stiff = replace(fixture(), rendering=replace(fixture().rendering, stiffness=np.full(3, 9e4)))
-    with pytest.raises(SettingError, match="spring"):
-        vfplan.replay(fixture(), session, events=[Event(5, fixture=stiff)], governor=robot)
-
-
 def test_an_event_that_never_came_is_told():
-    session = vfplan.Session(*hand(), "robot_base")
-    found = vfplan.replay(fixture(), session, rule="robust", events=[Event(90000, remove=[3])])
+    found = vfplan.replay(fixture(), SESSION, rule="robust", events=[Event(90000, remove=[3])])
     assert "events-left" in codes_of(found)
 
 
 def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(tmp_path):
-    times, hips = hand()
     limits = (("force_max_n", "at_most", 1e6),)
     for count, is_told in ((0, False), (1, True)):
         path = tmp_path / f"{count}.csv"
-        columns = {"poses": np.full(len(times), count), "events": 0 * times}
-        write_session(path, vfplan.Session(times, hips), **columns)
+        columns = {"poses": np.full(N, count), "events": 0 * TIMES}
+        write_session(path, SESSION, **columns)
         found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
         assert ("session-changes" in codes_of(found)) == is_told
         assert found.verdict == "pass"
@@ -257,9 +247,8 @@ TRACKERS = {
 def test_a_verdict_tells_what_its_poses_were_worth(name):
     times, pose_of, verdict, jumps, words = TRACKERS[name]
     poses = Poses(times, np.array([pose_of(k) for k in range(len(times))]), times)
-    session = vfplan.Session(*hand(), "robot_base")
     limits = (("force_max_n", "at_most", 100),)
-    replayed = vfplan.replay(fixture(), session, rule="robust", poses=poses, limits=limits)
+    replayed = vfplan.replay(fixture(), SESSION, rule="robust", poses=poses, limits=limits)
     found = replayed.metrics
     assert (found["verdict"], found["pose_jumps"]) == (verdict, jumps)
     assert all(word in open_words(found) for word in words)
@@ -271,11 +260,10 @@ def test_a_verdict_tells_what_its_poses_were_worth(name):
 
 def test_a_fixture_is_exchanged_within_its_frame_alone():
     other = replace(fixture(), frame="patient_lps", registration=None)
-    session = vfplan.Session(*hand(), "robot_base")
     for moves in (False, True):
         poses = tracked(np.random.default_rng(8)) if moves else None
         with refuses(SceneError, "exchange-frame"):
-            vfplan.replay(fixture(), session, events=[Event(900, fixture=other)], poses=poses)
+            vfplan.replay(fixture(), SESSION, events=[Event(900, fixture=other)], poses=poses)
 
 
 PANDA = vfplan.read_robot("franka")

@@ -26,6 +26,7 @@ from vfplan.session.events import Event, Poses
 from vfplan.session.session import Session, resampled
 
 PAPER = {"rule": "paper", "engine": "reference"}
+LIMITS = (("force_max_n", "at_most", 100.0),)
 
 
 def spans_of(mask):
@@ -112,7 +113,7 @@ def test_energy_splits_into_sampling_and_the_proxy(pressed):
         assert sum(e[name] for e in m["episodes"]) == pytest.approx(m[name], rel=1e-9), name
 
 
-def test_blocks_do_not_change_the_numbers(pressed, monkeypatch):
+def test_blocks_do_not_change_the_numbers(pressed):
     session = pressed.metrics["session"]
     assert session["rate_hz"] == pytest.approx(1000)
     assert session["jitter_rms_s"] == pytest.approx(0, abs=1e-12)
@@ -155,11 +156,10 @@ def test_doubtful_time_units_and_held_positions_are_named():
     held = Session(session.time, np.repeat(session.hip[::10], 10, axis=0))
     slow = Session(1e3 * session.time[::10], session.hip[::10])  # 100 Hz in milliseconds
     far = Session(session.time, 1e3 * session.hip + 5)  # millimetres
-    limits = (("force_max_n", "at_most", 100.0),)
     doubts = {"session-held", "session-time", "never-near"}
     for one, code in ((session, None), (held, "session-held"), (slow, "session-time"),
                       (far, "never-near")):  # fmt: skip
-        found = replay(fixture_of(line()), one, limits=limits, rule="robust")
+        found = replay(fixture_of(line()), one, limits=LIMITS, rule="robust")
         assert codes_of(found) & doubts == ({code} - {None})
         assert ("seconds" in open_words(found.metrics)) == (code == "session-time")
         assert found.metrics["samples_read"] == one.ticks
@@ -172,8 +172,7 @@ def test_a_start_under_the_skin_is_led_out_or_proves_nothing(depth, rule):
     points, triangles = sphere(30e-3, 3)
     hip = np.tile([0, 0, 30e-3 - depth], (900, 1)) * np.linspace(1, 0.9, 900)[:, None]
     body = dataclasses.replace(meshed(points, triangles), sample_radius=1e-3)
-    limits = (("force_max_n", "at_most", 100.0),)
-    found = replay(body, Session(1e-3 * np.arange(900), hip), limits=limits, rule=rule)
+    found = replay(body, Session(1e-3 * np.arange(900), hip), limits=LIMITS, rule=rule)
     is_outside = depth < 5e-3
     assert found.verdict == ("pass" if is_outside else "not-tested")
     assert ("started-in-mesh" in codes_of(found)) == (not is_outside)
@@ -187,10 +186,9 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     keep = np.ones(3000, bool)
     keep[1000:1500] = keep[2000:2007] = False
     recorded = Session(session.time[keep], session.hip[keep])
-    limits = (("force_max_n", "at_most", 1e3),)
     if rate_hz is not None:
         recorded = resampled(recorded, rate_hz)
-    found = replay(fixture_of(line()), recorded, **PAPER, limits=limits)
+    found = replay(fixture_of(line()), recorded, **PAPER, limits=LIMITS)
     assert found.verdict == "pass"
     seen = found.metrics["session"]
     if rate_hz is not None:
@@ -201,7 +199,7 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
     assert "session-gap" in codes_of(found)
     assert "0.509 s" in open_words(found.metrics)
-    whole = replay(fixture_of(line()), session, **PAPER, limits=limits)
+    whole = replay(fixture_of(line()), session, **PAPER, limits=LIMITS)
     assert open_words(whole.metrics) == ""
 
 
@@ -219,9 +217,8 @@ def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(
         used, triangles = np.unique(triangles, return_inverse=True)
         points, triangles = points[used], triangles.reshape(-1, 3)
     hip = np.outer(1e-3 * np.linspace(*ends_mm, 800), [0, 0, 1])
-    limits = (("force_max_n", "at_most", 100.0),)
     session = Session(1e-3 * np.arange(800), hip)
-    found = replay(meshed(points, triangles), session, limits=limits, rule=rule)
+    found = replay(meshed(points, triangles), session, limits=LIMITS, rule=rule)
     assert found.verdict == "pass"
     assert ("pressed-within" in codes_of(found)) == is_within
     assert ("pressed from within" in open_words(found.metrics)) == is_within
@@ -229,7 +226,7 @@ def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(
 
 @pytest.mark.parametrize("changed", ["poses", "exchange"])
 def test_a_deep_start_proves_nothing_where_the_fixture_changes_either(changed):
-    body, limits = meshed(*sphere(30e-3, 3)), (("force_max_n", "at_most", 100.0),)
+    body = meshed(*sphere(30e-3, 3))
     session = Session(1e-3 * np.arange(900), np.outer(np.linspace(10e-3, 34e-3, 900), [0, 0, 1]))
     times = np.arange(0, 1, 0.02)
     far = dataclasses.replace(body, points=body.points + np.array([0.3, 0, 0]))
@@ -237,7 +234,7 @@ def test_a_deep_start_proves_nothing_where_the_fixture_changes_either(changed):
         "poses": (body, {"poses": Poses(times, np.tile([0, 0, 0, 1.0, 0, 0, 0], (50, 1)), times)}),
         "exchange": (far, {"events": [Event(10, body)]}),
     }[changed]
-    found = replay(fixture, session, limits=limits, rule="exact", **changes)
+    found = replay(fixture, session, limits=LIMITS, rule="exact", **changes)
     assert found.verdict == "not-tested"
     assert "started-in-mesh" in codes_of(found)
 
@@ -281,7 +278,7 @@ def test_wrong_calls_are_refused():
 
 
 @pytest.mark.full
-def test_memory_does_not_grow_with_the_session(tmp_path):
+def test_memory_does_not_grow_with_the_session():
     def peak_kb(blocks):
         code = (
             "import numpy as np\n"

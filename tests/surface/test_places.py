@@ -83,8 +83,9 @@ def label_maps(tmp_path, grid, labels):
 def outline_places(made):
     """(M, 3) corners of all outlines in the patient [mm]."""
     R = made.sliced.R_slice_patient
-    outlines = [outline for stack in made.sliced.stacks for outline in stack.outlines]
-    found = [np.c_[ring, np.full(len(ring), o.z)] @ R for o in outlines for ring in o.rings]
+    found = []
+    for outline in made.sliced.outlines:
+        found += [np.c_[ring, np.full(len(ring), outline.z)] @ R for ring in outline.rings]
     return 1e3 * np.concatenate(found)
 
 

@@ -43,7 +43,7 @@ CHOSEN: dict[str, Any] = {"color": "black", "marker": "*", "ms": 12, "mfc": "whi
 
 def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     """The diagram of one stage of a bench document, as a PNG."""
-    results = [result for result in document["results"] if result["stage"] == stage]
+    results = grouped(document["results"], "stage")[stage]
     scenes = grouped(results, "scene")
     looks = looks_of(results)
     columns = min(COLUMNS, len(scenes))
@@ -80,7 +80,7 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
 
 def draw_summary(document: dict[str, Any], path: Path) -> None:
     """The chosen setting and each peer as one cloud over all scenes of stage proxy, as a PNG."""
-    results = [result for result in document["results"] if result["stage"] == "proxy"]
+    results = grouped(document["results"], "stage")["proxy"]
     figure, axes = subplots(7.4, 4.6)
     axes.set(xscale="log", yscale="log", xlabel="median time of a tick [µs]",
              ylabel="RMS error of the proxy [µm]")  # fmt: skip
@@ -152,7 +152,7 @@ def draw_bounds(axes: Axes, document: dict[str, Any], stage: str) -> None:
 
 def place_of(result: dict[str, Any], stage: str) -> tuple[float, float, float, float]:
     """Median time, its p99.9, RMS error and largest error in the units of the diagram."""
-    factor = 1e-3 if LOOKS[stage].time_unit == "ms" else 1.0
-    scale, smallest = (1e6, SMALLEST_UM) if result["unit"] == "m" else (1.0, SMALLEST_PX)
+    factor = {"ms": 1e-3, "µs": 1.0}[LOOKS[stage].time_unit]
+    scale, smallest = {"m": (1e6, SMALLEST_UM), "px": (1.0, SMALLEST_PX)}[result["unit"]]
     errors = [max(scale * result[name], smallest) for name in ("error_rms", "error_max")]
     return factor * result["time_us_median"], factor * result["time_us_p999"], *errors

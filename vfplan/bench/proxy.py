@@ -317,7 +317,7 @@ def runs_on(case: Case, spacing: float, peers: Sequence[Peer]) -> Iterator[Bench
     if isinstance(scene, (Drawn, Meshed)):
         engine, figures = exact_engine(scene)
         yield engine_run(case, "exact", {"spacing_m": spacing}, engine, figures)
-    mesh = scene.mesh if isinstance(scene, Meshed) else None
+    mesh = getattr(scene, "mesh", None)
     parameters = ProxyParameters.make(
         points, rule="paper", ignore_axis=scene.ignore_axis, stiffness=DEFAULT_STIFFNESS
     )

@@ -192,11 +192,11 @@ def error_text(result: Record) -> str:
 
 def summaries(document: dict[str, Any]) -> dict[str, str]:
     """A sentence for each stage of a bench's document that has a chosen setting."""
-    # Stage proxy comes last: it is what the controller does a thousand times a second.
-    stages = sorted(document["stages"], key=lambda stage: stage == "proxy")
+    results_of = grouped(document["results"], "stage")
     sentences = {}
-    for stage in stages:
-        results = [r for r in document["results"] if r["stage"] == stage]
+    # Stage proxy comes last: it is what the controller does a thousand times a second.
+    for stage in sorted(results_of, key=lambda stage: stage == "proxy"):
+        results = results_of[stage]
         if any(result.get("chosen") for result in results):
             sentences[stage] = stage_sentence(stage, results)
     return sentences

@@ -30,7 +30,7 @@ from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
 from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole, to_json_types
 from vfplan.io.sandbox import worker_processes
 from vfplan.io.writing import write_whole
 from vfplan.palette import CLOUD
@@ -59,7 +59,7 @@ def campaign_question(
 ) -> dict[str, Any]:
     """The question of a campaign, as its folder keeps it: no names, no paths."""
     plan = review_digest(replace(fixture, findings=(), reviewed=None, case=None))
-    spacing = fixture.image.pixel_spacing_mm if fixture.image is not None else None
+    spacing = getattr(fixture.image, "pixel_spacing_mm", None)
     digest = hashlib.sha256(repr((plan, spacing)).encode())
     if fixture.sigma is not None:
         digest.update(fixture.sigma.tobytes())
@@ -301,7 +301,7 @@ def workers_of_cluster(scheduler: str, trials: bytes) -> Iterator[tuple[Executor
     try:
         client = Client(scheduler, timeout="20s", set_as_default=False)
     except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        reason, *_ = str(error).splitlines() or [type(error).__name__]
         raise InputError(
             f"no Dask scheduler answers: {reason}. Check the address", where=scheduler,
             code="no-scheduler",
@@ -323,8 +323,8 @@ def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
-    """A quantile with its interval from order statistics; an end that no trial bounds is `None`.
+def quantile(sorted_values: Array, q: float) -> Array:
+    """(3,) a quantile, and its interval from order statistics; NaN: an end that no trial bounds.
 
     H. A. David, H. N. Nagaraja, Order Statistics, 3rd edition, Wiley 2003, 7.1.
     """
@@ -332,8 +332,7 @@ def quantile(sorted_values: Array, q: float) -> dict[str, float | None]:
 
     index = max(0, int(np.ceil(q * len(sorted_values))) - 1)
     ends = quantile_test(sorted_values, p=q).confidence_interval(PROBABILITY)
-    low, high = (None if np.isnan(end) else float(end) for end in ends)
-    return {"value": float(sorted_values[index]), "low": low, "high": high}
+    return np.array([sorted_values[index], *ends])
 
 
 def entering(depth: Array, beyond_m: list[float]) -> list[dict[str, float]]:
@@ -355,17 +354,10 @@ def margins(
     A margin moves the rendered surface outwards, and the tool by `share` = K / (K + k_h) of that.
     So the margin for p is the (1 - p) quantile of the depth over this share, not less than 0.
     """
-    ordered = np.sort(depth)
-
-    def margin_mm(depth_m: float | None) -> float | None:
-        if depth_m is None:
-            return None
-        return 1e3 * max(0.0, depth_m) / share
-
     entries = []
     for probability in probabilities:
-        depths = quantile(ordered, 1 - probability)
-        margin, low, high = (margin_mm(depths[name]) for name in ("value", "low", "high"))
+        margins_mm = 1e3 * np.maximum(0.0, quantile(np.sort(depth), 1 - probability)) / share
+        margin, low, high = to_json_types(margins_mm)
         entries.append({"p": probability, "margin_mm": margin, "low": low, "high": high})
     return entries
 
@@ -378,11 +370,10 @@ def summary(
 ) -> dict[str, Any]:
     """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]
-    ordered = np.sort(depth)
-    quantiles_mm = {
-        f"{q:g}": {name: None if m is None else 1e3 * m for name, m in quantile(ordered, q).items()}
-        for q in (0.5, 0.9, 0.95, 0.99)
-    }
+    quantiles_mm = {}
+    for q in (0.5, 0.9, 0.95, 0.99):
+        numbers = to_json_types(1e3 * quantile(np.sort(depth), q))
+        quantiles_mm[f"{q:g}"] = dict(zip(("value", "low", "high"), numbers, strict=True))
     return {
         "trials": len(depth),
         "trials_in_contact": int((table["point"] >= 0).sum()),

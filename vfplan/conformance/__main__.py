@@ -133,7 +133,7 @@ def cell(of_rule: list[Result]) -> str:
 
 def rule_order(rule: str) -> tuple[int, int]:
     """Where a rule stands in the table: in the order of the page."""
-    return ("LCVSKM".find(rule[0]), int(rule[1:])) if rule else (-1, 0)
+    return "LCVSKM".find(rule[:1]), int(rule[1:] or 0)
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -380,7 +380,7 @@ def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[tuple[Arr
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:
-        first = corners[0] if len(corners) else 0
+        first = next(iter(corners), 0)
         points = np.roll(points, -first, axis=0)
         points = np.vstack([points, points[:1]])
         corners = corners - first

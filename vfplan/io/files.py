@@ -262,10 +262,10 @@ def decompress(data: bytes, kind: str, max_bytes: int) -> bytes:
     return content
 
 
-def first_decompressed(data: bytes, count: int = 540) -> bytes:
-    """The first bytes that gzip data hold; fewer where the data are damaged."""
+def first_decompressed(data: bytes) -> bytes:
+    """The first 540 bytes that gzip data hold; fewer where the data are damaged."""
     with suppress(zlib.error):
-        return zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, count)
+        return zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540)
     return b""
 
 
@@ -394,7 +394,7 @@ class Table:
         a decimal or a thousands separator
         """
         text = row.cells[column]
-        what = f"{column} of {label}" if label else column
+        what = " of ".join(filter(None, (column, label)))
         place = f"{self.where}, line {row.line}"
         if "," in text and self.separator != ",":
             if "." in text or text.count(",") > 1:
@@ -449,8 +449,8 @@ def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
         another length
     """
     lines = text.splitlines()
-    header_line = next((line for line in lines if line.strip() and not REMARK.match(line)), "")
-    number = lines.index(header_line) + 1 if header_line else 1
+    numbered = ((k, row) for k, row in enumerate(lines, 1) if row.strip() and not REMARK.match(row))
+    number, header_line = next(numbered, (1, ""))
     separator = _separator_of(header_line, f"{where}, line {number}", kind)
     rows = split_rows(text, where, kind, separator)
     while rows and REMARK.match(rows[0][1][0]):

@@ -80,14 +80,15 @@ def run_in_sandbox(
     kind: class of the error when the reader crashed or exceeded a limit
     Raises VfplanError: what the job raised, or one of `kind` when it did not come to its end
     """
+    files = [each for each in (file,) if each is not None]
     if not HAS_SANDBOX:
-        yield from run_here(job, *args, file=file)
+        yield from run_here(job, files, args)
         return
     read_end, write_end = os.pipe()
     with open(read_end, "rb") as pipe:
         try:
-            request = {"job": job, "args": args, "file": file is not None, "step_s": STEP_S}
-            send_request(request, write_end, file)
+            request = {"job": job, "args": args, "step_s": STEP_S}
+            send_request(request, [write_end, *(each.fileno() for each in files)])
         finally:
             os.close(write_end)
         while (answer := next_answer(pipe)) is not None:
@@ -112,12 +113,12 @@ def run_in_sandbox(
     )  # fmt: skip
 
 
-def run_here(job: str, *args: Any, file: OpenedFile | BinaryIO | None) -> Iterator[Any]:
+def run_here(job: str, files: list[Any], args: tuple[Any, ...]) -> Iterator[Any]:
     """Run a job in this process, without any limit, where the system has no sandbox."""
     logging.getLogger(__name__).info("%s is read without limits: there is no sandbox here", job)
     module_name, _, function_name = job.partition(":")
-    files = [] if file is None else [stream_over(file.fileno(), file)]
-    yield from getattr(importlib.import_module(module_name), function_name)(*files, *args)
+    streams = [stream_over(file.fileno(), file) for file in files]
+    yield from getattr(importlib.import_module(module_name), function_name)(*streams, *args)
 
 
 def run_once(job: str, *args: Any, **options: Any) -> Any:
@@ -157,13 +158,13 @@ _lock = threading.Lock()
 _helper: tuple[int, socket.socket] | None = None
 
 
-def send_request(
-    request: dict[str, Any], answer_pipe: int, file: OpenedFile | BinaryIO | None
-) -> None:
-    """Send a request to the helper, which is started if there is none."""
+def send_request(request: dict[str, Any], descriptors: list[int]) -> None:
+    """Send a request to the helper, which is started if there is none.
+
+    descriptors: of the pipe that takes the answers, and of the file if there is one
+    """
     global _helper
     data = json.dumps(request).encode()
-    descriptors = [answer_pipe, file.fileno()] if file is not None else [answer_pipe]
     with _lock:
         # A forked copy of the program starts a helper of its own.
         if _helper is None or _helper[0] != os.getpid():
@@ -237,7 +238,7 @@ def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> N
     try:
         with open(descriptors[0], "wb") as pipe:
             try:
-                files = [stream_over(descriptors[1])] if request["file"] else []
+                files = map(stream_over, descriptors[1:])
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
                 # The library rosbags unpacks compressed bags into temporary files.
                 resource.setrlimit(resource.RLIMIT_FSIZE, (MEMORY_BYTES, MEMORY_BYTES))

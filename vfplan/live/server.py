@@ -97,9 +97,9 @@ def transform(device: str, time_s: float, place_mm: Array) -> bytes:
     return message("TRANSFORM", device, time_s, columns.astype(">f4").tobytes())
 
 
-def sensor(device: str, time_s: float, values: Array, unit: int = NEWTON) -> bytes:
-    """SENSOR: an array of at most 255 numbers of one unit."""
-    body = struct.pack(">BBQ", len(values), 0, unit) + np.asarray(values, ">f8").tobytes()
+def sensor(device: str, time_s: float, values: Array) -> bytes:
+    """SENSOR: an array of at most 255 numbers [N]."""
+    body = struct.pack(">BBQ", len(values), 0, NEWTON) + np.asarray(values, ">f8").tobytes()
     return message("SENSOR", device, time_s, body)
 
 
@@ -234,7 +234,7 @@ def static_bodies(fixture: Fixture) -> list[tuple[str, Array, str, Any]]:
         kind, cells = "lines", []
         for stroke, closed in enumerate(fixture.curve.closed):
             line = np.flatnonzero(fixture.curve.stroke == stroke)
-            cells.append(np.append(line, line[0]) if closed else line)
+            cells.append(np.append(line, line[: int(closed)]))
     import pyvista
 
     ball = pyvista.Sphere(radius=1e3 * (fixture.contact_radius + fixture.point_radius))
@@ -345,7 +345,7 @@ class PoseReceiver:
                         self.left_out[error.message] += 1
                         continue
                     matrix = self._signs[:, None] * matrix * self._signs
-                    measured = stamp / 2**32 if stamp else received
+                    measured = stamp / 2**32 or received
                     self.poses.append((measured, received, matrix))
                     self.heard_s = time.monotonic()
                     self._take(measured, matrix)

@@ -138,10 +138,12 @@ def host_and_port(address: str, scheme: str = "udp") -> tuple[str, int, str]:
         host, port, device = parts.hostname, parts.port, unquote(parts.path.strip("/"))
     except ValueError:
         host = port = device = None
-    form = {"udp": "udp://HOST:PORT", "igtl": "igtl://HOST:PORT/DEVICE, DEVICE of 1 to 20 bytes"}
+    form, lengths = "udp://HOST:PORT", range(1)
+    if scheme == "igtl":
+        form, lengths = "igtl://HOST:PORT/DEVICE, DEVICE of 1 to 20 bytes", range(1, 21)
     is_complete = address.startswith(f"{scheme}://") and host is not None and port is not None
-    if not is_complete or len(device.encode()) not in (range(1, 21) if scheme == "igtl" else (0,)):
-        raise SettingError(f"source is {address!r}. Give {form[scheme]}", code="address-invalid")
+    if not is_complete or len(device.encode()) not in lengths:
+        raise SettingError(f"source is {address!r}. Give {form}", code="address-invalid")
     return host, port, device
 
 
@@ -175,7 +177,7 @@ def receive_ticks(receiver: socket.socket) -> Iterator[Portion]:
                     expected = sequence
                 sender, heard = address, now
                 # One that comes late was counted as lost.
-                lost += sequence - expected if sequence >= expected else -(lost > 0)
+                lost += max(sequence - expected, -(lost > 0))
                 expected = max(expected, sequence + 1)
                 counts |= {"dropped": dropped, "lost_datagrams": lost}
             yield ticks, dict(counts)

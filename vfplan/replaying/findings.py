@@ -80,7 +80,7 @@ def replay_findings(
 def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     rate = session["rate_hz"]
-    robot_rate = robot.rate_hz if robot is not None else rate
+    robot_rate = getattr(robot, "rate_hz", rate)
     recorded = session.get("recorded", session)
     if recorded["gaps"]:
         yield finding("session-gap", "warning",
@@ -152,21 +152,7 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
         yield finding("never-near", "warning",
             f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
             "units and the frame the fixture's?")  # fmt: skip
-    if inside_ticks:
-        yield finding("started-inside", "warning",
-            f"In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
-            "at the start or after a change. Start the hand outside, and change a fixture while "
-            "the tool is away.")  # fmt: skip
-    if report.get("enclosed_episodes"):
-        yield finding("started-in-mesh", "error",
-            f"In {report['enclosed_episodes']} episodes (of the 20 deepest) the tool pressed from "
-            "within the closed mesh. Begin outside; check units, poses and events.")  # fmt: skip
-    if report.get("within_episodes"):
-        yield finding("pressed-within", "warning",
-            f"In {report['within_episodes']} episodes (of the 20 deepest) the tool pressed from "
-            "within the mesh, which is open, so it may have come in through an opening. Close the "
-            "mesh, or make sure that this side is meant.")  # fmt: skip
-    yield from change_findings(report)
+    yield from counted_findings(report)
     too_fast = report["too_fast_ticks"]
     if too_fast and parameters.rule == "paper":
         yield finding("too-fast", "warning",
@@ -180,30 +166,39 @@ def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterato
             "for a tick explains. Lower the stiffness, or move more slowly.")  # fmt: skip
 
 
-def change_findings(report: dict[str, Any]) -> Iterator[Finding]:
-    """What happened to a fixture that moves, is exchanged or edited."""
-    if report.get("crossed_ticks"):
-        yield finding("crossed", "warning",
-            f"In {report['crossed_ticks']} ticks after an exchange no way out was found on "
-            "the proxy's side, so it was led out another way. Exchange fixtures while the "
-            "tool is away.")  # fmt: skip
-    if report.get("stale_ticks"):
-        yield finding("stale", "warning",
-            f"In {report['stale_ticks']} of {report['ticks']} ticks the pose was too old, or "
-            "none had come. Check the pose stream's rate.")  # fmt: skip
-    if report.get("pose_jumps"):
-        yield finding("pose-jump", "warning",
-            f"{report['pose_jumps']} poses jumped, the first at {report['pose_jump_first_s']:.6g} "
-            "s: each is farther from the pose before than the frame may go meanwhile. Check the "
-            "tracker and its reference.")  # fmt: skip
-    if report.get("poses_refused"):
-        yield finding("poses-refused", "warning",
-            f"{report['poses_refused']} poses were refused: too far away, of no rotation, or "
-            "earlier than one before. Check the pose stream.")  # fmt: skip
-    if report.get("events_left"):
-        yield finding("events-left", "warning",
-            f"{report['events_left']} events are of ticks after the session's last. Correct "
-            "their ticks.")  # fmt: skip
+def counted_findings(report: dict[str, Any]) -> Iterator[Finding]:
+    """What is told where a number of the report is above 0; its sentence names numbers of it."""
+    counted = {
+        "inside_ticks": finding("started-inside", "warning",
+            "In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
+            "at the start or after a change. Start the hand outside, and change a fixture while "
+            "the tool is away."),
+        "enclosed_episodes": finding("started-in-mesh", "error",
+            "In {enclosed_episodes} episodes (of the 20 deepest) the tool pressed from within the "
+            "closed mesh. Begin outside; check units, poses and events."),
+        "within_episodes": finding("pressed-within", "warning",
+            "In {within_episodes} episodes (of the 20 deepest) the tool pressed from within the "
+            "mesh, which is open, so it may have come in through an opening. Close the mesh, or "
+            "make sure that this side is meant."),
+        "crossed_ticks": finding("crossed", "warning",
+            "In {crossed_ticks} ticks after an exchange no way out was found on the proxy's side, "
+            "so it was led out another way. Exchange fixtures while the tool is away."),
+        "stale_ticks": finding("stale", "warning",
+            "In {stale_ticks} of {ticks} ticks the pose was too old, or none had come. Check the "
+            "pose stream's rate."),
+        "pose_jumps": finding("pose-jump", "warning",
+            "{pose_jumps} poses jumped, the first at {pose_jump_first_s:.6g} s: each is farther "
+            "from the pose before than the frame may go meanwhile. Check the tracker and its "
+            "reference."),
+        "poses_refused": finding("poses-refused", "warning",
+            "{poses_refused} poses were refused: too far away, of no rotation, or earlier than one "
+            "before. Check the pose stream."),
+        "events_left": finding("events-left", "warning",
+            "{events_left} events are of ticks after the session's last. Correct their ticks."),
+    }  # fmt: skip
+    for name, found in counted.items():
+        if report.get(name):
+            yield found | {"message": found["message"].format(**report)}
 
 
 # Of each limit the number's name in the report, "at_most" or "at_least", and the bound.
@@ -233,7 +228,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
             similar = difflib.get_close_matches(name, numbers, len(numbers), 0.0)
             message = f"the report has no number {name!r}. Give one of {', '.join(similar)}"
             raise SettingError(message, code="no-such-number")
-        holds = value <= limit if sense == "at_most" else value >= limit
+        holds = {"at_most": value <= limit, "at_least": value >= limit}[sense]
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
     return checks
 
@@ -331,14 +326,14 @@ def beyond_words(metrics: dict[str, Any]) -> str:
     if "start_depth_m" in metrics:
         return f"began {millimetres(metrics['start_depth_m'], 2)} inside {drawn}"
     beyond_m = metrics.get("overlap_max_m", 0.0)
-    return (
-        f"up to {millimetres(beyond_m, 2)} beyond {drawn}" if beyond_m else f"never beyond {drawn}"
-    )
+    if beyond_m == 0.0:
+        return f"never beyond {drawn}"
+    return f"up to {millimetres(beyond_m, 2)} beyond {drawn}"
 
 
 def bound_text(check: dict[str, Any]) -> str:
     """The bound of a limit, such as "at most 20 N"."""
-    sense = "at_most" if "at_most" in check else "at_least"
+    (sense,) = {"at_most", "at_least"} & check.keys()
     return f"{sense.replace('_', ' ')} {check[sense]:g}{unit_beside(check['name'])}"
 
 

@@ -18,6 +18,7 @@ from vfplan.engine.parameters import ProxyParameters, Vector
 from vfplan.engine.proxy import Trace, check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.files import to_json_types
 from vfplan.replaying.metrics import dots, row_norms, timed
 from vfplan.robot import Robot
 from vfplan.session.session import Largest, WithPrevious
@@ -152,7 +153,7 @@ class Guided:
             "work_j": self._force_measure.work_j,
             "profile": {
                 "arc_m": ((np.arange(BINS) + 0.5) / BINS * self._starts[-1]).tolist(),
-                "lateral_m": [None if np.isnan(x) else x for x in self._lateral.tolist()],
+                "lateral_m": to_json_types(self._lateral),
                 "force_n": self._force.tolist(),
             },
         }

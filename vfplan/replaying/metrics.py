@@ -356,8 +356,9 @@ class Episodes:
         ticks = steps.ticks
         deepest = start + int(np.argmax(ticks.penetration[rows]))
         # The step into contact loads the spring, though its force was still 0.
-        speed_at_touch = steps.speed[start - 1] if start else self._speed
-        hold_before = steps.hold_j[start - 1] if start else self._hold_j
+        speed_at_touch, hold_before = self._speed, self._hold_j
+        if start > 0:
+            speed_at_touch, hold_before = steps.speed[start - 1], steps.hold_j[start - 1]
         run = {
             "start_s": float(ticks.time[start]),
             "end_s": float(ticks.time[end - 1] + steps.dt[end - 1]),
@@ -484,8 +485,7 @@ class Metrics:
         self._state_s = np.zeros(len(STATES))
         self._sums: defaultdict[str, float] = defaultdict(float)
         self._peaks: defaultdict[str, float] = defaultdict(float)
-        self._start_s: float | None = None
-        self._end_s = 0.0
+        self._start_s = self._end_s = 0.0
         self._force_step = Largest()
         # In how many ticks the engine said each of its words.
         self.status = dict.fromkeys((flag.name.lower() for flag in Status), 0)
@@ -498,7 +498,8 @@ class Metrics:
     def update(self, steps: Steps) -> None:
         """Take in the next ticks."""
         ticks = steps.ticks
-        self._start_s = float(ticks.time[0]) if self._start_s is None else self._start_s
+        if steps.first == 0:
+            self._start_s = float(ticks.time[0])
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._measure is not None:
             self._distance = min(self._distance, float(self._measure(ticks.proxy).min()))
@@ -537,7 +538,7 @@ class Metrics:
         is_paper = self._parameters.rule == "paper"
         data: dict[str, Any] = {
             "ticks": ticks,
-            "duration_s": self._end_s - (self._start_s or 0.0),
+            "duration_s": self._end_s - self._start_s,
             "contact_ticks": int(sums["contact_ticks"]),
             "contact_s": sums["contact_s"],
             **self._episodes.report(self._ruler),

@@ -129,7 +129,7 @@ class EngineRun:
     ) -> None:  # fmt: skip
         self.rule = rule
         self.changing = changing
-        self.engine: Any = make_engine(fixture, rule, engine) if changing is None else changing
+        self.engine: Any = changing or make_engine(fixture, rule, engine)
         self.link = None if link is None else LossyLink(link)
         self.kept = ThinnedTicks(keep)
         self._governor = None
@@ -321,6 +321,8 @@ def replay(
     InputError, SettingError, BundleError
         The fixture cannot be rendered, the rule or engine is unknown, or the bundle is bad.
     """
+    # The longest function of the package: an account of a replay in the order of what happens. Each
+    # part uses most names of the parts above it, so that functions for them would take them all.
     started = clock.perf_counter()
 
     # Fixture and session, which must be in one frame. `common` is what every report will hold.
@@ -367,7 +369,8 @@ def replay(
     between_rules, between_links = Comparison(), Comparison()
     start = None
     for times, positions in session.blocks():
-        start = positions[:1] if start is None else start
+        if start is None:
+            start = positions[:1]
         recording.update(times, positions)
         blocks = [run.feed(times, positions) for run in runs]
         for name, block in zip(rules, blocks, strict=False):
@@ -401,7 +404,7 @@ def replay(
         numbers = {name: value for name, value in clean.items() if isinstance(value, (int, float))}
         common["link"] = {
             **link.report(),
-            **runs[0].link.report(None if robot is None else robot.lost_packets_limit),
+            **runs[0].link.report(getattr(robot, "lost_packets_limit", None)),
             "apart": between_links.report(),
             "perfect": {**numbers, "episodes": episode_count(clean)},
         }

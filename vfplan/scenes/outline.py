@@ -11,6 +11,7 @@ known exactly, and points can be set at exact arc lengths.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, Protocol
@@ -66,21 +67,25 @@ class Segments:
         """See `Pieces.look`."""
         if self.endless:
             x = x * [1.0, 1.0, 0.0]
-        nearest, along = nearest_on_segments(self.a, self.b, x)
-        flat = [along]
+        nearest, flat = nearest_on_sides(self.a, (self.b - self.a,), x)
         if self.endless:
-            flat.append(np.broadcast_to([0.0, 0.0, 1.0], along.shape))
-        return from_nearest(x, nearest, np.stack(flat, axis=1))
+            flat = np.insert(flat, 1, [0.0, 0.0, 1.0], axis=1)
+        return from_nearest(x, nearest, flat)
 
 
-def nearest_on_segments(a: Vector, b: Vector, x: Vector) -> tuple[Vector, Vector]:
-    """(M, 3) nearest points of segments to x; (M, 3) their directions, 0 where that is an end."""
-    along = b - a
-    square = (along**2).sum(axis=1)
-    t = ((x - a) * along).sum(axis=1) / np.where(square > 0, square, 1.0)
-    inner = (t > 0) & (t < 1)
-    unit = along / np.sqrt(np.where(square > 0, square, 1.0))[:, None]
-    return a + np.clip(t, 0, 1)[:, None] * along, unit * inner[:, None]
+def nearest_on_sides(corner: Vector, sides: Sequence[Vector], x: Vector) -> tuple[Vector, Vector]:
+    """(M, 3) nearest points to x of what k sides (M, 3) span from each corner (M, 3).
+
+    Also (M, k, 3) the directions of the sides, 0 where that is an end of a side.
+    """
+    nearest, flat = corner, []
+    for side in sides:
+        square = np.maximum((side**2).sum(axis=1), np.finfo(float).tiny)
+        t = ((x - corner) * side).sum(axis=1) / square
+        nearest = nearest + np.clip(t, 0, 1)[:, None] * side
+        inner = (t > 0) & (t < 1)
+        flat.append(side / np.sqrt(square)[:, None] * inner[:, None])
+    return nearest, np.stack(flat, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +98,8 @@ class Rectangles:
 
     def look(self, x: Vector) -> Look:
         """See `Pieces.look`."""
-        nearest, flat = self.corner.copy(), []
-        for side in (self.u, self.v):
-            square = (side**2).sum(axis=1)
-            t = ((x - self.corner) * side).sum(axis=1) / square
-            nearest = nearest + np.clip(t, 0, 1)[:, None] * side
-            inner = ((t > 0) & (t < 1))[:, None]
-            flat.append(side / np.sqrt(square)[:, None] * inner)
-        return from_nearest(x, nearest, np.stack(flat, axis=1))
+        nearest, flat = nearest_on_sides(self.corner, (self.u, self.v), x)
+        return from_nearest(x, nearest, flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +192,7 @@ class Run:
     def sample(self, spacing: float) -> Vector:
         """(N, 2) points at equal arc lengths, as close to `spacing` as both ends allow."""
         count = max(1, round(self.length / spacing))
-        s = np.arange(count if self.closed else count + 1) * (self.length / count)
+        s = np.arange(count + (not self.closed)) * (self.length / count)
         edges = np.concatenate([[0.0], np.cumsum([link.length for link in self.links])])
         which = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(self.links) - 1)
         points = np.empty((len(s), 2))

@@ -266,9 +266,9 @@ def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bo
     """
     turn = None
     if isinstance(value, (list, tuple, np.ndarray)) and len(value) == 16:
-        matrix = np.reshape(np.asarray(value, float), (4, 4), "C" if ros.row_major else "F")
+        order, how = ("C", "without") if ros.row_major else ("F", "with")
+        matrix = np.reshape(np.asarray(value, float), (4, 4), order)
         if not np.allclose(matrix[3], (0, 0, 0, 1), atol=1e-6):
-            how = "without" if ros.row_major else "with"
             message = (
                 f"16 numbers are no transform: their last row is {matrix[3].tolist()}. Read them "
                 f"{how} --row-major, or choose others"

@@ -135,14 +135,18 @@ def opened_bag(path: Path) -> Iterator[Part]:
         raise SessionError(message, code="bag-broken") from None
 
 
+# How the messages of a bag that is no MCAP file are packed, and what reads it, by its suffix;
+# a folder is one of ROS 2.
+ENCODINGS = {".bag": ("ros1", "rosbags.rosbag1")}
+
+
 def open_part(path: Path, stack: ExitStack) -> Part:
     """A part of a bag that stays open until the stack is left."""
     library("rosbags")
     if path.suffix == ".mcap":
         return mcap_part(stack.enter_context(opened_file(path, SessionError)))
-    encoding = "ros1" if path.suffix == ".bag" else "cdr"
-    module = library("rosbags.rosbag1" if encoding == "ros1" else "rosbags.rosbag2")
-    reader = stack.enter_context(module.Reader(path))
+    encoding, package = ENCODINGS.get(path.suffix, ("cdr", "rosbags.rosbag2"))
+    reader = stack.enter_context(library(package).Reader(path))
     counts = Counter()
     channels = {}
     for sender in reader.connections:

@@ -135,7 +135,9 @@ class Event:
         """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
-        return "edit" if self.fixture is None else "exchange"
+        if self.fixture is not None:
+            return "exchange"
+        return "edit"
 
 
 def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:

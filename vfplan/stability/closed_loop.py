@@ -41,9 +41,6 @@ PRESS_DEPTH = 0.05
 # Way that the blow carries the mass, as a share of the depth of the press.
 BLOW = 0.2
 
-# Stiffness of a hand that also holds the mass sideways, as a share of K.
-HAND_SHARE = 0.2
-
 # Width, relative to K, at which the bisection ends. A K below this share of the bound is none.
 RESOLUTION = 2.5e-3
 
@@ -85,8 +82,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> tuple[f
     engine
         An engine of stiffness 1 N/m on the contact's cloud.
     """
-    hand_share = HAND_SHARE if contact.needs_spring else 0.0
-    exact = exact_bound(robot, hand_share)
+    exact = exact_bound(robot, contact.hand_share)
     ticks = run_length(robot, exact)
 
     def holds(stiffness: float) -> bool:
@@ -131,8 +127,7 @@ def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, 
 def pressing_hand(contact: Contact, stiffness: float) -> SimulatedHand:
     """A hand that presses `PRESS_DEPTH` R deep into each wall at this K [N/m]."""
     press = PRESS_DEPTH * contact.radius * contact.inward
-    hand_stiffness = HAND_SHARE * stiffness if contact.needs_spring else 0.0
-    return SimulatedHand(stiffness * press, hand_stiffness, contact.touch + press)
+    return SimulatedHand(stiffness * press, contact.hand_share * stiffness, contact.touch + press)
 
 
 # Largest difference of a flat wall's largest stable K from the exact bound, relative to it.
@@ -272,8 +267,8 @@ def time_to_rest(away: Vector, tolerance: float, last: int, robot: Robot) -> flo
 
     `None` where it does not before the `last` ticks. `away` (T,) and the tolerance are in m.
     """
-    moving = np.flatnonzero(away > tolerance)
-    rest_tick = int(moving[-1]) + 1 if moving.size > 0 else 0
+    # Before the first tick it moves, too.
+    rest_tick = int(np.flatnonzero(np.r_[True, away > tolerance])[-1])
     return rest_tick / robot.rate_hz if rest_tick < len(away) - last else None
 
 

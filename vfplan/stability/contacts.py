@@ -25,6 +25,9 @@ RADIUS = 5e-3
 # Rounding of a distance of some centimetres [m]. The engine's guarantee itself has no slack.
 ROUNDING_M = 1e-12
 
+# Stiffness of a hand that also holds the mass sideways, as a share of K.
+HAND_SHARE = 0.2
+
 X, Y, Z = np.eye(3)
 
 
@@ -44,9 +47,10 @@ class Contact:
         The ignored axis, as the engine takes it.
     radius
         R = r_c + r_v [m].
-    needs_spring
-        Whether the hand must also hold the mass sideways. A ball that is pressed onto a convex
-        place would roll off, and so it might on a place whose shape is unknown.
+    hand_share
+        Stiffness of the spring by which the hand also holds the mass sideways, as a share of K; 0
+        where it need not. A ball that is pressed onto a convex place would roll off, and so it
+        might on a place whose shape is unknown.
     start_distance
         How far from the touch the cloud is certainly free, as a share of R.
     exact_shape
@@ -59,7 +63,7 @@ class Contact:
     normals: Vector
     ignore_axis: str | Vector | None = None
     radius: float = RADIUS
-    needs_spring: bool = False
+    hand_share: float = 0.0
     start_distance: float = 0.2
     exact_shape: Pieces | NDArray[np.int32] | None = None
 
@@ -80,10 +84,10 @@ class Contact:
 
 
 def beside(
-    scene: scenes.Scene, touch: Vector, normal: Vector, *, needs_spring: bool = False
+    scene: scenes.Scene, touch: Vector, normal: Vector, *, hand_share: float = 0.0
 ) -> Iterator[Contact]:
     """The contact at one place of a scene in space, (3,) [m], whose wall has this normal (3,)."""
-    yield Contact(scene.points, touch, normal[None], needs_spring=needs_spring)
+    yield Contact(scene.points, touch, normal[None], hand_share=hand_share)
 
 
 def patch() -> Contact:
@@ -118,7 +122,7 @@ def omega() -> Iterator[Contact]:
     outward = np.array([np.cos(np.pi / 6), 0.5, 0.0])
     touch = first_touch(scene.points, foot + 14e-3 * outward, -outward, RADIUS)
     if touch is not None:
-        yield Contact(scene.points, touch, outward[None], axis, needs_spring=True,
+        yield Contact(scene.points, touch, outward[None], axis, hand_share=HAND_SHARE,
                       exact_shape=shape)  # fmt: skip
 
 
@@ -127,11 +131,11 @@ def omega() -> Iterator[Contact]:
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "flat": partial(beside, scenes.Sheet(), scenes.Sheet.centre + RADIUS * Y, Y),
     "convex": partial(beside, scenes.Circle(radius=0.03, extrude=0.06), (0.03 + RADIUS) * X, X,
-                      needs_spring=True),
+                      hand_share=HAND_SHARE),
     "corner": partial(concave, scenes.Corner(extrude=0.04), 2),
     "three-walls": partial(concave, scenes.ThreeWalls(), 3),
     "channel": channel,
-    "point": partial(beside, scenes.Point(), RADIUS * Y, Y, needs_spring=True),
+    "point": partial(beside, scenes.Point(), RADIUS * Y, Y, hand_share=HAND_SHARE),
     "double-sheet": partial(beside, scenes.DoubleSheet(), (2e-3 + RADIUS) * Y, Y),
     "omega": omega,
 }  # fmt: skip
@@ -189,7 +193,7 @@ def contacts_beside(
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
             touch = touch + (place - flat_place)
-            yield Contact(points, touch, outward[None], ignore_axis, radius, needs_spring=True,
+            yield Contact(points, touch, outward[None], ignore_axis, radius, hand_share=HAND_SHARE,
                           exact_shape=exact_shape)  # fmt: skip
 
 
@@ -217,7 +221,7 @@ def cloud_normal(points: Vector, axis: Vector | None) -> Vector:
 
     Its largest component is above 0. For a single point it is any direction across the axis.
     """
-    spread = np.cov(points.T) if len(points) > 1 else np.zeros((3, 3))
+    spread = np.cov(points.T, ddof=min(1, len(points) - 1))
     if axis is not None:
         # The cloud is endless along the axis, so that its spread there must never be the least.
         spread = spread + (1.0 + np.trace(spread)) * np.outer(axis, axis)

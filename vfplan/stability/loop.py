@@ -368,7 +368,7 @@ def slide(robot: Robot, hand: float, v: float, net: float) -> tuple[float, float
         if v == 0.0 and abs(force) <= friction:
             # The mass sticks: held force and hand together cannot move it.
             return displacement, 0.0
-        direction = np.sign(force if v == 0.0 else v)
+        direction = np.sign(v or force)
         drive = force - direction * friction
         moved, v_after = transition(robot, hand, remaining) @ [v, drive]
         if v_after * direction >= 0.0 or v == 0.0:

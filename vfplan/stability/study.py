@@ -322,9 +322,8 @@ def pairs_of_rule_and_scene(
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
-    bundle = [] if fixture is None else [fixture]
     pairs: list[tuple[Rule, Fixture | str]] = [
-        (rule, on) for rule in RULES for on in (*bundle, *names)
+        (rule, on) for rule in RULES for on in (fixture, *names) if on is not None
     ]
     if fixture is not None and best_rule(fixture) == "exact":
         pairs.append(("exact", fixture))

@@ -169,8 +169,9 @@ def surface(
 
 def step_for_thin(sliced: SlicedVolume, step: float, closed: bool) -> tuple[float, int]:
     """The grid's step, halved while parts or holes are thinner, and how many still are."""
-    outlines = [outline for stack in sliced.stacks for outline in stack.outlines]
-    shapes = [shape for outline in outlines for shape in (*outline.parts, *holes_of(outline))]
+    shapes = []
+    for outline in sliced.outlines:
+        shapes += [*outline.parts, *holes_of(outline)]
     for halvings in range(MAX_HALVINGS + 1):
         shapes = [shape for shape in shapes if is_thin(shape, step)]
         if not shapes or halvings == MAX_HALVINGS:
@@ -208,7 +209,7 @@ def report_of(
     volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
     return {
-        "slices": sum(len(stack.outlines) for stack in sliced.stacks),
+        "slices": len(sliced.outlines),
         "spacing_mm": float(np.median(gaps_mm)),
         "spacing_range_mm": [float(gaps_mm.min()), float(gaps_mm.max())],
         "normal": sliced.R_slice_patient[2],
@@ -243,8 +244,9 @@ def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
 
 def contour_error(sliced: SlicedVolume, points: Array, triangles: Triangles) -> dict[str, Any]:
     """Distance of the outlines to the mesh: RMS and largest [mm], and where."""
-    outlines = [outline for stack in sliced.stacks for outline in stack.outlines]
-    corners = [at_height(ring, outline.z) for outline in outlines for ring in outline.cut_rings]
+    corners = []
+    for outline in sliced.outlines:
+        corners += [at_height(ring, outline.z) for ring in outline.cut_rings]
     places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, triangles)(places)
     return summary_of(np.linalg.norm(places - nearest, axis=1), places)

@@ -90,7 +90,7 @@ def draw_from_side(axes: Any, result: Surface) -> None:
     )
     up, around = np.radians([ELEVATION, AZIMUTH])
     to_eye = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-    outlines = [outline for stack in result.sliced.stacks for outline in stack.outlines]
+    outlines = result.sliced.outlines
     lines = []
     for outline in outlines[:: max(1, len(outlines) // MAX_OUTLINES)]:
         for ring in rings_of([Polygon(part.exterior) for part in outline.parts]):  # No holes.

@@ -102,7 +102,7 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
     gaps = zip(places, places[1:], pieces, strict=False)
     cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
     z = np.concatenate([*cuts, places[-1:]])
-    return x, y, np.r_[z[0], z, z[-1]] if closed else z
+    return x, y, np.pad(z, int(closed), "edge")
 
 
 def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:

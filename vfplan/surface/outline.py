@@ -367,6 +367,11 @@ class SlicedVolume:
     remarks: tuple[str, ...]
 
     @property
+    def outlines(self) -> list[Outline]:
+        """Those of all runs, in their order."""
+        return [outline for stack in self.stacks for outline in stack.outlines]
+
+    @property
     def gaps_m(self) -> Array:
         """Distances between neighbouring slices of a run [m]."""
         return np.concatenate([np.diff(stack.z) for stack in self.stacks])

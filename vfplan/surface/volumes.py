@@ -107,7 +107,7 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
 def rings_of_share(share: NDArray) -> list[Array]:
     """(M, 2) row and column [px] of the half-tone borders of an (H, W) share of 0 to 1."""
     padded = np.pad(share.astype(np.float64), 1)
-    return [ring - 1 for ring in zero_rings(0.5 - padded)] if share.any() else []
+    return [ring - 1 for ring in zero_rings(0.5 - padded)]
 
 
 def zero_rings(values: Array) -> list[Array]:
