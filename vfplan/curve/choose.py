@@ -268,7 +268,11 @@ def relative_width(curve: MeasuredStroke) -> Array:
     if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
-    ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
+    # Elsewhere it is what is usual before and behind: a bend there is wide for a few profiles.
+    usual = running_median(ratio[usable], min(2 * tuned.SUDDEN_PX, len(usable)))
+    elsewhere = np.interp(np.arange(len(ratio)), usable, usual)
+    elsewhere[usable] = ratio[usable]
+    ratio = elsewhere
     mode = "wrap" if curve.closed else "edge"
     return windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
@@ -323,11 +327,18 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
 
     Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
     """
-    change, lasting = float(sudden_changes(curve).max()), lasting_width(curve)
+    sudden, lasting = sudden_changes(curve), lasting_width(curve)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
-    if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+    if not sudden.any() or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []
-    if change < tuned.HALF * (widest - 1):
+    # At its ends the line falls to nothing, however evenly it was pressed.
+    is_inner = np.ones(len(lasting), bool)
+    for end in curve.ends:
+        distance = np.abs(np.arange(len(lasting)) - end.place)
+        is_inner &= distance > tuned.SUDDEN_PX + curve.width / 2 + end.fall
+    change = float(sudden[is_inner].max(initial=0.0))
+    range_px = widest - float(lasting[is_inner].min(initial=1.0))
+    if change < tuned.HALF * range_px:
         text = f"the line is {widest:.2f} times as wide here as elsewhere. Is it one line?"
         return [finding_at(place, "width-changes", text)]
     text = (
