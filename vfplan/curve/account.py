@@ -23,7 +23,7 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen
+from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, evenly, runs, windows
@@ -83,6 +83,12 @@ class Leftover:
     def is_at_end(self, max_gap_px: float) -> bool:
         """Whether it lies so near to an end that it may carry the curve on."""
         return not self.is_dot and self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
+
+    def is_beside(self, other: Leftover) -> bool:
+        """Whether another piece, as short, touches a curve close to where this one does."""
+        apart = float(np.hypot(*(self.nearest - other.nearest)))
+        is_alike = 1 / tuned.ALIKE < self.size / other.size < tuned.ALIKE
+        return other is not self and other.touches and is_alike and apart <= tuned.SUDDEN_PX
 
     @property
     def mask(self) -> Flags:
@@ -225,10 +231,17 @@ def _middle(run: NDArray) -> int:
     return int(run[len(run) // 2])
 
 
-def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
-    """Another colour at an end, faint ink beyond it, and an end that is not known well."""
+def end_findings(
+    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover] = ()
+) -> list[Finding]:
+    """Another colour at an end, faint ink beyond it, and an end that is not known well.
+
+    leftover: other ink, which has findings of its own
+    """
     findings = []
-    for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
+    inward = min(tuned.TANGENT_PX, len(curve.points) - 1)
+    headings = curve.points[[0, -1]] - curve.points[[inward, -1 - inward]]
+    for point, heading, end in zip(curve.points[[0, -1]], headings, curve.ends, strict=False):
         reach = curve.width + tuned.FLANK_PX
         left, top = np.maximum(np.floor(point - reach), 0).astype(int)
         right, bottom = np.ceil(point + reach).astype(int) + 1
@@ -236,16 +249,48 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
             findings.append(finding_at(point, "end-other-colour", text))
+        elif is_at_cover(ink, point, heading, curve.width):
+            text = "the curve ends where an even grey begins. Does it hide more of the curve?"
+            findings.append(finding_at(point, "end-other-colour", text))
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
-        if end.continues:
+        is_listed = any(
+            not piece.is_dot and np.hypot(*(piece.nearest - point)) <= tuned.TAPER_REACH_PX
+            for piece in leftover
+        )
+        if end.continues and not is_listed:
             text = "faint ink goes on beyond the end. Does the curve go on?"
             findings.append(finding_at(point, "ink-at-end", text))
         if end.sigma > tuned.UNSURE_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
             findings.append(finding_at(point, "end-unsure", text))
     return findings
+
+
+def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
+    """Whether a line ends where a grey begins that is more even than the ground beside it.
+
+    heading: (2,) in which the line would go on
+    """
+    onward = heading / max(np.hypot(*heading), 1e-9)
+    across = np.array([-onward[1], onward[0]])
+    out = width / 2 + 2 * tuned.FLANK_PX + np.arange(tuned.COVER_PX)
+    along = np.arange(tuned.COVER_PX) - tuned.COVER_PX // 2
+    ahead, *beside = (
+        brightness(
+            ink.rgb, *np.moveaxis(end + out[:, None, None] * way + along[:, None] * aside, 2, 0)
+        )
+        for way, aside in ((onward, across), (across - onward, onward), (-across - onward, onward))
+    )
+    rough = [float(ground.std()) for ground in beside]
+    step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
+    is_even = ahead.std() <= tuned.COVER_EVEN and (
+        np.ptp(ahead) <= tuned.COVER_EVEN or step > tuned.COVER_STEP
+    )
+    # Black is the air around a body, and where the ground is rougher an edge of bone ends.
+    is_ground = ahead.mean() > tuned.COVER_BLACK and max(rough) < tuned.COVER_STEP * 2
+    return bool(is_even and is_ground and min(rough) > tuned.COVER_EVEN / 2)
 
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
@@ -280,10 +325,11 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     """
     doubts = []
     pen_px = len(ink.pixels)
-    border_px = choose.on_border(line, ink)
-    if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
-        text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
-        doubts.append(finding_at(line.middle, "curve-on-border", text))
+    flush = choose.on_border(line, ink)
+    if len(flush) >= tuned.WIDE_RUN_WIDTHS * line.width:
+        text = f"{len(flush)} px of the curve lie flush with the picture's border. Is it a frame?"
+        middle = flush[np.hypot(*(flush - np.median(flush, axis=0)).T).argmin()]
+        doubts.append(finding_at(middle, "curve-on-border", text))
     elif choose.is_frame(line, ink) or choose.is_level(line):
         text = "the curve runs straight along rows and columns. Is it a bar, a box or a scale?"
         doubts.append(finding_at(line.middle, "curve-straight", text))
@@ -371,6 +417,8 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
+        if piece.touches and any(piece.is_beside(other) for other in leftover):
+            text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
 
@@ -478,31 +526,32 @@ def dotted_finding(stroke: Stroke) -> Finding:
 
 
 def stretch_findings(curve: Stroke) -> list[Finding]:
-    """A doubt for each long stretch that does not show.
+    """A note for each stretch that does not show.
 
-    Of a stroke that was not measured in the ink, each gap is told: with a note, or with a doubt
-    where a small share of the stroke lies beyond it.
+    It is a doubt where the stretch is long, or where a small share of the stroke lies beyond a gap.
     """
     findings = []
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
         carried = f"the curve is carried across a gap of {length} px."
         is_long = length > tuned.LONG_STRETCH_PX
-        if reason == "hidden":
-            if is_long:
-                text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
-                findings.append(finding_at(place, "stretch-hidden", text))
-            continue
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
-        if reason == "gap" and is_near_end:
+        if reason == "hidden":
+            carried = f"another colour hides {length} px of the curve."
+            if is_long:
+                text = f"{carried} Does it run as drawn here?"
+                findings.append(finding_at(place, "stretch-hidden", text))
+            elif curve.bridged[run].any():
+                findings.append(finding_at(place, "bridge", f"{carried} It is bridged.", note))
+        elif is_near_end:
             text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:
             text = f"{carried} Does it run as drawn here?"
             findings.append(finding_at(place, "bridge-long", text))
-        elif reason == "gap":
+        else:
             findings.append(finding_at(place, "bridge", carried, note))
     return findings
 
@@ -516,26 +565,29 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
     if lasting > largest:
         largest, at = lasting, unexpected[where]
-    if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
+    is_small = largest <= tuned.SUDDEN or largest * curve.width <= 1.0
+    if is_small and (lasting <= tuned.LASTING or lasting * curve.width <= tuned.LASTING_PX):
         return []
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    # It lies in the wide stretch beside the change, or in a short thin one, a letter's stroke.
+    # It lies in the wide stretch beside the change. Where all the rest of the line is as wide, it
+    # lies in the thin one, a letter's stroke or a drawn out end.
     ratio = choose.relative_width(curve)
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
-    is_thin = ~is_wide
+    is_line = np.ones(len(ratio), bool)
     if not curve.closed:
         first_end, last_end = curve.ends
         at_profile = np.arange(len(ratio))
-        is_thin &= (at_profile >= first_end.place) & (at_profile <= last_end.place)
+        is_line = (at_profile >= first_end.place) & (at_profile <= last_end.place)
     wide, thin = (
         min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
-        for flags in (is_wide, is_thin)
+        for flags in (is_wide, ~is_wide & is_line)
     )
-    is_letter = len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width and len(thin) < len(wide)
-    return [finding_at(curve.path[_middle(thin if is_letter else wide)], "width-changes", text)]
+    is_line[thin] = False
+    is_odd = len(thin) < len(wide) and is_wide[is_line].mean() > tuned.FRAME_SHARE
+    return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
 def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:

@@ -96,15 +96,14 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
     to_side = np.minimum(line.path - low, high - line.path).min(1)
     on_side = (to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE
     goes_round = len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
-    return (on_side and goes_round) or on_border(line, ink) >= line.length / 2
+    return (on_side and goes_round) or len(on_border(line, ink)) >= line.length / 2
 
 
-def on_border(line: Candidate, ink: Ink) -> int:
-    """Over how many pixels the ink of a line lies flush with the border of the picture."""
+def on_border(line: Candidate, ink: Ink) -> NDArray[np.int64]:
+    """(N, 2) pixels of a line's ink that lie flush with the border of the picture."""
     pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
-    nearest = to_border.min()
-    return int((to_border == nearest).sum()) if nearest <= tuned.FLANK_PX else 0
+    return pixels[(to_border == to_border.min()) & (to_border <= tuned.FLANK_PX)]
 
 
 def is_level(line: Candidate) -> bool:

@@ -77,6 +77,9 @@ ALIKE = 2.0
 # too long to be bridged. A box over the middle of a curve leaves such a part.
 AHEAD_LENGTHS = 2.0
 
+# Share of the line's length up to which a gap before a shorter part is asked about.
+AHEAD_SHARE = 0.25
+
 # Profiles and the centre line.
 
 # Pixels between samples across the line. Two samples a pixel lose nothing that the picture holds.
@@ -265,3 +268,25 @@ SUDDEN_PX = 12
 # Times the usual lasting change of width from which a change is asked about. Pressed pens reached
 # 2, second runs 4 to 400.
 LASTING_TIMES = 3.5
+
+# Share of the usual width below which a lasting change of width is JPEG's. Medians over a stretch
+# are compared, so that noise counts less. Second runs reached 0.29 in JPEG of quality 60.
+LASTING = 0.28
+
+# Pixels of width below which a lasting change is JPEG's.
+LASTING_PX = 0.95
+
+# Pixels along each side of the squares ahead of an end and beside it that show whether a grey cover
+# begins there.
+COVER_PX = 5
+
+# Grey levels by which a cover varies at most, and twice as much as the ground beside the line varies
+# at least.
+COVER_EVEN = 1.0
+
+# Grey levels by which a cover differs from the ground where JPEG makes it uneven. Ground that varies
+# by twice as much is the edge of a bone.
+COVER_STEP = 12.0
+
+# Grey level up to which an even area is the air around a body.
+COVER_BLACK = 4.0
