@@ -149,22 +149,23 @@ def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
     points: (P, 2) of the line
     gap: (G,) indices of the points of the bridge, in order
     """
-    reach, mode = np.arange(1, tuned.TANGENT_PX + 1), "wrap" if closed else "clip"
+    # The spline rounds the corner, so that its points closest to the gap show no direction.
+    reach, mode = 2 + np.arange(1, tuned.TANGENT_PX + 1), "wrap" if closed else "clip"
     before = np.take(points, gap[0] - reach, axis=0, mode=mode)
     behind = np.take(points, gap[-1] + reach, axis=0, mode=mode)
     bridge = points[gap]
     first, last = bridge[0], bridge[-1]
-    across = last - first
     ways = [first, last]
-    # Both headings point into the gap: first + s a = last + t b.
-    a, b = -np.polyfit(reach, before, 1)[0], -np.polyfit(reach, behind, 1)[0]
+    # Both headings point into the gap: start + s a = stop + t b.
+    (a, start), (b, stop) = np.polyfit(-reach, before, 1), np.polyfit(-reach, behind, 1)
+    across = stop - start
     area = a[0] * b[1] - a[1] * b[0]
     if abs(area) > 1e-6:
         s = (across[0] * b[1] - across[1] * b[0]) / area
         t = (across[0] * a[1] - across[1] * a[0]) / area
-        longest = np.hypot(*across) / np.array([np.hypot(*a), np.hypot(*b)])
+        longest = np.hypot(*across) / np.hypot(*a)
         if s > 0 and t > 0:
-            ways.insert(1, first + min(s, longest[0]) * a)
+            ways.insert(1, start + min(s, longest) * a)
     distance = np.zeros(len(gap))
     for way in (np.array([first, last]), np.array(ways)):
         pen = evenly(way, False)

@@ -328,7 +328,12 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     """
     sudden, lasting = sudden_changes(curve), lasting_width(curve)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
-    if not sudden.any() or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+    if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+        return []
+    # A hand presses now more and now less. It is asked about one that presses more and more.
+    first, _, last = np.array_split(lasting[curve.whole], 3)
+    is_even = curve.closed or abs(np.log(np.median(first) / np.median(last))) < np.log(tuned.WIDE)
+    if not sudden.any() and is_even:
         return []
     # At its ends the line falls to nothing, however evenly it was pressed.
     is_inner = np.ones(len(lasting), bool)

@@ -149,8 +149,8 @@ END_FACTOR = 4.0
 # it.
 OTHER_SIGMA_PX = 0.15
 
-# The same where colour is noisy. JPEG mixes the colours of neighbouring pixels, and the opposite hue
-# takes ink from the line's edge. On seed 271837 it moved the centre by 0.7 px.
+# The same where colour is noisy. JPEG mixes the colours of neighbouring pixels, and the opposite
+# hue takes ink from the line's edge. On seed 271837 it moved the centre by 0.7 px.
 OTHER_SIGMA_NOISY_PX = 0.3
 
 # Times its usual curvature that a line may bend where a gap hides it.
@@ -280,12 +280,12 @@ LASTING_PX = 0.95
 # begins there.
 COVER_PX = 5
 
-# Grey levels by which a cover varies at most, and twice as much as the ground beside the line varies
-# at least.
+# Grey levels by which a cover varies at most, and twice as much as the ground beside the line
+# varies at least.
 COVER_EVEN = 1.0
 
-# Grey levels by which a cover differs from the ground where JPEG makes it uneven. Ground that varies
-# by twice as much is the edge of a bone.
+# Grey levels by which a cover differs from the ground where JPEG makes it uneven. Ground that
+# varies by twice as much is the edge of a bone.
 COVER_STEP = 12.0
 
 # Grey level up to which an even area is the air around a body.
