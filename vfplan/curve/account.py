@@ -249,12 +249,12 @@ def end_findings(
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
             findings.append(finding_at(point, "end-other-colour", text))
-        elif is_at_cover(ink, point, heading, curve.width):
-            text = "the curve ends where an even grey begins. Does it hide more of the curve?"
-            findings.append(finding_at(point, "end-other-colour", text))
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
+        if is_at_cover(ink, point, heading, curve.width):
+            text = "the curve ends where an even grey begins. Does it hide more of the curve?"
+            findings.append(finding_at(point, "end-other-colour", text))
         is_listed = any(
             not piece.is_dot and np.hypot(*(piece.nearest - point)) <= tuned.TAPER_REACH_PX
             for piece in leftover
@@ -283,6 +283,9 @@ def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
         )
         for way, aside in ((onward, across), (across - onward, onward), (-across - onward, onward))
     )
+    reach = out[-1] + tuned.COVER_PX
+    if min(*end, *(ink.size - 1 - end)) <= reach:
+        return False
     rough = [float(ground.std()) for ground in beside]
     step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
     is_even = ahead.std() <= tuned.COVER_EVEN and (
@@ -538,6 +541,7 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
+        is_near_end &= length > tuned.FLANK_PX
         if reason == "hidden":
             carried = f"another colour hides {length} px of the curve."
             if is_long:
@@ -586,7 +590,8 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
         for flags in (is_wide, ~is_wide & is_line)
     )
     is_line[thin] = False
-    is_odd = len(thin) < len(wide) and is_wide[is_line].mean() > tuned.FRAME_SHARE
+    is_odd = len(thin) < NEAR_END_SHARE * is_line.sum()
+    is_odd &= is_wide[is_line].mean() > tuned.FRAME_SHARE
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 

@@ -263,15 +263,13 @@ def relative_width(curve: MeasuredStroke) -> Array:
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
     usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
-    usable = np.flatnonzero(usable & profiles.inside.all(1))
+    # The picture need not show more of the paper beside the line than its blurred edge.
+    near = np.abs(profiles.x) <= curve.width / 2 + tuned.FLANK_PX / 2
+    usable = np.flatnonzero(usable & profiles.inside[:, near].all(1))
     if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
-    # Elsewhere it is what is usual before and behind: a bend there is wide for a few profiles.
-    usual = running_median(ratio[usable], min(2 * tuned.SUDDEN_PX, len(usable)))
-    elsewhere = np.interp(np.arange(len(ratio)), usable, usual)
-    elsewhere[usable] = ratio[usable]
-    ratio = elsewhere
+    ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
     mode = "wrap" if curve.closed else "edge"
     return windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
 
@@ -336,10 +334,9 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
     if not sudden.any() and is_even:
         return []
     # At its ends the line falls to nothing, however evenly it was pressed.
-    is_inner = np.ones(len(lasting), bool)
-    for end in curve.ends:
-        distance = np.abs(np.arange(len(lasting)) - end.place)
-        is_inner &= distance > tuned.SUDDEN_PX + curve.width / 2 + end.fall
+    at, is_inner = np.arange(len(lasting)), np.ones(len(lasting), bool)
+    for end, inward in zip(curve.ends, (1, -1), strict=False):
+        is_inner &= inward * (at - end.place) > tuned.SUDDEN_PX + curve.width / 2 + end.fall
     change = float(sudden[is_inner].max(initial=0.0))
     range_px = widest - float(lasting[is_inner].min(initial=1.0))
     if change < tuned.HALF * range_px:
