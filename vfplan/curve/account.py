@@ -288,12 +288,13 @@ def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
         return False
     rough = [float(ground.std()) for ground in beside]
     step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
-    is_even = ahead.std() <= tuned.COVER_EVEN and (
-        np.ptp(ahead) <= tuned.COVER_EVEN or step > tuned.COVER_STEP
-    )
-    # Black is the air around a body, and where the ground is rougher an edge of bone ends.
-    is_ground = ahead.mean() > tuned.COVER_BLACK and max(rough) < tuned.COVER_STEP * 2
-    return bool(is_even and is_ground and min(rough) > tuned.COVER_EVEN / 2)
+    if min(rough) <= tuned.COVER_EVEN / 2 or ahead.mean() <= tuned.COVER_BLACK:
+        return False  # The ground may be as even, as the air around a body is.
+    if np.ptp(ahead) <= tuned.COVER_EVEN / 2:
+        return max(rough) < 2 * tuned.COVER_STEP
+    # JPEG makes a cover uneven. Then the ground must be plainly another grey, and no edge of bone.
+    is_even = ahead.std() <= tuned.COVER_EVEN and max(rough) < 3 * tuned.COVER_EVEN
+    return bool(is_even and step > tuned.COVER_STEP)
 
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
