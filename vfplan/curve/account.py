@@ -543,14 +543,12 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
         is_near_end &= length > tuned.FLANK_PX
-        if reason == "hidden":
-            carried = f"another colour hides {length} px of the curve."
-            if is_long:
-                text = f"{carried} Does it run as drawn here?"
-                findings.append(finding_at(place, "stretch-hidden", text))
-            elif curve.bridged[run].any():
-                findings.append(finding_at(place, "bridge", f"{carried} It is bridged.", note))
-        elif is_near_end:
+        if reason == "hidden" and is_long:
+            text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
+            findings.append(finding_at(place, "stretch-hidden", text))
+        elif reason == "hidden" and not curve.bridged[run].any():
+            continue
+        elif is_near_end and reason != "hidden":
             text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:

@@ -154,25 +154,19 @@ def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
     before = np.take(points, gap[0] - reach, axis=0, mode=mode)
     behind = np.take(points, gap[-1] + reach, axis=0, mode=mode)
     bridge = points[gap]
-    first, last = bridge[0], bridge[-1]
-    ways = [first, last]
+    ways = [bridge[[0, -1]]]
     # Both headings point into the gap: start + s a = stop + t b.
     (a, start), (b, stop) = np.polyfit(-reach, before, 1), np.polyfit(-reach, behind, 1)
-    across = stop - start
-    area = a[0] * b[1] - a[1] * b[0]
-    if abs(area) > 1e-6:
-        s = (across[0] * b[1] - across[1] * b[0]) / area
-        t = (across[0] * a[1] - across[1] * a[0]) / area
-        longest = np.hypot(*across) / np.hypot(*a)
-        if s > 0 and t > 0:
-            ways.insert(1, start + min(s, longest) * a)
+    s, t = np.linalg.lstsq(np.column_stack([a, -b]), stop - start, rcond=None)[0]
+    if s > 0 and t > 0:
+        corner = start + min(s, np.hypot(*(stop - start)) / np.hypot(*a)) * a
+        ways.append(np.array([bridge[0], corner, bridge[-1]]))
     distance = np.zeros(len(gap))
-    for way in (np.array([first, last]), np.array(ways)):
+    for way in ways:
         pen = evenly(way, False)
-        to_pen, _ = _core.nearest(pen, bridge)
         to_bridge, nearest = _core.nearest(bridge, pen)
-        distance = np.maximum(distance, to_pen)
         np.maximum.at(distance, nearest, to_bridge)
+        distance = np.maximum(distance, _core.nearest(pen, bridge)[0])
     return distance
 
 
