@@ -26,7 +26,7 @@ from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import Array, Flags, evenly, runs, windows
+from vfplan.geometry.lines import Array, Flags, evenly, running_median, runs, windows
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -561,22 +561,21 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
 
 def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
-    expected = _is_expected(curve)
+    expected, ratio = _is_expected(curve), choose.relative_width(curve)
     change = np.where(expected, 0.0, choose.sudden_changes(curve))
     largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
-    lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
-    if lasting > largest:
+    lasting, where = choose.lasting_change(ratio[unexpected], curve.width)
+    if lasting > largest or largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
+        if lasting <= tuned.LASTING or lasting * curve.width <= tuned.LASTING_PX:
+            return []
         largest, at = lasting, unexpected[where]
-    is_small = largest <= tuned.SUDDEN or largest * curve.width <= 1.0
-    if is_small and (lasting <= tuned.LASTING or lasting * curve.width <= tuned.LASTING_PX):
-        return []
+        ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
     # It lies in the wide stretch beside the change. Where all the rest of the line is as wide, it
     # lies in the thin one, a letter's stroke or a drawn out end.
-    ratio = choose.relative_width(curve)
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
     is_line = np.ones(len(ratio), bool)
