@@ -274,10 +274,13 @@ class SliceInk:
 
         which: (K,) the numbers of those points
         """
-        normal = normals(ring, True)
+        normal, places = normals(ring, True), self.bones[0]
         farthest = np.zeros(len(which))
+        if len(which):
+            low, high = ring[which].min(axis=0) - reach_px, ring[which].max(axis=0) + reach_px
+            places = places[((places >= low) & (places <= high)).all(axis=1)]
         for k, number in enumerate(which):
-            away = self.bones[0] - ring[number]
+            away = places - ring[number]
             across = np.abs(away @ normal[number])
             is_here = (across <= reach_px) & (np.hypot(*away.T) <= np.hypot(across, CLOSE_PX / 2))
             farthest[k] = across[is_here].max(initial=0.0)
