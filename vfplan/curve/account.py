@@ -84,12 +84,6 @@ class Leftover:
         """Whether it lies so near to an end that it may carry the curve on."""
         return not self.is_dot and self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
 
-    def is_beside(self, other: Leftover) -> bool:
-        """Whether another piece, as short, touches a curve close to where this one does."""
-        apart = float(np.hypot(*(self.nearest - other.nearest)))
-        is_alike = 1 / tuned.ALIKE < self.size / other.size < tuned.ALIKE
-        return other is not self and other.touches and is_alike and apart <= tuned.SUDDEN_PX
-
     @property
     def mask(self) -> Flags:
         """(height, width) bool, its pixels in the box around it."""
@@ -421,7 +415,9 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
-        if piece.touches and any(piece.is_beside(other) for other in leftover):
+        touching = np.array([other.nearest for other in leftover if other.touches])
+        across = np.hypot(*(touching - piece.nearest).T) if piece.touches else np.zeros(0)
+        if np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
             text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
