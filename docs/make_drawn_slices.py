@@ -1,6 +1,6 @@
 """Click on drawn lines and print what the page takes, the table in extraction.md:
 
-    python docs/make_drawn_slices.py [SLICES_A_KIND=25] [-v]
+    python docs/make_drawn_slices.py [SLICES_A_KIND=25 [FIRST_SEED=0]] [-v]
 
 The slices are those of `tests/making/as_people_draw.py`. A click at a random place of the true line
 chooses it, as on the page. Where it takes another curve, or the pen was lifted, the whole line is
@@ -142,14 +142,16 @@ def cells(results):
 
 def main(words):
     """Print the table."""
-    count = int(next((word for word in words if word.isdigit()), 25))
+    numbers = iter(int(word) for word in words if word.isdigit())
+    count, first_seed = next(numbers, 25), next(numbers, 0)
+    seeds = range(first_seed, first_seed + count)
     heads = "whole", "with a finding", "refused", "in silence", "error [mm]", "within [%]"
     print(f"| kind | {' | '.join(heads)} |\n{'|---' * (len(heads) + 1)}|")
     every = []
     for kind in KINDS:
         with tempfile.TemporaryDirectory() as folder:
-            results = [result_of(kind, seed, Path(folder)) for seed in range(count)]
-        for seed, result in enumerate(results):
+            results = [result_of(kind, seed, Path(folder)) for seed in seeds]
+        for seed, result in zip(seeds, results, strict=True):
             if "-v" in words and (not result.is_whole or not result.is_within):
                 print(f"# {kind} {seed}: {result}")
         every += results

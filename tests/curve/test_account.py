@@ -5,9 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
+from canvas import Canvas
 from drawing import blend, coverage, flat, to_uint8
 
+from vfplan.curve.account import find_leftover, join_findings
+from vfplan.curve.coverage import Pen, find_ink
 from vfplan.curve.extraction import extract_curve
+from vfplan.errors import CurveError
 
 RED, GREEN = (255, 0, 0), (0, 200, 60)
 SHAPE = (300, 340)
@@ -58,6 +62,12 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     extraction = extract_curve(image)
     assert (codes(extraction) == ["ink-at-end"]) == asked
     assert len(extraction.account) == 1
+
+
+def test_a_short_line_beyond_a_gap_of_more_than_twice_its_length_is_asked_about():
+    extraction = extract_curve(painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)))
+    assert codes(extraction) == ["ink-at-end"]
+    assert extraction.findings[0].place_px == pytest.approx(CURVE[580], abs=4)
 
 
 def test_dots_in_a_row_from_an_end_are_asked_about():
@@ -117,8 +127,8 @@ def test_another_colour_at_an_end_is_asked_about():
     assert np.hypot(*np.subtract(finding.place_px, CURVE[-1])) < 6
 
 
-@pytest.mark.parametrize(("width", "code"), [(8, []), (30, ["stretch-hidden"])])
-def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_listed(width, code):
+@pytest.mark.parametrize(("width", "code"), [(8, ["bridge"]), (30, ["stretch-hidden"])])
+def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_noted(width, code):
     image = picture()
     u, v = CURVE[300]
     left, right = round(u - width / 2), round(u + width / 2)
@@ -131,12 +141,16 @@ def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_listed(width, c
     assert extraction.strokes[0].points_px[0, 0] < 65
 
 
-@pytest.mark.parametrize(("gap", "code"), [(10, []), (32, ["bridge-long"])])
-def test_a_long_bridge_is_asked_about_and_a_short_one_is_listed(gap, code):
+@pytest.mark.parametrize(
+    ("middle", "gap", "code"),
+    [(300, 10, "bridge"), (300, 32, "bridge-long"), (500, 10, "bridge-near-end")],
+)
+def test_each_bridge_is_told_and_one_that_is_long_or_near_an_end_is_asked_about(middle, gap, code):
     half = round(300 * gap / 110 / 2)
-    image = painted((CURVE[: 300 - half], 3.0), (CURVE[300 + half :], 3.0))
+    image = painted((CURVE[: middle - half], 3.0), (CURVE[middle + half :], 3.0))
     extraction = extract_curve(image, max_gap_px=40)
-    assert codes(extraction) == code
+    (finding,) = extraction.findings
+    assert (finding.code, finding.severity == "note") == (code, code == "bridge")
     (entry,) = extraction.account
     assert entry.what == "bridge"
     assert np.count_nonzero(extraction.strokes[0].bridged) == entry.pixels
@@ -147,6 +161,48 @@ def test_a_sudden_change_of_width_is_asked_about():
     assert codes(extraction) == ["width-changes"]
     # The place lies within the wider stretch.
     assert np.hypot(*(CURVE[206] - extraction.findings[0].place_px)) < 4
+
+
+def test_a_change_of_width_is_asked_about_in_the_point_of_a_pen_that_was_drawn_out():
+    canvas = Canvas(flat(SHAPE), "exact")
+    canvas.pressed(CURVE, np.minimum(4.0, 0.03 * np.arange(600, 0, -1) + 0.4), RED)
+    found = extract_curve(canvas.image()).findings
+    places = [finding.place_px for finding in found if finding.code == "width-changes"]
+    assert [place[0] > CURVE[450, 0] for place in places] == [True]
+
+
+def test_a_line_along_the_border_is_no_second_run_and_is_asked_about_there():
+    curve = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
+    extraction = extract_curve(painted((curve, 3.0)))
+    assert codes(extraction) == ["curve-on-border", "leaves-picture"]
+    assert extraction.findings[0].place_px == pytest.approx((337, 205), abs=6)
+
+
+def test_faint_ink_that_is_listed_is_asked_about_once():
+    faint = coverage(SHAPE, CURVE[500:], 1.0)
+    image = blend(flat(SHAPE), np.maximum(coverage(SHAPE, CURVE[:470], 4.0), 0.5 * faint), RED)
+    assert codes(extract_curve(to_uint8(image))).count("ink-at-end") == 1
+
+
+@pytest.mark.parametrize(("grey", "asked"), [(90, True), (None, False)])
+def test_an_even_grey_at_an_end_is_asked_about(grey, asked):
+    rough = np.random.default_rng(3).normal(0, 6, SHAPE)
+    image = to_uint8(blend(flat(SHAPE) + rough[..., None], coverage(SHAPE, CURVE, 3.0), RED))
+    if grey is not None:
+        image[120:190, 250:300] = grey
+    assert ("end-other-colour" in codes(extract_curve(image))) == asked
+
+
+def test_strokes_on_both_sides_of_the_line_may_be_an_arrow():
+    at = CURVE[300]
+    ticks = [([at, np.add(at, (9, 12 * side))], 2.0) for side in (-1, 1)]
+    image, ink = picture(*ticks), find_ink(picture(*ticks), Pen.of_colour("red"))
+    assert extract_curve(picture()).findings == ()
+    with pytest.raises(CurveError, match="forks"):
+        extract_curve(image)
+    leftover = find_leftover(ink, extract_curve(picture()).strokes)
+    found = join_findings(leftover, (), ink, 20.0, ())
+    assert ["arrow" in finding.text for finding in found] == [True, True]
 
 
 @pytest.mark.parametrize(("length", "code"), [(10, "ink-touches"), (16, "width-changes")])

@@ -12,12 +12,15 @@ from drawing import (
     flat,
     jpeg,
     normal_errors,
+    polyline,
     straight_coverage,
     to_uint8,
     wavy,
 )
+from scipy.spatial import cKDTree
 
 from vfplan.curve.extraction import extract_curve
+from vfplan.registration.registration import own_bound
 
 RED = (255, 0, 0)
 SHAPE = (300, 340)
@@ -200,6 +203,25 @@ def test_a_pen_lift_is_bridged_and_less_sure():
     error = normal_errors(stroke.points_px, curve, False)
     assert np.abs(error[stroke.bridged]).max() < 1.0
     assert stroke.sigma_px[stroke.bridged].max() > 2 * np.median(stroke.sigma_px)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 60.0, 85.0])
+@pytest.mark.parametrize("gap_px", [6.0, 12.0, 18.0])
+def test_the_bound_holds_where_the_pen_was_lifted_at_a_corner(turn_deg, gap_px):
+    corner, half = np.array([170.3, 130.7]), np.radians(turn_deg) / 2
+    ways = np.array([[-np.cos(half), np.sin(half)], [np.cos(half), np.sin(half)]])
+    legs = [corner + np.linspace(start, 130, 200)[:, None] * way
+            for start, way in zip((0, 0), ways, strict=True)]  # fmt: skip
+    truth = np.vstack([legs[0][::-1], legs[1]])
+    lift = (gap_px + 3.0) / 2 / np.cos(half)
+    shown = [leg[np.hypot(*(leg - corner).T) > lift] for leg in legs]
+    share = np.maximum(*(coverage(SHAPE, leg, 3.0) for leg in shown))
+    (stroke,) = extract_curve(to_uint8(blend(flat(SHAPE), share, RED))).strokes
+    distance = cKDTree(polyline(stroke.points, False, 0.1)).query(truth)[0]
+    bound = own_bound([stroke])
+    assert stroke.bridged.any()
+    assert distance[20:-20].max() <= bound.max()
+    assert np.median(bound) < 0.5
 
 
 def test_methods_skeleton_and_mask_follow_the_same_ink():

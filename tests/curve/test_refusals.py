@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import slices
 from canvas import Canvas
-from drawing import blend, coverage, flat, to_uint8
+from drawing import blend, coverage, flat, normal_errors, to_uint8
 
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
@@ -144,6 +144,16 @@ def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about
     (finding,) = extract_curve(canvas.image()).findings
     assert (finding.code, finding.severity) == ("width-changes", "doubt")
     assert 100 < finding.place_px[0] < 250
+
+
+@pytest.mark.parametrize("widths", [(2.2, 4.8), (6.0, 3.0), (6.5, 2.0)])
+def test_a_pen_that_is_pressed_more_and_more_is_measured_and_asked_about(widths):
+    canvas, curve = Canvas(flat(SHAPE), "exact"), line(40, 150, 300, 150, 30)
+    canvas.pressed(curve, np.linspace(*widths, len(curve)), RED)
+    extraction = extract_curve(canvas.image())
+    assert "width-changes" in [finding.code for finding in extraction.findings]
+    errors = normal_errors(extraction.strokes[0].points, curve, False)
+    assert np.abs(errors[8:-8]).max() < 0.2
 
 
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])

@@ -23,10 +23,10 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen
+from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import Array, Flags, evenly, runs, windows
+from vfplan.geometry.lines import Array, Flags, evenly, running_median, runs, windows
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
@@ -225,10 +225,17 @@ def _middle(run: NDArray) -> int:
     return int(run[len(run) // 2])
 
 
-def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
-    """Another colour at an end, faint ink beyond it, and an end that is not known well."""
+def end_findings(
+    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover] = ()
+) -> list[Finding]:
+    """Another colour at an end, faint ink beyond it, and an end that is not known well.
+
+    leftover: other ink, which has findings of its own
+    """
     findings = []
-    for point, end in zip(curve.points[[0, -1]], curve.ends, strict=False):
+    inward = min(tuned.TANGENT_PX, len(curve.points) - 1)
+    headings = curve.points[[0, -1]] - curve.points[[inward, -1 - inward]]
+    for point, heading, end in zip(curve.points[[0, -1]], headings, curve.ends, strict=False):
         reach = curve.width + tuned.FLANK_PX
         left, top = np.maximum(np.floor(point - reach), 0).astype(int)
         right, bottom = np.ceil(point + reach).astype(int) + 1
@@ -239,13 +246,49 @@ def end_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
-        if end.continues:
+        if is_at_cover(ink, point, heading, curve.width):
+            text = "the curve ends where an even grey begins. Does it hide more of the curve?"
+            findings.append(finding_at(point, "end-other-colour", text))
+        is_listed = any(
+            not piece.is_dot and np.hypot(*(piece.nearest - point)) <= tuned.TAPER_REACH_PX
+            for piece in leftover
+        )
+        if end.continues and not is_listed:
             text = "faint ink goes on beyond the end. Does the curve go on?"
             findings.append(finding_at(point, "ink-at-end", text))
         if end.sigma > tuned.UNSURE_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
             findings.append(finding_at(point, "end-unsure", text))
     return findings
+
+
+def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
+    """Whether a line ends where a grey begins that is more even than the ground beside it.
+
+    heading: (2,) in which the line would go on
+    """
+    onward = heading / max(np.hypot(*heading), 1e-9)
+    across = np.array([-onward[1], onward[0]])
+    out = width / 2 + 2 * tuned.FLANK_PX + np.arange(tuned.COVER_PX)
+    along = np.arange(tuned.COVER_PX) - tuned.COVER_PX // 2
+    ahead, *beside = (
+        brightness(
+            ink.rgb, *np.moveaxis(end + out[:, None, None] * way + along[:, None] * aside, 2, 0)
+        )
+        for way, aside in ((onward, across), (across - onward, onward), (-across - onward, onward))
+    )
+    reach = out[-1] + tuned.COVER_PX
+    if min(*end, *(ink.size - 1 - end)) <= reach:
+        return False
+    rough = [float(ground.std()) for ground in beside]
+    step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
+    if min(rough) <= tuned.COVER_EVEN / 2 or ahead.mean() <= tuned.COVER_BLACK:
+        return False  # The ground may be as even, as the air around a body is.
+    if np.ptp(ahead) <= tuned.COVER_EVEN / 2:
+        return max(rough) < 2 * tuned.COVER_STEP
+    # JPEG makes a cover uneven. Then the ground must be plainly another grey, and no edge of bone.
+    is_even = ahead.std() <= tuned.COVER_EVEN and max(rough) < 3 * tuned.COVER_EVEN
+    return bool(is_even and step > tuned.COVER_STEP)
 
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
@@ -280,10 +323,11 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     """
     doubts = []
     pen_px = len(ink.pixels)
-    border_px = choose.on_border(line, ink)
-    if border_px >= tuned.WIDE_RUN_WIDTHS * line.width:
-        text = f"{border_px} px of the curve lie flush with the picture's border. Is it a frame?"
-        doubts.append(finding_at(line.middle, "curve-on-border", text))
+    flush = choose.on_border(line, ink)
+    if len(flush) >= tuned.WIDE_RUN_WIDTHS * line.width:
+        text = f"{len(flush)} px of the curve lie flush with the picture's border. Is it a frame?"
+        middle = flush[np.hypot(*(flush - np.median(flush, axis=0)).T).argmin()]
+        doubts.append(finding_at(middle, "curve-on-border", text))
     elif choose.is_frame(line, ink) or choose.is_level(line):
         text = "the curve runs straight along rows and columns. Is it a bar, a box or a scale?"
         doubts.append(finding_at(line.middle, "curve-straight", text))
@@ -371,6 +415,10 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
+        touching = np.array([other.nearest for other in leftover if other.touches])
+        across = np.hypot(*(touching - piece.nearest).T) if piece.touches else np.zeros(0)
+        if np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
+            text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
 
@@ -478,64 +526,67 @@ def dotted_finding(stroke: Stroke) -> Finding:
 
 
 def stretch_findings(curve: Stroke) -> list[Finding]:
-    """A doubt for each long stretch that does not show.
+    """A note for each stretch that does not show.
 
-    Of a stroke that was not measured in the ink, each gap is told: with a note, or with a doubt
-    where a small share of the stroke lies beyond it.
+    It is a doubt where the stretch is long, or where a small share of the stroke lies beyond a gap.
     """
     findings = []
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
         carried = f"the curve is carried across a gap of {length} px."
         is_long = length > tuned.LONG_STRETCH_PX
-        if reason == "hidden":
-            if is_long:
-                text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
-                findings.append(finding_at(place, "stretch-hidden", text))
-            continue
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
-        if reason == "gap" and is_near_end:
+        is_near_end &= length > tuned.FLANK_PX
+        if reason == "hidden" and is_long:
+            text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
+            findings.append(finding_at(place, "stretch-hidden", text))
+        elif reason == "hidden" and not curve.bridged[run].any():
+            continue
+        elif is_near_end and reason != "hidden":
             text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:
             text = f"{carried} Does it run as drawn here?"
             findings.append(finding_at(place, "bridge-long", text))
-        elif reason == "gap":
+        else:
             findings.append(finding_at(place, "bridge", carried, note))
     return findings
 
 
 def width_findings(curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
-    expected = _is_expected(curve)
+    expected, ratio = _is_expected(curve), choose.relative_width(curve)
     change = np.where(expected, 0.0, choose.sudden_changes(curve))
     largest, at = float(change.max()), int(change.argmax())
     unexpected = np.flatnonzero(~expected)
-    lasting, where = choose.lasting_change(choose.relative_width(curve)[unexpected], curve.width)
-    if lasting > largest:
+    lasting, where = choose.lasting_change(ratio[unexpected], curve.width)
+    if lasting > largest or largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
+        if lasting <= tuned.LASTING or lasting * curve.width <= tuned.LASTING_PX:
+            return []
         largest, at = lasting, unexpected[where]
-    if largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
-        return []
+        ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
-    # It lies in the wide stretch beside the change, or in a short thin one, a letter's stroke.
-    ratio = choose.relative_width(curve)
+    # It lies in the wide stretch beside the change. Where all the rest of the line is as wide, it
+    # lies in the thin one, a letter's stroke or a drawn out end.
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
-    is_thin = ~is_wide
+    is_line = np.ones(len(ratio), bool)
     if not curve.closed:
         first_end, last_end = curve.ends
         at_profile = np.arange(len(ratio))
-        is_thin &= (at_profile >= first_end.place) & (at_profile <= last_end.place)
+        is_line = (at_profile >= first_end.place) & (at_profile <= last_end.place)
     wide, thin = (
         min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
-        for flags in (is_wide, is_thin)
+        for flags in (is_wide, ~is_wide & is_line)
     )
-    is_letter = len(thin) <= tuned.WIDE_RUN_WIDTHS * curve.width and len(thin) < len(wide)
-    return [finding_at(curve.path[_middle(thin if is_letter else wide)], "width-changes", text)]
+    is_line[thin] = False
+    is_odd = len(thin) < NEAR_END_SHARE * is_line.sum()
+    is_odd &= is_wide[is_line].mean() > tuned.FRAME_SHARE
+    return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
 def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:

@@ -380,11 +380,14 @@ def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
 def gap_ahead_px(line: Candidate, other: Candidate) -> float:
     """The gap over which another line goes on from a line; infinite where it does not [px].
 
-    It may be too long to be bridged. Only a part of the line that is long beside the gap counts.
+    It may be too long to be bridged. A part of the line counts that is long beside the gap, or that
+    has a direction of its own beyond a gap which is short beside the line.
     """
     if not (line.may_go_on and other.may_go_on and _same_pen(line, other)):
         return np.inf
     longest = tuned.AHEAD_LENGTHS * min(line.length, other.length)
+    if other.length > tuned.TANGENT_PX:
+        longest = max(longest, tuned.AHEAD_SHARE * line.length)
     nearest = np.inf
     for end, other_end in product((0, -1), repeat=2):
         gap = gap_px(line, end, other, other_end)

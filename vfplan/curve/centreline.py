@@ -99,13 +99,22 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
         inward = np.minimum(at - at[0], at[-1] - at)
         sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
+    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x. The
+    # tips of the pen on both sides belong to it, because a tip shows a part of the line's width.
     curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
+    tip, points = int(line.width / 2), spline(at)
     for run in runs(bridged, line.closed):
-        x = np.arange(len(run)) + 0.5
-        sigma[run] = np.hypot(sigma[run], curvature * x * (len(run) - x) / 2)
-    # Another colour at the edge may hide a part of the line that nobody sees.
-    sigma = np.where(profiles.has_other[nearest], np.hypot(sigma, tuned.OTHER_SIGMA_PX), sigma)
+        gap = run[0] - tip + np.arange(len(run) + 2 * tip)
+        gap = gap % len(at) if line.closed else gap[(gap >= 0) & (gap < len(at))]
+        x = np.arange(len(gap)) + 0.5
+        aside = beside_bridge(points, gap, line.closed)
+        unknown = np.hypot(curvature * x * (len(gap) - x) / 2, aside / 2)
+        sigma[gap] = np.hypot(sigma[gap], unknown)
+    # Another colour at the edge may hide a part of the line that nobody sees; what lacks there
+    # moves the centre by half of it.
+    lacking = np.abs(1 - profiles.mass.clip(0, 2)) * line.width / 2
+    beside = np.hypot(tuned.OTHER_SIGMA_NOISY_PX if noisy else tuned.OTHER_SIGMA_PX, lacking)
+    sigma = np.hypot(sigma, np.where(profiles.has_other, beside, 0.0)[nearest])
     # Half of what was added for a side that another colour hides may be wrong.
     sigma = np.hypot(sigma, profiles.covered[nearest] / 4)
     if not line.closed:
@@ -130,6 +139,35 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         path=smooth,
         whole=whole,
     )
+
+
+def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
+    """(G,) how far from each point of a bridge the pen may have run [px].
+
+    It may have gone straight across the gap, or straight on from both of its sides to a corner.
+
+    points: (P, 2) of the line
+    gap: (G,) indices of the points of the bridge, in order
+    """
+    # The spline rounds the corner, so that its points closest to the gap show no direction.
+    reach, mode = 2 + np.arange(1, tuned.TANGENT_PX + 1), "wrap" if closed else "clip"
+    before = np.take(points, gap[0] - reach, axis=0, mode=mode)
+    behind = np.take(points, gap[-1] + reach, axis=0, mode=mode)
+    bridge = points[gap]
+    ways = [bridge[[0, -1]]]
+    # Both headings point into the gap: start + s a = stop + t b.
+    (a, start), (b, stop) = np.polyfit(-reach, before, 1), np.polyfit(-reach, behind, 1)
+    s, t = np.linalg.lstsq(np.column_stack([a, -b]), stop - start, rcond=None)[0]
+    if s > 0 and t > 0:
+        corner = start + min(s, np.hypot(*(stop - start)) / np.hypot(*a)) * a
+        ways.append(np.array([bridge[0], corner, bridge[-1]]))
+    distance = np.zeros(len(gap))
+    for way in ways:
+        pen = evenly(way, False)
+        to_bridge, nearest = _core.nearest(bridge, pen)
+        np.maximum.at(distance, nearest, to_bridge)
+        distance = np.maximum(distance, _core.nearest(pen, bridge)[0])
+    return distance
 
 
 def deviation_of(

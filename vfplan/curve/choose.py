@@ -96,15 +96,14 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
     to_side = np.minimum(line.path - low, high - line.path).min(1)
     on_side = (to_side <= tuned.FLANK_PX).mean() >= tuned.FRAME_SHARE
     goes_round = len(line.path) >= tuned.FRAME_SHARE * 2 * (high - low).sum()
-    return (on_side and goes_round) or on_border(line, ink) >= line.length / 2
+    return (on_side and goes_round) or len(on_border(line, ink)) >= line.length / 2
 
 
-def on_border(line: Candidate, ink: Ink) -> int:
-    """Over how many pixels the ink of a line lies flush with the border of the picture."""
+def on_border(line: Candidate, ink: Ink) -> NDArray[np.int64]:
+    """(N, 2) pixels of a line's ink that lie flush with the border of the picture."""
     pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
-    nearest = to_border.min()
-    return int((to_border == nearest).sum()) if nearest <= tuned.FLANK_PX else 0
+    return pixels[(to_border == to_border.min()) & (to_border <= tuned.FLANK_PX)]
 
 
 def is_level(line: Candidate) -> bool:
@@ -264,7 +263,9 @@ def relative_width(curve: MeasuredStroke) -> Array:
     profiles = curve.profiles
     width = profiles.mass / np.maximum(profiles.peak, 1e-6)
     usable = curve.whole & ~profiles.hidden & profiles.is_line[:, profiles.core].all(1)
-    usable = np.flatnonzero(usable & profiles.inside.all(1))
+    # The picture need not show more of the paper beside the line than its blurred edge.
+    near = np.abs(profiles.x) <= curve.width / 2 + tuned.FLANK_PX / 2
+    usable = np.flatnonzero(usable & profiles.inside[:, near].all(1))
     if len(usable) < tuned.MIN_PROFILES:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
@@ -323,11 +324,22 @@ def wide_findings(curve: MeasuredStroke) -> list[Finding]:
 
     Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
     """
-    change, lasting = float(sudden_changes(curve).max()), lasting_width(curve)
+    sudden, lasting = sudden_changes(curve), lasting_width(curve)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
-    if change == 0 or widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
+    if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
         return []
-    if change < tuned.HALF * (widest - 1):
+    # A hand presses now more and now less. It is asked about one that presses more and more.
+    first, _, last = np.array_split(lasting[curve.whole], 3)
+    is_even = curve.closed or abs(np.log(np.median(first) / np.median(last))) < np.log(tuned.WIDE)
+    if not sudden.any() and is_even:
+        return []
+    # At its ends the line falls to nothing, however evenly it was pressed.
+    at, is_inner = np.arange(len(lasting)), np.ones(len(lasting), bool)
+    for end, inward in zip(curve.ends, (1, -1), strict=False):
+        is_inner &= inward * (at - end.place) > tuned.SUDDEN_PX + curve.width / 2 + end.fall
+    change = float(sudden[is_inner].max(initial=0.0))
+    range_px = widest - float(lasting[is_inner].min(initial=1.0))
+    if change < tuned.HALF * range_px:
         text = f"the line is {widest:.2f} times as wide here as elsewhere. Is it one line?"
         return [finding_at(place, "width-changes", text)]
     text = (

@@ -261,7 +261,7 @@ def extract_curve(
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
         # Of two chosen lines the later one tells that it goes on from the earlier one.
         others = unchosen + chosen[:number]
-        findings += account.end_findings(ink, curve)
+        findings += account.end_findings(ink, curve, leftover)
         findings += account.ahead_findings(line, others, max_gap_px)
         findings += account.ring_findings(line, max_gap_px)
         findings += account.stretch_findings(curve)

@@ -42,7 +42,7 @@ class Profiles:
     hidden
         (M,) bool: another colour lies over it.
     has_other
-        (M,) bool: another colour lies over it or touches its edge.
+        (M,) bool: another colour lies over it or close to its edge.
     covered
         (M,) how much of the line's width another colour hides, with the sign of its side [px].
     width
@@ -120,8 +120,7 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     usual = max(float(np.median(mass[inside[:, len(x) // 2]])), 1e-6)
     mass = mass / usual
     core = np.abs(x) <= width / 2 + tuned.STEP_PX
-    edge = np.abs(x) <= width / 2 + tuned.EDGE_BLUR_PX
-    has_other = (other[:, edge] > tuned.FOREIGN).any(1)
+    has_other = (other > tuned.FOREIGN).any(1)
     hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)

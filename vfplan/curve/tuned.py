@@ -77,6 +77,9 @@ ALIKE = 2.0
 # too long to be bridged. A box over the middle of a curve leaves such a part.
 AHEAD_LENGTHS = 2.0
 
+# Share of the line's length up to which a gap before a shorter part is asked about.
+AHEAD_SHARE = 0.25
+
 # Profiles and the centre line.
 
 # Pixels between samples across the line. Two samples a pixel lose nothing that the picture holds.
@@ -145,6 +148,10 @@ END_FACTOR = 4.0
 # Pixels of standard deviation that a line has where another colour lies at its edge, over or under
 # it.
 OTHER_SIGMA_PX = 0.15
+
+# The same where colour is noisy. JPEG mixes the colours of neighbouring pixels, and the opposite
+# hue takes ink from the line's edge. On seed 271837 it moved the centre by 0.7 px.
+OTHER_SIGMA_NOISY_PX = 0.3
 
 # Times its usual curvature that a line may bend where a gap hides it.
 SWAY = 1.5
@@ -261,3 +268,25 @@ SUDDEN_PX = 12
 # Times the usual lasting change of width from which a change is asked about. Pressed pens reached
 # 2, second runs 4 to 400.
 LASTING_TIMES = 3.5
+
+# Share of the usual width below which a lasting change of width is JPEG's. Medians over a stretch
+# are compared, so that noise counts less. On seed 271839 a second run in JPEG had 0.24.
+LASTING = 0.23
+
+# Pixels of width below which a lasting change is JPEG's.
+LASTING_PX = 0.8
+
+# Pixels along each side of the squares ahead of an end and beside it that show whether a grey cover
+# begins there.
+COVER_PX = 5
+
+# Grey levels by which a cover varies at most, and twice as much as the ground beside the line
+# varies at least.
+COVER_EVEN = 1.0
+
+# Grey levels by which a cover differs from the ground where JPEG makes it uneven. Ground that
+# varies by twice as much is the edge of a bone.
+COVER_STEP = 12.0
+
+# Grey level up to which an even area is the air around a body.
+COVER_BLACK = 4.0

@@ -126,6 +126,19 @@ def past_branches(
     return passed
 
 
+def between_branches(joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where other ink joins a ring, with what lies between two such places.
+
+    Where the ends of a ring cross, they enclose a small hole. The ink nearest to the path may be
+    that of either of its sides.
+    """
+    between = joined.copy()
+    for run in runs(~joined, True):
+        if len(run) <= MAX_BRANCH_PX / 2:
+            between[run] = True
+    return between
+
+
 @dataclass(frozen=True, eq=False)
 class SliceInk:
     """The pen's ink on one slice.
@@ -230,6 +243,8 @@ class SliceInk:
             # The edges of a branch pull the centre before the width shows it.
             wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
+            if closed:
+                joined = between_branches(joined)
             alone = has_ink & ~joined
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
@@ -244,11 +259,32 @@ class SliceInk:
         if closed:  # Its ends may overlap where it is wide, and pull the centre aside.
             wider_px = usual * (running_median(mass, NEARBY_POINTS, "wrap") - 1).clip(0)
             sigma = np.hypot(sigma, wider_px / 4)
-        sigma[passed] = BRANCH_SIGMA_PX
+            near = np.flatnonzero(binary_dilation(joined, iterations=max(1, round(2 * usual))))
+            sigma[near] = np.hypot(sigma[near], self.beside(points, near, 3 * usual) / 4)
+        sigma[passed] = np.hypot(sigma[passed], BRANCH_SIGMA_PX)
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
-        sigma[~has_ink] = HAND_SIGMA_PX
+        sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
         return Stroke(points, closed, sigma, edited=~has_ink)
+
+    def beside(
+        self, ring: NDArray, which: NDArray[np.int64], reach_px: float
+    ) -> NDArray[np.float64]:
+        """(K,) how far ink lies across from points of a ring at most, within a reach [px].
+
+        which: (K,) the numbers of those points
+        """
+        normal, places = normals(ring, True), self.bones[0]
+        farthest = np.zeros(len(which))
+        if len(which):
+            low, high = ring[which].min(axis=0) - reach_px, ring[which].max(axis=0) + reach_px
+            places = places[((places >= low) & (places <= high)).all(axis=1)]
+        for k, number in enumerate(which):
+            away = places - ring[number]
+            across = np.abs(away @ normal[number])
+            is_here = (across <= reach_px) & (np.hypot(*away.T) <= np.hypot(across, CLOSE_PX / 2))
+            farthest[k] = across[is_here].max(initial=0.0)
+        return farthest
 
     def draw(self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]) -> Stroke:
         """Measure a path that a hand drew; a free end near the end of its ink moves there.
