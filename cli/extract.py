@@ -5,14 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
-from vfplan.cli.next_commands import page_command, register_command
+from vfplan.cli.next_commands import flat_command, page_command, register_command
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     FILE,
+    given_settings,
     options_in_order,
     output_option,
     setting_options,
@@ -119,9 +121,33 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
                 message = message.removesuffix(".")
             error.message = message.replace(general, page_command(*files, **options))
         elif error.code in MENDED_ON_PAGE:
-            page = page_command(*files, **options)
-            error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"
+            message = error.message.rstrip(".").replace(" with vfplan rectify", "")
+            error.message = f"{message}. To mend it on a page: {page_command(*files, **options)}"
+            if is_photograph(error.code, *files):
+                error.message += f"; to make it flat: {flat_command(*files)}"
         raise
+
+
+def is_photograph(code: str, image: Path, *markers: Path | None) -> bool:
+    """Whether `vfplan rectify` takes an image whose markers were refused by this code."""
+    from vfplan.markers.correspondences import read_markers
+    from vfplan.planning.extraction import read_slice
+    from vfplan.planning.match import find_drawn
+    from vfplan.planning.settings import FixtureSettings
+    from vfplan.review.plan import can_be_made_flat
+
+    if code not in ("residual-large", "tre-large"):
+        return False
+    arguments = click.get_current_context().params
+    photograph = read_slice(image, settings_from_options(ExtractSettings, arguments))
+    given = given_settings(FixtureSettings, arguments)
+    of_markers = ("common", "find_markers", "max_residual_m")
+    settings = FixtureSettings(**{name: given[name] for name in of_markers if name in given})
+    pairs = read_markers(*markers, common=settings.common)
+    if settings.find_markers:
+        found = find_drawn(pairs, photograph)
+        pairs = replace(pairs, source=[marker.position_px for marker in found])
+    return can_be_made_flat(pairs, photograph, code, settings.max_residual_m)
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:

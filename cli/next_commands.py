@@ -135,6 +135,13 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
     return command_of(*words, *typed_options("review", overwrites=overwrites), "-o", output)
 
 
+def flat_command(image: Path, *markers: Path | None) -> str:
+    """The command that makes a photograph flat by its markers, with the same options."""
+    words = ["rectify", image, *(file for file in markers if file is not None)]
+    options = typed_options("rectify", overwrites=False)
+    return command_of(*words, *options, "-o", file_beside(image, "flat", ".png"))
+
+
 def typed_options(name: str, *, overwrites: bool) -> list[str]:
     """The options that were typed and that the command `name` has too, with their values.
 

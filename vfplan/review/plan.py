@@ -51,7 +51,7 @@ from vfplan.planning.settings import (
     margin_length,
     overridden,
 )
-from vfplan.registration.registration import Registration, describe_side
+from vfplan.registration.registration import Registration, describe_side, fit_registration
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -286,6 +286,17 @@ class Plan:
         return None if fixture is None else replace(fixture, findings=self.findings)
 
     @property
+    def is_to_be_flat(self) -> bool:
+        """Whether it is a photograph at an angle, which the page makes flat by its markers."""
+        fit, source = self.fit, self.source
+        if source.is_flat or fit.registration is None or fit.T_patient_image is not None:
+            return False
+        limit_m = fit.settings.max_residual_m
+        return fit.is_at_angle or can_be_made_flat(
+            fit.pairs(), source.image, self.outcome.code, limit_m
+        )
+
+    @property
     def has_other_markers(self) -> bool:
         """Whether they are not those of the bundle that was opened."""
         return self.fit.given is None or len(self.fit.given.inputs) > 0
@@ -334,7 +345,7 @@ class Plan:
     @property
     def kind(self) -> Kind | None:
         """What the robot renders; `None` of a curve that it does not render yet."""
-        return None if self.fixture.rendering is None else kind_of(self.fixture)
+        return kind_of(self.fixture)
 
     @cached_property
     def plane(self) -> Array | None:
@@ -626,6 +637,23 @@ def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> li
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
     return [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
+
+
+def can_be_made_flat(
+    pairs: Correspondences, image: PlannedImage, code: str, max_residual_m: float | None
+) -> bool:
+    """Whether `vfplan rectify` takes a picture whose markers are refused by this code."""
+    from vfplan.registration.rectify import flattening
+
+    if code not in ("residual-large", "tre-large"):
+        return False
+    try:
+        flattened = flattening(pairs, image, max_residual_m, MAX_MEGAPIXELS)
+        affine = fit_registration(pairs.source, pairs.target, sigma=pairs.sigma)
+    except VfplanError:
+        return False
+    # An error that is within its limit may be large for other reasons than an angle.
+    return code == "residual-large" or 2 * flattened.error_m <= affine.fle_rms_m
 
 
 def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:

@@ -155,6 +155,7 @@ class Session:
             state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
         return state | {
+            "at_angle": plan.is_to_be_flat,
             "findings": [finding.as_dict() for finding in plan.findings],
             "why_not": why_not, "approvable": not why_not, "digest": self.digest,
         }  # fmt: skip
