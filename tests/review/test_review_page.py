@@ -197,7 +197,7 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
     browser.until("Boolean(window.words)")
     for text, shown in (
         ("It is short. If it is meant: --stroke 2.", "It is short."),
-        ("It forks. Choose its branch: vfplan review IMAGE.", "It forks."),
+        ("It is long. If it is meant: vfplan review IMAGE.", "It is long."),
         ("Off by 2 mm, or give another --max-tre. Add one.", "Off by 2 mm. Add one."),
         ("Give --seen-from above.", "Give The slice is seen from above."),
         ("Made for others. Run vfplan campaign, --margin.",) * 2,

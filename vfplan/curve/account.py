@@ -297,11 +297,15 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
         if is_around and other.pieces is not line.pieces:
             pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
-            advice = f"If it is meant: --stroke {number}."
-            if len(other.junctions):
-                advice = "It forks. If it is meant, choose its branch: vfplan review IMAGE."
-            text = f"line {number} has {times:.1f} times the ink of the curve. {advice}"
-            doubts.append(finding_at(other.middle, "ink-outweighs", text))
+            text = (
+                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
+                f"--stroke {number}."
+            )
+            found = finding_at(other.middle, "ink-outweighs", text)
+            if len(other.junctions):  # No number takes a line that forks.
+                page = found.text.replace(f"--stroke {number}", "vfplan review IMAGE")
+                found = replace(found, text=page)
+            doubts.append(found)
     share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
