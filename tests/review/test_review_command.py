@@ -227,10 +227,6 @@ def test_a_plan_too_large_for_a_page_names_a_command_that_works(vfplan_cli, fixt
 
 def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
     path, _ = two_candidates(tmp_path / "slice.png")
-    run = vfplan_cli("plan", path, *MARKERS, "-o", tmp_path / "o.h5")
-    assert run.code == 3
-    files = " ".join(map(str, (path, *MARKERS)))
-    assert f"vfplan review {files} -o {tmp_path / 'o.h5'}" in run.stderr
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
     assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
@@ -246,6 +242,7 @@ def test_a_photograph_is_made_flat_by_the_command_that_its_refusal_names(
         file.write_text("\n".join(known.read_text().split()[: 1 + count]))
     refused = vfplan_cli("plan", photo, *files, "-o", tmp_path / "o.h5")
     assert refused.code == 1
+    assert f"vfplan review {photo} {files[0]} {files[1]} -o" in refused.stderr
     rectify = shlex.split(refused.error_line[refused.error_line.rindex("vfplan ") :])
     assert vfplan_cli(*rectify[1:]).code == 0
     planned = vfplan_cli(*following(vfplan_cli(*rectify[1:-1], tmp_path / "2.png")))

@@ -153,6 +153,7 @@ KINDS = [(slices, kind) for kind in (*slices.KINDS, *slices.TRAPS, *slices.HIDDE
 KINDS += [(as_people_draw, kind) for kind in as_people_draw.KINDS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("family", "kind"), KINDS)
 def test_a_line_has_the_findings_of_extraction_however_it_is_taken(family, kind, tmp_path):
     """Each line that extraction takes by its number: clicked, or taken as ink."""

@@ -149,13 +149,11 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
 
 
 def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
-    """The least cosine of the turns from the end of a path onto a way; -1 where that is far off."""
-    behind, ahead = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
-    gap = way[0] - path[-1]
-    if np.hypot(*gap) > reach:
+    """The cosine of the turn from the end of a path onto a way; -1 where that begins far off."""
+    if np.hypot(*(way[0] - path[-1])) > reach:
         return -1.0
-    units = [step / max(np.hypot(*step), 1e-9) for step in (behind, gap, ahead)]
-    return min(float(units[0] @ units[1]), float(units[1] @ units[2]), float(units[0] @ units[2]))
+    steps = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
+    return float(np.prod([1 / np.hypot(*step) for step in steps]) * (steps[0] @ steps[1]))
 
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
@@ -230,8 +228,10 @@ class Geometry:
         """The strokes, each with the width of its pen."""
         lines = []
         for stroke in self.strokes:
-            width = stroke.width if stroke.is_ordered else 0.0
-            if width is None and self.ink is not None:
+            width = stroke.width
+            if not stroke.is_ordered:
+                width = 0.0
+            elif width is None and self.ink is not None:
                 width = self._pen_width(stroke)
             lines.append(replace(stroke, width=width))
         return tuple(lines)
@@ -259,17 +259,11 @@ class Geometry:
     def kept(self) -> tuple[Finding, ...]:
         """The findings of extraction, less what was mended, with those of lines that were taken."""
         findings = list(self.findings)
-        for stroke in self.taken if self.ink is not None else ():
-            for number, line in enumerate(self._numbered, 1):
-                if is_whole(line, stroke):
-                    of_line = findings_of_line(self.ink, self.max_gap_px, number)
-                    findings += [finding for finding in of_line if finding not in findings]
+        for stroke in self.taken:
+            for number in numbers_of(self, stroke):
+                of_line = findings_of_line(self.ink, self.max_gap_px, number)
+                findings += [finding for finding in of_line if finding not in findings]
         return tuple(findings)
-
-    @property
-    def _numbered(self) -> list[Candidate]:
-        """The lines of the ink as extraction numbers them."""
-        return in_number_order(lines_of(self.ink, self.max_gap_px), self.ink.found)
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
@@ -278,7 +272,9 @@ class Geometry:
             return self.findings
         # Of extraction, and of a bundle, what still holds.
         told = {(finding.code, finding.text): finding for finding in self.kept}
-        made = [] if self.ink is None else self._of_ink()
+        made, made_anew = [], MADE_ANEW - OF_INK
+        if self.ink is not None:
+            made, made_anew = self._of_ink(), MADE_ANEW
         made += account.fold_findings(self.lines)
         for stroke in self.lines:
             made += account.stretch_findings(stroke)
@@ -294,7 +290,6 @@ class Geometry:
                 place_px = tuple(first.tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
         made = [told.get((finding.code, finding.text), finding) for finding in made]
-        made_anew = MADE_ANEW if self.ink is not None else MADE_ANEW - OF_INK
         is_left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
         findings = (*is_left, *(finding for finding in made if finding not in is_left))
         return tuple(self.as_settled(finding) for finding in findings)
@@ -302,9 +297,9 @@ class Geometry:
     def as_settled(self, finding: Finding) -> Finding:
         """The finding, as a note if it asks about ink that a person left out."""
         asks_about_ink = finding.code in ("ink-at-end", "ink-joins", "ink-touches")
-        if not (finding.is_open and asks_about_ink and finding.place_px):
+        if not (self.excluded_ink and finding.is_open and asks_about_ink and finding.place_px):
             return finding
-        for piece in self.leftover if self.excluded_ink else ():
+        for piece in self.leftover:
             # The pen's width in a bundle differs a little, and so do the edges of its pieces.
             places = np.array([piece.middle, piece.nearest])
             is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
@@ -383,15 +378,14 @@ class Geometry:
             one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
             for one, other in ((before, stroke), (stroke, before))
         ]
-        findings = unmended(self.kept, np.vstack(changed))
+        findings = unmended(self.kept, changed)
         return replace(self, strokes=tuple(strokes), findings=findings, taken=())
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
         taken = tuple(stroke for stroke in strokes if stroke not in self.strokes)
         gone = [stroke for stroke in self.strokes if stroke not in strokes]
-        changed = [stroke.points for stroke in (*taken, *gone)]
-        findings = unmended(self.kept, np.vstack(changed)) if changed else self.kept
+        findings = unmended(self.kept, [stroke.points for stroke in (*taken, *gone)])
         return replace(self, strokes=strokes, findings=findings, taken=taken, refusal=None)
 
 
@@ -416,8 +410,10 @@ def geometry_of_extraction(
 
 
 @lru_cache(maxsize=8)
-def lines_of(ink: SliceInk, max_gap_px: float) -> list[Candidate]:
-    """The lines of the ink as extraction finds them; none among too many pieces."""
+def lines_of(ink: SliceInk | None, max_gap_px: float) -> list[Candidate]:
+    """The lines of the ink as extraction finds them; none without ink or among too many pieces."""
+    if ink is None:
+        return []
     try:
         pieces = find_pieces(ink.found, find_groups(ink.found))
     except CurveError:
@@ -435,6 +431,15 @@ def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> tuple[Fin
         if error.code != "runs-side-by-side":
             return ()
         return (two_runs_finding((error.numbers["u_px"], error.numbers["v_px"])),)
+
+
+def numbers_of(geometry: Geometry, stroke: Stroke) -> list[int]:
+    """The number of the line of extraction that a stroke is, if it is one."""
+    ink, lines = geometry.ink, lines_of(geometry.ink, geometry.max_gap_px)
+    if not lines:
+        return []
+    numbered = enumerate(in_number_order(lines, ink.found), 1)
+    return [number for number, line in numbered if is_whole(line, stroke)]
 
 
 def is_whole(line: Candidate, stroke: Stroke) -> bool:
@@ -511,14 +516,13 @@ def with_chosen(
         # A dotted line is measured already.
         settled = geometry.with_strokes((MendedStroke.of(route),))
         return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
-    for of_line, line in enumerate(geometry._numbered, 1):
-        if is_whole(line, route):
-            try:
-                return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)
-            except CurveError as error:
-                branches = branches_through(geometry, route)
-                if branches:
-                    return replace(geometry, refusal=refusal_of(error), candidates=branches)
+    for of_line in numbers_of(geometry, route):
+        try:
+            return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)
+        except CurveError as error:
+            branches = branches_through(geometry, route)
+            if branches:
+                return replace(geometry, refusal=refusal_of(error), candidates=branches)
     return geometry.with_strokes((MendedStroke.of(geometry.ink.trace(route.points, route.closed)),))
 
 
@@ -558,7 +562,7 @@ def refusal_of(error: CurveError) -> dict[str, Any]:
     sentences = re.split(r"(?<=\.) ", error.message)
     kept = [words for words in sentences if not re.search("vfplan review|--[a-z]", words)]
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place = tuple(map(float, places)) if len(places) == 2 else None
+    place = tuple(map(float, places)) or None
     text = " ".join(kept) or error.message
     return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
             "other_pen": other_pen}  # fmt: skip
@@ -571,24 +575,26 @@ def candidates_of(
 
     Behind them, lines joined over longer pen lifts, and a dotted line.
     """
-    named = [np.asarray(path, float) for path in error.candidates]
-    routes = []
-    for path in named:
-        is_ring = len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0
-        routes.append(route_along(path, bool(is_ring)))
-    if not named:
+    routes = [
+        route_along(line.path, line.closed)
+        for line in lines_of(ink, settings.max_gap_px)
+        if any(np.array_equal(line.path, path) for path in error.candidates)
+    ]
+    is_named = len(routes) > 0
+    if not is_named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
                 routes += routes_over(entry)[0]
         routes.sort(key=lambda route: -route.length)
     for line in lines_of(ink, JOINED_GAPS * settings.max_gap_px):
-        is_new = not any(np.array_equal(line.path, path) for path in named)
+        is_new = not any(np.array_equal(line.path, route.points) for route in routes)
         if is_new and line.bridged.any():
             routes.append(route_along(line.path, line.closed))
     with suppress(CurveError):  # Too many pieces.
         dotted = dotted_line(ink.found, find_groups(ink.found))
-        routes += [] if dotted is None else [dotted]
-    if named:
+        if dotted is not None:
+            routes.append(dotted)
+    if is_named:
         return tuple(routes)
     u, v, width, height = settings.roi or (0, 0, np.inf, np.inf)
 
@@ -599,14 +605,15 @@ def candidates_of(
     return tuple(filter(is_offered, routes))[:MAX_ROUTES]
 
 
-def unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
-    """The findings without those whose place lies on what was changed."""
-    if not len(changed):
+def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Finding, ...]:
+    """The findings without those whose place lies on lines that were changed."""
+    if not any(map(len, changed)):
         return findings
+    points = np.vstack(changed)
 
     def is_away(finding: Finding) -> bool:
         place = finding.place_px
-        return place is None or nearest_point(changed, place)[1] > JOIN_PX
+        return place is None or nearest_point(points, place)[1] > JOIN_PX
 
     return tuple(filter(is_away, findings))
 

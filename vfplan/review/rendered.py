@@ -166,7 +166,7 @@ def registration_again(fixture: Fixture) -> Registration | None:
     try:
         again = fit_registration(
             record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m,
-            sigma=None if sigma is None else np.array(sigma)[used].squeeze(),
+            sigma=sigma and np.array(sigma)[used].squeeze(),
         )  # fmt: skip
     except VfplanError:
         return None

@@ -224,7 +224,7 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
-    needed = 3 if closed else 2
+    needed = 2 + closed
     if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
         clicks.pop()
     if len(clicks) < needed:
@@ -506,7 +506,9 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
-    by = None if step.get("by") is None else visible_name(label_of(step, "by"))
+    by = step.get("by")
+    if by is not None:
+        by = visible_name(label_of(step, "by"))
     utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
