@@ -234,8 +234,9 @@ def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
 
 @pytest.mark.parametrize("count", [5, 9])
 def test_a_photograph_is_made_flat_by_the_command_that_its_refusal_names(
-    count, vfplan_cli, tmp_path
+    count, vfplan_cli, tmp_path, monkeypatch
 ):
+    monkeypatch.chdir(tmp_path)
     photo, places, _ = photographed(tmp_path)
     files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
     for file, known in zip(files, (places, MARKERS[1]), strict=True):

@@ -178,17 +178,8 @@ def test_every_click_on_ink_takes_the_line_there_or_says_why_not(browser, opened
 
 
 def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
-    """Five markers of a photograph, and a line that was drawn twice in part."""
-    photo, places, _ = photographed(tmp_path)
-    files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
-    for file, known in zip(files, (places, MARKERS[1]), strict=True):
-        file.write_text("\n".join(known.read_text().split()[:6]))
-    program, hand = opened(photo, *files)
-    assert "--" not in browser.run("document.getElementById('refusal-text').textContent")
-    hand.press("Make the picture flat")
-    browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
-    program.process.kill()
-    _, hand = opened(half_double(tmp_path / "twice.png")[0])
+    """A line that was drawn twice in part, and five markers of a photograph."""
+    program, hand = opened(half_double(tmp_path / "twice.png")[0])
     words = browser.run("document.getElementById('refusal-text').textContent")
     assert "two runs" in words
     assert "accept" not in words
@@ -203,6 +194,15 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
         ("Made for others. Run vfplan campaign, --margin.",) * 2,
     ):
         assert browser.run(f"window.words({json.dumps(text)})") == shown
+    program.process.kill()
+    photo, places, _ = photographed(tmp_path)
+    files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
+    for file, known in zip(files, (places, MARKERS[1]), strict=True):
+        file.write_text("\n".join(known.read_text().split()[:6]))
+    _, hand = opened(photo, *files)
+    assert "--" not in browser.run("document.getElementById('refusal-text').textContent")
+    hand.press("Make the picture flat")
+    browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
 
 
 @pytest.mark.slow

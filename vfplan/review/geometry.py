@@ -82,10 +82,8 @@ def route_along(pixels: NDArray, closed: bool) -> Stroke:
     return Stroke(pixels, closed, known_length=drawn_length(pixels, closed))
 
 
-def routes_through(
-    mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)
-) -> tuple[list[Stroke], list[tuple[float, float]]]:
-    """The routes through one connected piece of ink, the longest first, and where it forks.
+def routes_through(mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)) -> list[Stroke]:
+    """The routes through one connected piece of ink, the longest first.
 
     A line has one route, from end to end, or around. A forked line has one for each pair of its
     free ends, and one around its largest hole, as its ends may overlap or cross. `corner` is where
@@ -97,7 +95,6 @@ def routes_through(
     pixels, edges = skeleton_graph(_core.thinned(np.pad(mask, 2)).astype(bool))
     pixels = pixels + np.array(corner) - 2.0
     degree = np.bincount(edges.ravel(), minlength=len(pixels))
-    forks = [tuple(place) for place in pixels[degree > 2].tolist()]
     routes = around_hole(mask, corner)
     ends = np.flatnonzero(degree == 1)
     if len(ends) > 1:
@@ -117,7 +114,7 @@ def routes_through(
             if np.isfinite(distance[i, stop])
         ]
     routes.sort(key=lambda route: -route.length)
-    return routes[:MAX_ROUTES], forks
+    return routes[:MAX_ROUTES]
 
 
 def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
@@ -483,7 +480,7 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
             route_along(line.path, line.closed) for line in lines if not len(line.junctions)
         ]
         for entry in entries:
-            candidates += routes_over(entry)[0]
+            candidates += routes_over(entry)
     if min(distances(), default=np.inf) > JOIN_PX:
         candidates += [route for entry in entries if (route := straight_on(entry, place))]
     nearest = min(distances(), default=np.inf)
@@ -517,33 +514,19 @@ def with_chosen(
         settled = geometry.with_strokes((MendedStroke.of(route),))
         return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
     for of_line in numbers_of(geometry, route):
-        try:
+        with suppress(CurveError):
             return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)
-        except CurveError as error:
-            branches = branches_through(geometry, route)
-            if branches:
-                return replace(geometry, refusal=refusal_of(error), candidates=branches)
     return geometry.with_strokes((MendedStroke.of(geometry.ink.trace(route.points, route.closed)),))
 
 
-def branches_through(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
-    """The routes through the forked ink of a candidate; none if the candidate is one of them."""
-    for entry in ink_at(geometry.ink, route.points[len(route.points) // 2]):
-        routes, forks = routes_over(entry)
-        is_one = any(np.array_equal(other.points, route.points) for other in routes)
-        if forks and len(routes) > 1 and not is_one:
-            return tuple(routes)
-    return ()
-
-
-def routes_over(entry: AccountEntry) -> tuple[list[Stroke], list[tuple[float, float]]]:
-    """The routes through a piece of ink, and where it forks."""
+def routes_over(entry: AccountEntry) -> list[Stroke]:
+    """The routes through a piece of ink, the longest first."""
     return routes_through(entry.piece.mask, entry.box[:2])
 
 
 def route_over(entry: AccountEntry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
-    routes, _ = routes_over(entry)
+    routes = routes_over(entry)
     if not routes or routes[0].length < tuned.MIN_PROFILES:
         text = f"Ink {entry.number} is no line. Draw the curve by clicks instead."
         raise SettingError(text, code="ink-no-line")
@@ -560,7 +543,9 @@ def refusal_of(error: CurveError) -> dict[str, Any]:
     """
     other_pen = error.numbers.get("other_colour", "")
     sentences = re.split(r"(?<=\.) ", error.message)
-    kept = [words for words in sentences if not re.search("vfplan review|--[a-z]", words)]
+    # A sentence that says what a region or an end does is no advice.
+    advice = re.compile("vfplan review|--(?!roi and|start|end)")
+    kept = [words for words in sentences if not advice.search(words)]
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
     place = tuple(map(float, places)) or None
     text = " ".join(kept) or error.message
@@ -573,18 +558,22 @@ def candidates_of(
 ) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink.
 
+    Of a candidate that forks every branch is one.
     Behind them, lines joined over longer pen lifts, and a dotted line.
     """
-    routes = [
-        route_along(line.path, line.closed)
-        for line in lines_of(ink, settings.max_gap_px)
-        if any(np.array_equal(line.path, path) for path in error.candidates)
-    ]
+    routes = []
+    for line in lines_of(ink, settings.max_gap_px):
+        if any(np.array_equal(line.path, path) for path in error.candidates):
+            if len(line.junctions):
+                for entry in ink_at(ink, line.middle):
+                    routes += routes_over(entry)
+            else:
+                routes.append(route_along(line.path, line.closed))
     is_named = len(routes) > 0
     if not is_named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
-                routes += routes_over(entry)[0]
+                routes += routes_over(entry)
         routes.sort(key=lambda route: -route.length)
     for line in lines_of(ink, JOINED_GAPS * settings.max_gap_px):
         is_new = not any(np.array_equal(line.path, route.points) for route in routes)
@@ -596,13 +585,7 @@ def candidates_of(
             routes.append(dotted)
     if is_named:
         return tuple(routes)
-    u, v, width, height = settings.roi or (0, 0, np.inf, np.inf)
-
-    def is_offered(route: Stroke) -> bool:
-        inside = (route.points >= (u, v)) & (route.points < (u + width, v + height))
-        return route.length >= MIN_LINE_PX and bool(inside.all())
-
-    return tuple(filter(is_offered, routes))[:MAX_ROUTES]
+    return tuple(route for route in routes if route.length >= MIN_LINE_PX)[:MAX_ROUTES]
 
 
 def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Finding, ...]:
