@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from vfplan.cli.next_commands import flat_command, page_command, register_comman
 from vfplan.cli.options import (
     EXTRACT_OPTIONS,
     FILE,
+    given_of_plan,
     given_settings,
     options_in_order,
     output_option,
@@ -123,31 +123,19 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
         elif error.code in MENDED_ON_PAGE:
             message = error.message.rstrip(".").replace(" with vfplan rectify", "")
             error.message = f"{message}. To mend it on a page: {page_command(*files, **options)}"
-            if is_photograph(error.code, *files):
+            if error.code in ("residual-large", "tre-large") and is_photograph(*files):
                 error.message += f"; to make it flat: {flat_command(*files)}"
         raise
 
 
-def is_photograph(code: str, image: Path, *markers: Path | None) -> bool:
-    """Whether `vfplan rectify` takes an image whose markers were refused by this code."""
-    from vfplan.markers.correspondences import read_markers
-    from vfplan.planning.extraction import read_slice
-    from vfplan.planning.match import find_drawn
-    from vfplan.planning.settings import FixtureSettings
-    from vfplan.review.plan import can_be_made_flat
+def is_photograph(*files: Path | None) -> bool:
+    """Whether a slice that was refused for its markers is a photograph that can be made flat."""
+    from vfplan.review.session import Session
 
-    if code not in ("residual-large", "tre-large"):
-        return False
     arguments = click.get_current_context().params
-    photograph = read_slice(image, settings_from_options(ExtractSettings, arguments))
-    given = given_settings(FixtureSettings, arguments)
-    of_markers = ("common", "find_markers", "max_residual_m")
-    settings = FixtureSettings(**{name: given[name] for name in of_markers if name in given})
-    pairs = read_markers(*markers, common=settings.common)
-    if settings.find_markers:
-        found = find_drawn(pairs, photograph)
-        pairs = replace(pairs, source=[marker.position_px for marker in found])
-    return can_be_made_flat(pairs, photograph, code, settings.max_residual_m)
+    given = given_settings(ExtractSettings, arguments) | given_of_plan(arguments)
+    session = Session.open(*files, curve=arguments["curve"], **given)
+    return session.current.is_to_be_flat
 
 
 def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> None:

@@ -51,7 +51,7 @@ from vfplan.planning.settings import (
     margin_length,
     overridden,
 )
-from vfplan.registration.registration import Registration, describe_side, fit_registration
+from vfplan.registration.registration import Registration, describe_side
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -287,14 +287,22 @@ class Plan:
 
     @property
     def is_to_be_flat(self) -> bool:
-        """Whether it is a photograph at an angle, which the page makes flat by its markers."""
-        fit, source = self.fit, self.source
-        if source.is_flat or fit.registration is None or fit.T_patient_image is not None:
+        """Whether it is a photograph at an angle, which `vfplan rectify` makes flat."""
+        from vfplan.registration.rectify import flattening
+
+        fit, source, registration = self.fit, self.source, self.fit.registration
+        if source.is_flat or registration is None or fit.T_patient_image is not None:
             return False
-        code, limit_m = self.outcome.code, fit.settings.max_residual_m
-        if limit_m is not None and not fit.registration.fre_rms_m <= limit_m:
-            code = "residual-large"  # Also while there is no curve.
-        return fit.is_at_angle or can_be_made_flat(fit.pairs(), source.image, code, limit_m)
+        limit_m = fit.settings.max_residual_m
+        is_off = limit_m is not None and not registration.fre_rms_m <= limit_m
+        if fit.is_at_angle or not (is_off or self.outcome.code == "tre-large"):
+            return fit.is_at_angle
+        try:
+            flattened = flattening(fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
+        except VfplanError:
+            return False
+        # A bound may be large for other reasons than an angle.
+        return is_off or 2 * flattened.error_m <= registration.fle_rms_m
 
     @property
     def has_other_markers(self) -> bool:
@@ -636,23 +644,6 @@ def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> li
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
     return [name for name in given if getattr(wanted, name) != getattr(recipe, name, MISFIT)]
-
-
-def can_be_made_flat(
-    pairs: Correspondences, image: PlannedImage, code: str, max_residual_m: float | None
-) -> bool:
-    """Whether `vfplan rectify` takes a picture whose markers are refused by this code."""
-    from vfplan.registration.rectify import flattening
-
-    if code not in ("residual-large", "tre-large"):
-        return False
-    try:
-        flattened = flattening(pairs, image, max_residual_m, MAX_MEGAPIXELS)
-        affine = fit_registration(pairs.source, pairs.target, sigma=pairs.sigma)
-    except VfplanError:
-        return False
-    # An error that is within its limit may be large for other reasons than an angle.
-    return code == "residual-large" or 2 * flattened.error_m <= affine.fle_rms_m
 
 
 def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
