@@ -130,7 +130,8 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
     branches = [pixels for pixels in branches if len(pixels) > reach]
     if not branches:
         return None
-    path = branches.pop(min(enumerate(branches), key=lambda b: nearest_point(b[1], place)[1])[0])
+    away = [nearest_point(pixels, place)[1] for pixels in branches]
+    path = branches.pop(int(np.argmin(away)))
     for _ in range(2):
         path = path[::-1]
         while branches:
