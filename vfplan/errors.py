@@ -92,12 +92,14 @@ class CurveError(InputError):
     """No planned curve in the image, or one that would have to be guessed.
 
     `candidates` are the lines there were to choose from, (n, 2) [px] each, and `lines` all lines in
-    the order of their numbers.
+    the order of their numbers. `forked` are the numbers of those that fork, so that no number takes
+    them.
     """
 
     code = "curve"
     candidates: tuple[Any, ...] = ()
     lines: tuple[Any, ...] = ()
+    forked: tuple[int, ...] = ()
 
 
 class MarkerError(InputError):

@@ -25,7 +25,7 @@ def drawn(monkeypatch, tmp_path):
     def draw(image, **given):
         if "lines" in given:
             error = CurveError("several", code="several-candidates")
-            error.lines = given["lines"]
+            error.lines, error.forked = given["lines"], given.get("forked", ())
             error.numbers.update(given.get("place", {}))
             picture.draw_refusal(image, error, tmp_path / "p.png")
         else:
@@ -63,7 +63,9 @@ def test_sides_are_the_patients(drawn):
 
 def test_candidates_have_the_numbers_that_stroke_takes(drawn):
     lines = tuple(np.add(WAY, [0, 30 * k]) for k in range(7))
-    axes = drawn(sagittal(), lines=lines)
+    axes = drawn(sagittal(), lines=lines, forked=(2,))
+    legend = [text.get_text() for text in axes.figure.legends[0].get_texts()]
+    assert legend[:3] == ["--stroke 1", "2: vfplan review", "--stroke 3"]
     numbers = {t.get_text(): t.xy for t in axes.texts if t.get_text().isdigit()}
     assert {k: tuple(v) for k, v in numbers.items()} == {
         str(k + 1): tuple(line[0]) for k, line in enumerate(lines)}  # fmt: skip

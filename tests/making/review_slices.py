@@ -64,6 +64,30 @@ def half_double(path):
     return _write(path, _drawn(truth, truth[200:420] + np.array([0.0, 3.0]))), truth
 
 
+def smooth(path):
+    """A line that a stylus pressed harder in its middle: it grows wide and thin again smoothly."""
+    truth, canvas = wave(), Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+    for k in range(0, len(truth) - 8, 4):
+        width = 3.0 + 2.5 * np.exp(-(((k / len(truth) - 0.5) / 0.12) ** 2))
+        canvas.line(truth[k : k + 9], width, RED)
+    return _write(path, canvas.image(None)), truth
+
+
+def loops(path):
+    """A line that crosses itself twice; no way around a hole passes its other loop."""
+    t = np.linspace(-3.5, 9.78, 800)
+    u, v = 190 + 22 * (t - np.pi) - 50 * np.sin(t), 150 - 60 * np.cos(t)
+    truth = np.column_stack([u, v - 0.1 * (u - 190)])
+    return _write(path, _drawn(truth)), truth
+
+
+def crumb(path):
+    """A line, and a short one of the same pen that is meant."""
+    t = np.linspace(0.3, 2.8, 400)
+    truth = np.column_stack([200 - 22 * np.cos(t), 290 - 22 * np.sin(t)])
+    return _write(path, _drawn(wave(), truth)), truth
+
+
 def blue(path):
     """One line, drawn in blue."""
     picture = np.full((200, 300, 3), 90, np.uint8)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import time
@@ -18,8 +19,11 @@ from review_slices import (
     SLICE,
     blue,
     fork,
+    half_double,
     hidden_end,
+    loops,
     miss,
+    photographed,
     shifted,
     two_candidates,
 )
@@ -158,6 +162,47 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
         if strokes == 1:
             hand.until_steps(2)
             assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.5
+
+
+def test_every_click_on_ink_takes_the_line_there_or_says_why_not(browser, opened, tmp_path):
+    path, truth = loops(tmp_path / "slice.png")
+    _, hand = opened(path)
+    browser.key("f")
+    hand.click((10, 300))
+    browser.until("document.getElementById('toast').textContent.startsWith('No line of the pen')")
+    ways = [way["points_px"] for way in hand.state("review.state.candidates")]
+    away = [min(np.hypot(*np.subtract(way, place).T).min() for way in ways) for place in truth]
+    hand.click(truth[np.argmax(away)])
+    browser.until("review.state.curve_px.length === 1")
+    assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.3
+
+
+def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
+    """A line that was drawn twice in part, and five markers of a photograph."""
+    program, hand = opened(half_double(tmp_path / "twice.png")[0])
+    words = browser.run("document.getElementById('refusal-text').textContent")
+    assert "two runs" in words
+    assert "accept" not in words
+    # The same of any text: an option is named by its control, and left out where there is none.
+    browser.run("import('./dom.js').then((dom) => { window.words = dom.inPageWords; })")
+    browser.until("Boolean(window.words)")
+    for text, shown in (
+        ("It is short. If it is meant: --stroke 2.", "It is short."),
+        ("It is long. If it is meant: vfplan review IMAGE.", "It is long."),
+        ("Off by 2 mm, or give another --max-tre. Add one.", "Off by 2 mm. Add one."),
+        ("Give --seen-from above.", "Give The slice is seen from above."),
+        ("Made for others. Run vfplan campaign, --margin.",) * 2,
+    ):
+        assert browser.run(f"window.words({json.dumps(text)})") == shown
+    program.process.kill()
+    photo, places, _ = photographed(tmp_path)
+    files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
+    for file, known in zip(files, (places, MARKERS[1]), strict=True):
+        file.write_text("\n".join(known.read_text().split()[:6]))
+    _, hand = opened(photo, *files)
+    assert "--" not in browser.run("document.getElementById('refusal-text').textContent")
+    hand.press("Make the picture flat")
+    browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
 
 
 @pytest.mark.slow

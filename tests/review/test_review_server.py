@@ -24,7 +24,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import vfplan
-from vfplan.errors import InputError, OutputError
+from vfplan.errors import InputError
 from vfplan.io import writing
 from vfplan.review.server import MAX_MESSAGE_BYTES, Draft, ReviewServer
 from vfplan.review.session import Session
@@ -169,11 +169,6 @@ def test_a_step_that_cannot_be_kept_is_not_taken(served, draft):
         client.send(**REVERSE)
         assert client.heard("error")["error"]["code"] == "output-is-folder"
     assert served.session.steps == ()
-
-
-def test_a_port_that_is_taken_is_an_error(begun, draft, served):
-    with refuses(OutputError, "port-taken"):
-        ReviewServer(begun, draft, port=served.port)
 
 
 STALE = [{"version": -1}, {"version": None}, {"digest": "0" * 64}, {"digest": None}]

@@ -121,22 +121,75 @@ def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
     misses = []
     for way in state["candidates"]:
         chosen = session.apply({"do": "choose", "candidate": way["number"]})
-        for inner in chosen.state()["candidates"] if not chosen.state()["curve_px"] else []:
-            deeper = chosen.apply({"do": "choose", "candidate": inner["number"]})
-            misses.append(miss(curve_of(deeper), truth))
-        if chosen.state()["curve_px"]:
-            curve = curve_of(chosen)
-            misses.append(miss(curve, truth) if len(curve) > 0.8 * np.ptp(truth[:, 0]) else 1e9)
-            looked_at(chosen).approve("A. Planner")
+        curve = curve_of(chosen)
+        misses.append(miss(curve, truth) if len(curve) > 0.8 * np.ptp(truth[:, 0]) else 1e9)
+        looked_at(chosen).approve("A. Planner")
     assert min(misses) < 0.3
 
 
-def test_a_chosen_line_that_was_refused_as_two_runs_asks_whether_both_are_meant(tmp_path):
-    session, _ = opened(half_double, tmp_path)
-    assert session.state()["refusal"]["code"] == "runs-side-by-side"
-    chosen = session.apply({"do": "choose", "candidate": 1})
-    assert [finding["code"] for finding in chosen.state()["findings"]] == ["width-changes"]
-    assert chosen.why_not()
+@pytest.mark.parametrize("kind", [half_double, review_slices.smooth])
+def test_a_line_that_was_refused_as_two_runs_is_asked_about_however_it_is_taken(kind, tmp_path):
+    session, truth = opened(kind, tmp_path)
+    if session.state()["refusal"] is not None:
+        assert session.state()["refusal"]["code"] == "runs-side-by-side"
+        assert "--" not in session.state()["refusal"]["text"]
+        session = session.apply({"do": "choose", "candidate": 1})
+    whole = [*truth[::60].tolist(), truth[-1].tolist()]
+    drawn = session.apply({"do": "draw", "points": whole, "replace": True})
+    for taken in (session, drawn):
+        assert "width-changes" in [finding.code for finding in taken.current.findings]
+        assert taken.why_not()
+
+
+def findings_of(session):
+    return {(found.code, found.text, found.severity) for found in session.current.findings}
+
+
+KINDS = [(slices, kind) for kind in (*slices.KINDS, *slices.TRAPS, *slices.HIDDEN)]
+KINDS += [(as_people_draw, kind) for kind in as_people_draw.KINDS]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("family", "kind"), KINDS)
+def test_a_line_that_is_clicked_has_the_findings_of_extraction(family, kind, tmp_path):
+    """Each line that extraction takes by its number, once it is clicked."""
+    path = tmp_path / "slice.png"
+    cv2.imwrite(str(path), family.draw(kind, 0).image[..., ::-1])
+    session = Session.open(path)
+    for number in (None, 1, 2, 3):
+        wanted = Session.open(path, stroke=number)
+        for stroke in wanted.current.geometry.strokes:
+            # A place on the ink, as a line that runs into letters is measured beside it.
+            middle = stroke.points[len(stroke.points) // 3 : -len(stroke.points) // 3]
+            away = cKDTree(session.current.geometry.ink.bones[0]).query(middle)[0]
+            taken = session.apply({"do": "choose", "at": middle[away.argmin()].tolist()})
+            is_same = np.array_equal(curve_of(taken), curve_of(wanted))
+            assert findings_of(taken) == findings_of(wanted) if is_same else number is not None
+
+
+def test_a_short_line_beside_a_long_one_is_asked_about_however_it_is_taken(tmp_path):
+    session, truth = opened(review_slices.crumb, tmp_path)
+    meant, asked = Session.open(tmp_path / "slice.png", stroke=2), {"curve-short", "ink-outweighs"}
+    taken = session.apply({"do": "take", "ink": 1})
+    assert findings_of(taken) == findings_of(meant)
+    drawn = session.apply({"do": "draw", "points": truth[::57].tolist(), "replace": True})
+    both = session.apply({"do": "take", "ink": 1, "as": "part"})
+    # A line that is drawn on and on is not short for ever.
+    longer = drawn.apply({"do": "draw", "points": [truth[0].tolist(), [170, 250], [90, 250]]})
+    for one, wanted in ((meant, asked), (drawn, asked), (both, set()), (longer, {"ink-outweighs"})):
+        assert {code for code, *_ in findings_of(one)} & asked == wanted
+
+
+def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
+    session, truth = opened(review_slices.loops, tmp_path)
+    ways = [way.points for way in session.current.geometry.candidates]
+    away = np.min([cKDTree(points).query(truth)[0] for points in ways], axis=0)
+    at = truth[away.argmax()].tolist()
+    taken = session.apply({"do": "choose", "at": at})
+    assert miss(curve_of(taken), truth) < 0.3
+    assert "curve-crosses" in str(findings_of(taken))
+    with refuses(SettingError, "no-line-there"):
+        session.apply({"do": "choose", "at": [10, 300]})
 
 
 @pytest.mark.parametrize("kind", [two_candidates, fork, double])
@@ -442,6 +495,8 @@ BAD_FIELDS = {
     "draw": [
         {"points": []}, {"points": [[1, 1]]}, {"points": [[1, 1], [1, 1]]},
         {"points": [[1, 1]] * 501}, {"points": [[1, 1], [9, 9]], "closed": "no"},
+        {"points": [[1, 1], [9, 9]], "add": "no"},
+        {"points": [[1, 1], [9, 9]], "add": True, "replace": True},
     ],
     "cut": [{"stroke": 0}, {"stroke": 0, "start": [789, 673], "end": [249, 229]}],
     "exclude": [{"box": [1, 1, 0, 0]}, {"box": [5000, 1, 9, 9]}],
@@ -467,6 +522,8 @@ def test_a_step_that_does_not_fit_is_refused_and_changes_nothing(sample, step):
     with pytest.raises(SettingError) as refused:
         sample.apply(step)
     assert refused.value.code not in ("setting", "error")
+    wrong = [name for name in ("closed", "add") if isinstance(step, dict) and name in step]
+    assert not wrong or wrong[0] in refused.value.message
     assert json.dumps(sample.quick_state()) == before
 
 

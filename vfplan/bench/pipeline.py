@@ -12,15 +12,15 @@ register
 sample
     Spacing against the error of the fixture's surface and against the cost of a tick. The surface
     that a cloud renders is where the nearest point is R away; the surface that was planned is where
-    the curve is R away. The error is the gap between the two at places of the planned surface (0
-    where a point stands abreast, the dimple's depth between two). The time is that of a tick of the
-    robust engine on this cloud, along the curve.
+    the curve is R away. The error is the gap between the two at places of the planned surface: 0
+    beside a point, and the depth of the dimple between two points. The time is that of a tick of
+    the robust engine on this cloud, along the curve.
 plan
     The whole pipeline on the shipped elbow. The error is how far the surface that the fixture's
-    cloud renders lies from the one that the drawn curve has on the robot's table, both ways, at
-    places of the true surface. With the shipped markers (touched with 0.2 mm noise) it holds the
-    registration's error too; with exact markers it shows what extraction and sampling alone
-    contribute.
+    cloud renders lies from the true one, on either side of it, at places of the true surface. The
+    true surface is that of the drawn curve on the robot's table. With the shipped markers, which
+    were touched with 0.2 mm noise, the registration's error counts too; with exact markers only
+    extraction and sampling contribute.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def extract_points(picture: Any, method: str) -> Array:
 
 
 def thin_hue_mask(picture: Any) -> Array:
-    """A gate on hue and saturation, then thinning: the first recipe that a search finds."""
+    """The baseline: the pixels of a reddish hue, thinned; the recipe that a search finds first."""
     import cv2
     from skimage.morphology import skeletonize
 

@@ -49,9 +49,9 @@ NEWTON_M = 5e-3
 # Length of the line of the normal [m].
 NORMAL_M = 10e-3
 
-# How far beside the picture a line is still carried, in halves of the picture: further out the
-# distortion of the lens says nothing.
-BESIDE = 1.3
+# Distance of a place from the middle of the picture up to which a line is drawn, in halves of the
+# picture's width and height. The model of the lens holds no further out.
+MAX_FROM_MIDDLE = 1.3
 
 
 def frames_of(source: Path, size: tuple[int, int]) -> Iterator[tuple[float, float, Picture]]:
@@ -107,13 +107,13 @@ class Overlay:
     measured_mm: float | None = None
     tick_at: Callable[[float], tuple[Any, str]] = lambda time_s: (None, "")
     finder: Any = field(default_factory=make_finder)
-    # What is said of the error of the plan's registration; empty where nothing is known of it.
+    # How far the plan may lie from its place, in words; empty where its registration is not known.
     plan_bound: str = field(default="", init=False)
     # How many frames showed a tool.
     tools_shown: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        """Find once what every frame shows: colour, width [px] and line, from below to above."""
+        """Find once what every frame shows: colour, width [px] and line, the lowest first."""
         lines, fixture = self.plan.lines(), self.plan.fixture
         whole = np.vstack(lines or [self.plan.place(fixture.points)])
         self.places = whole[:: -(-len(whole) // BOUND_PLACES)]
@@ -128,14 +128,15 @@ class Overlay:
             return
         bound = bound95_m(registration, strokes, None)
         self.plan_bound = f", the plan within {MM * bound.max():.2f} mm"
-        halves = np.split(bound, np.cumsum([len(stroke.points) for stroke in strokes])[:-1])
-        for line, stroke, half in zip(lines, strokes, halves, strict=False):
-            beside = ring_of(half[:, None], stroke.closed) * normals(line[:, :2], False)
-            beside = np.pad(beside, ((0, 0), (0, 1)))
-            self.drawn += [(paper.BAND_COLOUR, 1, line + side * beside) for side in (-1, 1)]
+        bounds = np.split(bound, np.cumsum([len(stroke.points) for stroke in strokes])[:-1])
+        for line, stroke, bound_of_points in zip(lines, strokes, bounds, strict=False):
+            # From each point of the line to the border of its band.
+            widths = ring_of(bound_of_points[:, None], stroke.closed)
+            across = np.pad(widths * normals(line[:, :2], False), ((0, 0), (0, 1)))
+            self.drawn += [(paper.BAND_COLOUR, 1, line + side * across) for side in (-1, 1)]
 
     def see(self, frame: Picture) -> tuple[dict[str, Any], Pose | None]:
-        """What is known of a frame, with the reason where no wall may show, and the pose."""
+        """The report of a frame, with the reason where no wall may be drawn, and the pose."""
         names = ("refused", "reprojection_px", "bound_mm", "pose_T_camera_sheet")
         report, pose = dict.fromkeys(names), None
         try:
@@ -153,7 +154,7 @@ class Overlay:
                 "reprojection_px": float(np.sqrt(np.mean(pose.residuals**2))),
                 "bound_mm": bound_mm, "pose_T_camera_sheet": pose.T_camera_sheet.tolist(),
             }  # fmt: skip
-            # A bound that is no number refuses the frame too.
+            # Written so that a bound of NaN refuses the frame too.
             if not bound_mm <= self.limit_mm:
                 text = (
                     f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer"
@@ -167,7 +168,7 @@ class Overlay:
         return report, pose
 
     def show(self, frame: Picture, time_s: float) -> dict[str, Any]:
-        """Draw on a frame in its time; returns what is known of it."""
+        """Draw the plan on a frame that was taken at this time; returns the frame's report."""
         report, pose = self.see(frame)
         words, colour = f"No wall: {report.get('reason')}", paper.WALL_COLOUR
         if report["refused"] is None:
@@ -187,7 +188,7 @@ class Overlay:
         return report
 
     def draw(self, frame: Picture, pose: Pose, bound_m: float) -> None:
-        """Draw the line within the bound of the pose, the wall, and the registration's band."""
+        """Draw the line on a white band as wide as the pose's bound, the wall and its own band."""
         width = 5 + round(2 * bound_m * pose.camera.camera_matrix[0, 0] / pose.vector[5])
         for line in self.plan.lines():
             draw_in_view(frame, pose, line, paper.WHITE, width)
@@ -212,11 +213,11 @@ class Overlay:
 
 
 def in_view(pose: Pose, places: Array) -> Any:
-    """(N,) whether places lie before the camera and not far beside its picture."""
+    """(N,) whether places lie in front of the camera, within or close around its picture."""
     T, camera = pose.T_camera_sheet, pose.camera
     x, y, z = camera.camera_matrix @ (places @ T[:3, :3].T + T[:3, 3]).T
     half = np.reshape(camera.size, (2, 1)) / 2
-    return (z > 0) & (np.abs([x, y] - half * z) < BESIDE * half * z).all(axis=0)
+    return (z > 0) & (np.abs([x, y] - half * z) < MAX_FROM_MIDDLE * half * z).all(axis=0)
 
 
 def draw_in_view(frame: Picture, pose: Pose, line: Array, colour: Any, thickness: int) -> None:
@@ -226,9 +227,9 @@ def draw_in_view(frame: Picture, pose: Pose, line: Array, colour: Any, thickness
 
 
 class Film:
-    """The file of the frames, blue first: a video, or the last picture with a wall, or none.
+    """The file that keeps the frames: a video, or the last frame with a wall, or no file.
 
-    path: where to write; its suffix says what; `None`: nowhere
+    path: where to write; its suffix tells a video from a picture; `None`: nowhere
     """
 
     def __init__(self, path: Path | None) -> None:

@@ -212,7 +212,7 @@ def list_account(
 
 
 def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
-    """Each stretch of a curve that does not show, with the reason."""
+    """Each stretch of a curve at which no ink shows, as the reason and its points' numbers."""
     if not isinstance(curve, MeasuredStroke):
         for run in runs(curve.bridged, curve.closed):
             yield "gap", run
@@ -345,7 +345,11 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
                 f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
                 f"--stroke {number}."
             )
-            doubts.append(finding_at(other.middle, "ink-outweighs", text))
+            found = finding_at(other.middle, "ink-outweighs", text)
+            if len(other.junctions):  # No number takes a line that forks.
+                page = found.text.replace(f"--stroke {number}", "vfplan review IMAGE")
+                found = replace(found, text=page)
+            doubts.append(found)
     share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
@@ -392,21 +396,21 @@ def join_findings(
     lines: Sequence[Candidate],
     ink: Ink,
     max_gap_px: float,
-    told: Sequence[Finding],
+    known: Sequence[Finding],
 ) -> list[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece on which a finding lies that was `told`, or in whose middle one of
-    other ink does.
+    There is none for a piece that a known finding speaks of: one of ink has its place in the middle
+    of the piece, any other one somewhere on it.
     """
     findings = []
     for piece in leftover:
-        is_told = False
-        for found in told:
-            of_ink = found.code in ("ink-touches", "ink-at-end")
+        is_known = False
+        for finding in known:
+            of_ink = finding.code in ("ink-touches", "ink-at-end")
             places = piece.middle[None] if of_ink else piece.places
-            is_told |= np.abs(places - found.place_px).max(1).min() < 0.6
-        if is_told:
+            is_known |= np.abs(places - finding.place_px).max(1).min() < 0.6
+        if is_known:
             continue
         if piece.touches:
             where = "joins the curve"
@@ -491,7 +495,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
             is_crossed[run] = False
     if is_crossed.any():
         places = points[is_crossed]
-        more = f" and {len(places) - 1} times more" if len(places) > 1 else ""
+        more = {1: "", 2: " and once more"}.get(len(places), f" and {len(places) - 1} times more")
         text = f"the curve crosses itself here{more}. Is it meant to?"
         findings.append(finding_at(places[0], "curve-crosses", text))
     return findings
@@ -526,7 +530,7 @@ def dotted_finding(stroke: Stroke) -> Finding:
 
 
 def stretch_findings(curve: Stroke) -> list[Finding]:
-    """A note for each stretch that does not show.
+    """A note for each stretch of a curve that does not show.
 
     It is a doubt where the stretch is long, or where a small share of the stroke lies beyond a gap.
     """
@@ -590,10 +594,10 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
 
 
 def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
-    """The curve; a closed one is less sure where it is wide.
+    """The curve; a closed one with a larger deviation where it is wide.
 
-    Its ends may cross or overlap there: they pull the centre aside by half of what they add to the
-    width, at most.
+    Its ends may cross or overlap there. They pull the centre aside by at most half of what they add
+    to the width.
     """
     if not curve.closed:
         return curve
@@ -607,7 +611,7 @@ def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
 
 
 def _is_expected(curve: MeasuredStroke) -> Flags:
-    """(M,) bool, close to a gap, another colour or an end, where the width changes anyway."""
+    """(M,) bool, whether a gap, another colour or an end is so close that it changes the width."""
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
     at = np.arange(len(expected))

@@ -104,7 +104,7 @@ class Candidate:
         return replace(line, path=path, bridged=np.roll(line.bridged, start))
 
 
-def _branches(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
+def branches_of(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     """The pixels (u, v) of each branch of a skeleton in order, and whether it is a ring.
 
     Also returns the (J, 2) pixels at which three or more branches meet. The (H, W) skeleton has a
@@ -238,9 +238,9 @@ def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
 def _line_of(pixels: Pixels, ink: Ink) -> Candidate | None:
     """The longest branch of a piece; `None` where its skeleton is a pixel or junctions only."""
     box, corner = box_of(pixels, 2)
-    branches, junctions = _branches(_core.thinned(box).astype(bool))
+    branches, junctions = branches_of(_core.thinned(box).astype(bool))
     if len(junctions) and max(box.shape) > tuned.CRUMB_PX / 2:  # A letter has no handles.
-        branches, junctions = _branches(_without_handles(box))
+        branches, junctions = branches_of(_without_handles(box))
     if not branches:
         return None
     path, closed = max(branches, key=lambda branch: len(branch[0]))
@@ -275,7 +275,7 @@ def _without_handles(box: Flags) -> Flags:
     bone = _core.thinned(box.astype(bool)).astype(bool)
     to_paper = cv2.distanceTransform(box, cv2.DIST_L2, 5)
     while True:
-        branches, junctions = _branches(bone)
+        branches, junctions = branches_of(bone)
         crowd = cv2.filter2D(bone.astype(np.uint8), -1, np.ones((3, 3), np.uint8))
         spurs = []
         for path, _ in branches if len(junctions) else []:

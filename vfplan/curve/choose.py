@@ -119,7 +119,8 @@ def describe(line: Candidate) -> str:
     if line.closed:
         return f"closed, {line.length:.0f} px long, through ({u:z.0f}, {v:z.0f})"
     ends = f"from ({u:z.0f}, {v:z.0f}) to ({last_u:z.0f}, {last_v:z.0f})"
-    return f"open, {line.length:.0f} px long, {ends}"
+    forks = ", forked: only the page takes it" if len(line.junctions) else ""
+    return f"open, {line.length:.0f} px long, {ends}{forks}"
 
 
 def _several_error(
@@ -232,6 +233,7 @@ def with_other_pens(error: CurveError, lines: list[Candidate], ink: Ink, pen: Pe
         return error
     numbered = in_number_order(lines, ink)
     error.lines = tuple(line.path for line in numbered)
+    error.forked = tuple(k for k, line in enumerate(numbered, 1) if len(line.junctions))
     own_px = numbered[0].length if lines else tuned.CRUMB_PX / 2
     others = lines_of_other_pens(ink, pen, own_px / tuned.RIVAL_SHARE)
     if others:

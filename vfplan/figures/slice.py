@@ -120,6 +120,8 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             words = f"--stroke {number}"
+            if number in error.forked or is_refused(error, line):
+                words = f"{number}: vfplan review"
             if error.code == "line-dotted":
                 words = "the dotted line"
             axes.plot(*line.T, color=colour, lw=1.2, label=words)
@@ -128,6 +130,14 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
             place = error.numbers["u_px"], error.numbers["v_px"]
             axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
             write_beside(axes, image, place, error.code, CONTACT)
+
+
+def is_refused(error: CurveError, line: NDArray) -> bool:
+    """Whether a line was chosen and refused, so that its number would be refused again."""
+    if error.code == "several-candidates" or "u_px" not in error.numbers:
+        return False
+    away = line - (error.numbers["u_px"], error.numbers["v_px"])
+    return bool(np.hypot(*away.T).min() < 2 * OUTLINE_GAP_PX)
 
 
 def write_beside(

@@ -131,15 +131,7 @@ def extract(
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
 
-    findings = (*image.findings, *extraction.findings)
-    if settings.pixel_spacing_mm is not None:
-        along_u, along_v = settings.pixel_spacing_mm
-        if max(along_u, along_v) > MAX_SPACING_RATIO * min(along_u, along_v):
-            text = (
-                f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "
-                "with a point if the comma was meant as one."
-            )
-            findings += (note("pixel-spacing-uneven", "extract", text),)
+    findings = (*slice_findings(image, settings), *extraction.findings)
     strokes = extraction.strokes
     points = np.concatenate([stroke.points for stroke in strokes])
     sigma = None
@@ -155,6 +147,18 @@ def extract(
     )  # fmt: skip
     report = describe_extraction(extraction, image) | {"elapsed_s": elapsed}
     return ExtractResult(fixture, image, extraction, report, findings)
+
+
+def slice_findings(image: PlannedImage, settings: ExtractSettings) -> tuple[Finding, ...]:
+    """What a person should look at in the slice, whatever curve is drawn on it."""
+    along_u, along_v = settings.pixel_spacing_mm or (1.0, 1.0)
+    if max(along_u, along_v) <= MAX_SPACING_RATIO * min(along_u, along_v):
+        return image.findings
+    text = (
+        f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "
+        "with a point if the comma was meant as one."
+    )
+    return (*image.findings, note("pixel-spacing-uneven", "extract", text))
 
 
 def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:

@@ -23,6 +23,7 @@ from vfplan.curve import account, tuned
 from vfplan.curve.account import AccountEntry, Leftover, find_leftover, list_account
 from vfplan.curve.candidates import (
     Candidate,
+    branches_of,
     dotted_line,
     find_candidates,
     find_groups,
@@ -31,12 +32,15 @@ from vfplan.curve.candidates import (
     walked_back,
 )
 from vfplan.curve.centreline import drawn_length
-from vfplan.curve.choose import two_runs_finding
+from vfplan.curve.choose import in_number_order, two_runs_finding
+from vfplan.curve.coverage import Pen
+from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
+from vfplan.geometry.lines import evenly
 from vfplan.images.read import PlannedImage
-from vfplan.planning.extraction import extract
+from vfplan.planning.extraction import extract, slice_findings
 from vfplan.planning.settings import ExtractSettings
 from vfplan.registration.registration import own_bound
 from vfplan.review.strokes import (
@@ -78,10 +82,8 @@ def route_along(pixels: NDArray, closed: bool) -> Stroke:
     return Stroke(pixels, closed, known_length=drawn_length(pixels, closed))
 
 
-def routes_through(
-    mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)
-) -> tuple[list[Stroke], list[tuple[float, float]]]:
-    """The routes through one connected piece of ink, the longest first, and where it forks.
+def routes_through(mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)) -> list[Stroke]:
+    """The routes through one connected piece of ink, the longest first.
 
     A line has one route, from end to end, or around. A forked line has one for each pair of its
     free ends, and one around its largest hole, as its ends may overlap or cross. `corner` is where
@@ -93,7 +95,6 @@ def routes_through(
     pixels, edges = skeleton_graph(_core.thinned(np.pad(mask, 2)).astype(bool))
     pixels = pixels + np.array(corner) - 2.0
     degree = np.bincount(edges.ravel(), minlength=len(pixels))
-    forks = [tuple(place) for place in pixels[degree > 2].tolist()]
     routes = around_hole(mask, corner)
     ends = np.flatnonzero(degree == 1)
     if len(ends) > 1:
@@ -113,7 +114,44 @@ def routes_through(
             if np.isfinite(distance[i, stop])
         ]
     routes.sort(key=lambda route: -route.length)
-    return routes[:MAX_ROUTES], forks
+    return routes[:MAX_ROUTES]
+
+
+def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
+    """The line through a piece of ink at a place, straight on wherever the ink forks or crosses.
+
+    `None` where the ink is shorter than a fork is wide.
+    """
+    mask, corner = entry.piece.mask, np.array(entry.box[:2], float)
+    bone = _core.thinned(np.pad(mask, 2)).astype(bool)
+    branches = [pixels + corner - 2.0 for pixels, _ in branches_of(bone)[0]]
+    # A fork is as wide as the pen, and two that cross at a small angle are a little apart.
+    reach = 3.0 * mask.sum() / max(bone.sum(), 1) + CLOSE_PX
+    branches = [pixels for pixels in branches if len(pixels) > reach]
+    if not branches:
+        return None
+    away = [nearest_point(pixels, place)[1] for pixels in branches]
+    path = branches.pop(int(np.argmin(away)))
+    for _ in range(2):
+        path = path[::-1]
+        while branches:
+            ways = [(k, way) for k, branch in enumerate(branches) for way in (branch, branch[::-1])]
+            turns = [turn_onto(path, way, reach) for _, way in ways]
+            straightest = int(np.argmax(turns))
+            if turns[straightest] < MIN_STRAIGHT:
+                break
+            number, way = ways[straightest]
+            path = np.vstack([path, way])
+            del branches[number]
+    return route_along(evenly(path, False), False)
+
+
+def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
+    """The cosine of the turn from the end of a path onto a way; -1 where that begins far off."""
+    if np.hypot(*(way[0] - path[-1])) > reach:
+        return -1.0
+    steps = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
+    return float(np.prod([1 / np.hypot(*step) for step in steps]) * (steps[0] @ steps[1]))
 
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
@@ -134,8 +172,12 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
     return [route_along(max(holes, key=cv2.contourArea) + np.array(corner, float), True)]
 
 
+# Least cosine of a turn with which a line goes straight on where ink forks.
+MIN_STRAIGHT = 0.7
+
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
-OF_INK = {"ink-joins", "ink-touches", "leaves-picture"}
+OF_LINE = {"curve-on-border", "curve-straight", "curve-short", "ink-outweighs"}
+OF_INK = OF_LINE | {"ink-joins", "ink-touches", "leaves-picture"}
 MADE_ANEW = OF_INK | {
     *("bridge", "bridge-long", "bridge-near-end", "curve-crosses", "curve-folds", "drawn-by-hand")
 }
@@ -157,6 +199,8 @@ class Geometry:
         The pen's ink; `None` if the slice is not at hand, or the curve was not drawn by a pen.
     findings
         The findings of extraction, less what was mended.
+    taken
+        Those of the strokes that a person gave, for which extraction was not asked yet.
     refusal
         Why extraction gave no curve, as the page shows it: code, words, place and, where another
         pen drew the longest line, its colour; `None` if it did, or if a person gave one.
@@ -171,6 +215,7 @@ class Geometry:
     strokes: tuple[MendedStroke, ...] = ()
     ink: SliceInk | None = None
     findings: tuple[Finding, ...] = ()
+    taken: tuple[MendedStroke, ...] = ()
     refusal: dict[str, Any] | None = None
     candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
@@ -181,8 +226,10 @@ class Geometry:
         """The strokes, each with the width of its pen."""
         lines = []
         for stroke in self.strokes:
-            width = stroke.width if stroke.is_ordered else 0.0
-            if width is None and self.ink is not None:
+            width = stroke.width
+            if not stroke.is_ordered:
+                width = 0.0
+            elif width is None and self.ink is not None:
                 width = self._pen_width(stroke)
             lines.append(replace(stroke, width=width))
         return tuple(lines)
@@ -190,7 +237,7 @@ class Geometry:
     def _pen_width(self, stroke: Stroke) -> float:
         """The width of the line that extraction finds where a stroke runs, else of its ink [px]."""
         for line in lines_of(self.ink, self.max_gap_px):
-            if np.median(_core.nearest(line.path, stroke.points)[0]) <= CLOSE_PX:
+            if runs_along(stroke, line.path):
                 return line.width
         return self.ink.width_along(stroke.points, stroke.closed)
 
@@ -207,15 +254,27 @@ class Geometry:
         return list_account(self.leftover, self.lines, self.ink.found)[:MAX_ENTRIES]
 
     @cached_property
+    def kept(self) -> tuple[Finding, ...]:
+        """The findings of extraction, less what was mended, with those of lines that were taken."""
+        findings = list(self.findings)
+        for stroke in self.taken:
+            for number in numbers_of(self, stroke):
+                of_line = findings_of_line(self.ink, self.max_gap_px, number)
+                findings += [finding for finding in of_line if finding not in findings]
+        return tuple(findings)
+
+    @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
         """What a person should look at, made anew for the strokes as they are."""
         if not self.strokes:
             return self.findings
         # Of extraction, and of a bundle, what still holds.
-        told = {(finding.code, finding.text): finding for finding in self.findings}
-        made = [] if self.ink is None else self._of_ink()
-        made += account.fold_findings(self.strokes)
-        for stroke in self.strokes:
+        told = {(finding.code, finding.text): finding for finding in self.kept}
+        made, made_anew = [], MADE_ANEW - OF_INK
+        if self.ink is not None:
+            made, made_anew = self._of_ink(), MADE_ANEW
+        made += account.fold_findings(self.lines)
+        for stroke in self.lines:
             made += account.stretch_findings(stroke)
             if stroke.edited.any():
                 first = stroke.points[np.flatnonzero(stroke.edited)[0]]
@@ -229,17 +288,16 @@ class Geometry:
                 place_px = tuple(first.tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
         made = [told.get((finding.code, finding.text), finding) for finding in made]
-        made_anew = MADE_ANEW if self.ink is not None else MADE_ANEW - OF_INK
-        is_left = [f for f in self.findings if f.code not in made_anew and self._holds(f)]
+        is_left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
         findings = (*is_left, *(finding for finding in made if finding not in is_left))
         return tuple(self.as_settled(finding) for finding in findings)
 
     def as_settled(self, finding: Finding) -> Finding:
         """The finding, as a note if it asks about ink that a person left out."""
         asks_about_ink = finding.code in ("ink-at-end", "ink-joins", "ink-touches")
-        if not (finding.is_open and asks_about_ink and finding.place_px):
+        if not (self.excluded_ink and finding.is_open and asks_about_ink and finding.place_px):
             return finding
-        for piece in self.leftover if self.excluded_ink else ():
+        for piece in self.leftover:
             # The pen's width in a bundle differs a little, and so do the edges of its pieces.
             places = np.array([piece.middle, piece.nearest])
             is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
@@ -249,7 +307,7 @@ class Geometry:
 
     def _of_ink(self) -> list[Finding]:
         """What the pen's ink leaves open: what was left out, and ends at the picture's border."""
-        told = {(finding.code, finding.text) for finding in self.findings}
+        told = {(finding.code, finding.text) for finding in self.kept}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
         findings = [finding for finding in again if (finding.code, finding.text) in told]
         lines = [account.line_of(line, self.ink.found) for line in self.lines]
@@ -258,7 +316,28 @@ class Geometry:
         )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
-        return findings
+        return self._of_line() + findings
+
+    def _of_line(self) -> list[Finding]:
+        """What makes the curve, if it is one stroke, look like no hand's drawing."""
+        lines = lines_of(self.ink, self.max_gap_px)
+        if len(self.lines) != 1 or not lines:
+            return []
+        [stroke] = self.lines
+        if not stroke.is_ordered:
+            return [finding for finding in self.kept if finding.code in OF_LINE]
+        pen = Pen.of_colour(self.ink.colour)
+        for line in lines:
+            if is_whole(line, stroke):
+                return account.doubts_of_line(line.in_order(), lines, self.ink.found, pen)
+        # Another line counts with the ink that it runs along, or else with that of a pen along it.
+        pieces = [line.pieces for line in lines if runs_along(stroke, np.concatenate(line.pieces))]
+        painted = np.zeros(self.ink.found.mask.shape, np.uint8)
+        points = np.rint(16 * stroke.points).astype(np.int32)
+        cv2.polylines(painted, [points], stroke.closed, 1, max(1, round(stroke.width)), shift=4)
+        pieces.append((np.argwhere(painted)[:, ::-1],))
+        line = replace(account.line_of(stroke, self.ink.found), pieces=pieces[0])
+        return account.doubts_of_line(line, lines, self.ink.found, pen)
 
     def _holds(self, finding: Finding) -> bool:
         """Whether a finding on the picture is still true of the strokes."""
@@ -269,11 +348,9 @@ class Geometry:
             ends = [stroke.end_points for stroke in self.strokes if len(stroke.end_points)]
             places = [*ends, *(pair.mean(axis=0, keepdims=True) for pair in ends)]
             return bool(ends) and nearest_point(np.concatenate(places), place)[1] <= CLOSE_PX
-        if finding.code == "curve-short" and self.strokes[0].length >= tuned.CRUMB_PX:
-            return False
         points = np.concatenate([stroke.points for stroke in self.strokes])
         is_near = nearest_point(points, place)[1] <= JOIN_PX
-        return is_near != (finding.code == "ink-outweighs")
+        return is_near or finding.code == "ink-outweighs"
 
     def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
@@ -299,39 +376,81 @@ class Geometry:
             one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
             for one, other in ((before, stroke), (stroke, before))
         ]
-        findings = unmended(self.findings, np.vstack(changed))
-        return replace(self, strokes=tuple(strokes), findings=findings)
+        findings = unmended(self.kept, changed)
+        return replace(self, strokes=tuple(strokes), findings=findings, taken=())
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
-        findings = self.findings
-        if strokes:
-            findings = unmended(findings, np.vstack([stroke.points for stroke in strokes]))
-        return replace(self, strokes=strokes, findings=findings, refusal=None)
+        taken = tuple(stroke for stroke in strokes if stroke not in self.strokes)
+        gone = [stroke for stroke in self.strokes if stroke not in strokes]
+        findings = unmended(self.kept, [stroke.points for stroke in (*taken, *gone)])
+        return replace(self, strokes=strokes, findings=findings, taken=taken, refusal=None)
 
 
 def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: SliceInk) -> Geometry:
     """What `vfplan extract` makes of a slice; a refusal becomes a part of the answer."""
+    of_slice = slice_findings(image, settings)
+    geometry = Geometry((), ink, of_slice, max_gap_px=settings.max_gap_px)
     try:
-        extracted = extract(image, settings)
+        return geometry_of_extraction(image, settings, geometry)
     except CurveError as error:
         candidates = candidates_of(error, ink, settings)
-        return Geometry(
-            ink=ink, refusal=refusal_of(error), candidates=candidates,
-            max_gap_px=settings.max_gap_px,
-        )  # fmt: skip
+        return replace(geometry, refusal=refusal_of(error), candidates=candidates)
+
+
+def geometry_of_extraction(
+    image: PlannedImage, settings: ExtractSettings, before: Geometry
+) -> Geometry:
+    """What `vfplan extract` makes of a slice, in place of what was there; raises as it does."""
+    extracted = extract(image, settings)
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
-    return Geometry(strokes, ink, extracted.findings, max_gap_px=settings.max_gap_px)
+    return replace(before, strokes=strokes, findings=extracted.findings, taken=(), refusal=None)
 
 
 @lru_cache(maxsize=8)
-def lines_of(ink: SliceInk, max_gap_px: float) -> list[Candidate]:
-    """The lines of the ink as extraction finds them; none among too many pieces."""
+def lines_of(ink: SliceInk | None, max_gap_px: float) -> list[Candidate]:
+    """The lines of the ink as extraction finds them; none without ink or among too many pieces."""
+    if ink is None:
+        return []
     try:
         pieces = find_pieces(ink.found, find_groups(ink.found))
     except CurveError:
         return []
     return find_candidates(pieces, max_gap_px)
+
+
+@lru_cache(maxsize=8)
+def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> tuple[Finding, ...]:
+    """What extraction finds at a line, by its number; or asks of one that it refuses."""
+    where = {"colour": ink.colour, "roi": ink.roi, "exclude": ink.exclude}
+    try:
+        return extract_curve(ink.rgb, **where, stroke=number, max_gap_px=max_gap_px).findings
+    except CurveError as error:
+        if error.code != "runs-side-by-side":
+            return ()
+        return (two_runs_finding((error.numbers["u_px"], error.numbers["v_px"])),)
+
+
+def numbers_of(geometry: Geometry, stroke: Stroke) -> list[int]:
+    """The number of the line of extraction that a stroke is, if it is one."""
+    ink, lines = geometry.ink, lines_of(geometry.ink, geometry.max_gap_px)
+    if not lines:
+        return []
+    numbered = enumerate(in_number_order(lines, ink.found), 1)
+    return [number for number, line in numbered if is_whole(line, stroke)]
+
+
+def is_whole(line: Candidate, stroke: Stroke) -> bool:
+    """Whether a stroke is one of the ink's lines, and not a part of it."""
+    if line.closed != stroke.closed:
+        return False
+    ways = (line.path, stroke.points), (stroke.points, line.path)
+    return all(_core.nearest(*way)[0].max() <= JOIN_PX for way in ways)
+
+
+def runs_along(stroke: Stroke, places: NDArray) -> bool:
+    """Whether at least half of a stroke lies on the places of a line (N, 2)."""
+    return np.median(_core.nearest(places.astype(float), stroke.points)[0]) <= CLOSE_PX
 
 
 def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
@@ -346,14 +465,26 @@ def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     """The number of the longest candidate at a place on the slice, and the candidates with it.
 
-    Where no candidate lies there, the longest route over the ink there becomes one.
+    Where no candidate lies there, the lines of extraction become candidates, with the routes over
+    the ink there; of ink that none of them follows, the line that goes straight on at its forks.
     """
     candidates = list(geometry.candidates)
-    if not any(nearest_point(route.points, place)[1] <= JOIN_PX for route in candidates):
-        for entry in ink_at(geometry.ink, place):
-            candidates += routes_over(entry)[0]
-    distances = [nearest_point(route.points, place)[1] for route in candidates]
-    nearest = min(distances, default=np.inf)
+
+    def distances() -> list[float]:
+        return [nearest_point(route.points, place)[1] for route in candidates]
+
+    entries = []
+    if min(distances(), default=np.inf) > JOIN_PX:
+        entries = ink_at(geometry.ink, place)
+        lines = lines_of(geometry.ink, geometry.max_gap_px)
+        candidates += [
+            route_along(line.path, line.closed) for line in lines if not len(line.junctions)
+        ]
+        for entry in entries:
+            candidates += routes_over(entry)
+    if min(distances(), default=np.inf) > JOIN_PX:
+        candidates += [route for entry in entries if (route := straight_on(entry, place))]
+    nearest = min(distances(), default=np.inf)
     if nearest > JOIN_PX:
         text = (
             f"No line of the pen lies at ({place[0]:z.0f}, {place[1]:z.0f}). Click on a line, or "
@@ -361,7 +492,7 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
         )
         raise SettingError(text, code="no-line-there")
     # A click misses by a little, and lines that meet lie at one place.
-    there = [k for k in range(len(candidates)) if distances[k] <= nearest + CLOSE_PX]
+    there = [k for k, away in enumerate(distances()) if away <= nearest + CLOSE_PX]
     longest = max(there, key=lambda k: candidates[k].length)
     return replace(geometry, candidates=tuple(candidates)), longest + 1
 
@@ -372,56 +503,31 @@ def with_chosen(
     """The geometry with one of its candidates as the curve.
 
     `vfplan extract` measures the candidate if it can. If it refuses the line, because it forks or
-    something lies beside it, the line is measured along the candidate itself. Where it refuses two
-    runs side by side, it is asked whether both are the curve.
+    something lies beside it, the line is measured along the candidate itself.
     """
-    asked: tuple[Finding, ...] = ()
     candidates = geometry.candidates
     if not 1 <= number <= len(candidates):
         text = f"There is no candidate {number}. There are {len(candidates)}, from 1."
         raise SettingError(text, code="no-such-candidate")
     route = candidates[number - 1]
-    settled = replace(geometry, refusal=None)
     if route.sigma is not None:
         # A dotted line is measured already.
-        strokes = (MendedStroke.of(route),)
-        return replace(settled, strokes=strokes, findings=(account.dotted_finding(route),))
-    try:
-        extracted = extract(image, replace(settings, stroke=number))
-    except CurveError as error:
-        branches = branches_of(geometry, route)
-        if branches:
-            return replace(geometry, refusal=refusal_of(error), candidates=branches)
-        if error.code == "runs-side-by-side":
-            asked = (two_runs_finding((error.numbers["u_px"], error.numbers["v_px"])),)
-    else:
-        strokes = extracted.extraction.strokes
-        to_route = [nearest_point(strokes[0].points, place)[1] for place in route.points[::8]]
-        if len(strokes) == 1 and max(to_route) < CLOSE_PX:
-            mended = MendedStroke.of(strokes[0])
-            return replace(settled, strokes=(mended,), findings=extracted.findings)
-    line = geometry.ink.trace(route.points, route.closed)
-    return replace(settled, strokes=(MendedStroke.of(line),), findings=asked)
+        settled = geometry.with_strokes((MendedStroke.of(route),))
+        return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
+    for of_line in numbers_of(geometry, route):
+        with suppress(CurveError):
+            return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)
+    return geometry.with_strokes((MendedStroke.of(geometry.ink.trace(route.points, route.closed)),))
 
 
-def branches_of(geometry: Geometry, route: Stroke) -> tuple[Stroke, ...]:
-    """The routes through the forked ink of a candidate; none if the candidate is one of them."""
-    for entry in ink_at(geometry.ink, route.points[len(route.points) // 2]):
-        routes, forks = routes_over(entry)
-        is_one = any(np.array_equal(other.points, route.points) for other in routes)
-        if forks and len(routes) > 1 and not is_one:
-            return tuple(routes)
-    return ()
-
-
-def routes_over(entry: AccountEntry) -> tuple[list[Stroke], list[tuple[float, float]]]:
-    """The routes through a piece of ink, and where it forks."""
+def routes_over(entry: AccountEntry) -> list[Stroke]:
+    """The routes through a piece of ink, the longest first."""
     return routes_through(entry.piece.mask, entry.box[:2])
 
 
 def route_over(entry: AccountEntry) -> Stroke:
     """The line that a piece of ink draws; raises `SettingError` if it is none, or forks."""
-    routes, _ = routes_over(entry)
+    routes = routes_over(entry)
     if not routes or routes[0].length < tuned.MIN_PROFILES:
         text = f"Ink {entry.number} is no line. Draw the curve by clicks instead."
         raise SettingError(text, code="ink-no-line")
@@ -432,14 +538,17 @@ def route_over(entry: AccountEntry) -> Stroke:
 
 
 def refusal_of(error: CurveError) -> dict[str, Any]:
-    """The refusal without its advice to open the page, since it stands on that page."""
+    """The refusal without its advice to open the page, and without options of the command line.
+
+    The page has buttons and tools in their place.
+    """
     other_pen = error.numbers.get("other_colour", "")
-    # The page has a button for the other pen.
-    options = ("vfplan review", "--colour") if other_pen else ("vfplan review",)
     sentences = re.split(r"(?<=\.) ", error.message)
-    kept = [words for words in sentences if not any(option in words for option in options)]
+    # A sentence that says what a region or an end does is no advice.
+    advice = re.compile("vfplan review|--(?!roi and|start|end)")
+    kept = [words for words in sentences if not advice.search(words)]
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place = tuple(map(float, places)) if len(places) == 2 else None
+    place = tuple(map(float, places)) or None
     text = " ".join(kept) or error.message
     return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
             "other_pen": other_pen}  # fmt: skip
@@ -450,44 +559,45 @@ def candidates_of(
 ) -> tuple[Stroke, ...]:
     """The candidates that extraction names, or every route through the lines of the ink.
 
+    Of a candidate that forks every branch is one.
     Behind them, lines joined over longer pen lifts, and a dotted line.
     """
-    named = [np.asarray(path, float) for path in error.candidates]
     routes = []
-    for path in named:
-        is_ring = len(path) > 8 and np.hypot(*(path[0] - path[-1])) < 2.0
-        routes.append(route_along(path, bool(is_ring)))
-    if not named:
+    for line in lines_of(ink, settings.max_gap_px):
+        if any(np.array_equal(line.path, path) for path in error.candidates):
+            if len(line.junctions):
+                for entry in ink_at(ink, line.middle):
+                    routes += routes_over(entry)
+            else:
+                routes.append(route_along(line.path, line.closed))
+    is_named = len(routes) > 0
+    if not is_named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
-                routes += routes_over(entry)[0]
+                routes += routes_over(entry)
         routes.sort(key=lambda route: -route.length)
     for line in lines_of(ink, JOINED_GAPS * settings.max_gap_px):
-        is_new = not any(np.array_equal(line.path, path) for path in named)
+        is_new = not any(np.array_equal(line.path, route.points) for route in routes)
         if is_new and line.bridged.any():
             routes.append(route_along(line.path, line.closed))
     with suppress(CurveError):  # Too many pieces.
         dotted = dotted_line(ink.found, find_groups(ink.found))
-        routes += [] if dotted is None else [dotted]
-    if named:
+        if dotted is not None:
+            routes.append(dotted)
+    if is_named:
         return tuple(routes)
-    u, v, width, height = settings.roi or (0, 0, np.inf, np.inf)
-
-    def is_offered(route: Stroke) -> bool:
-        inside = (route.points >= (u, v)) & (route.points < (u + width, v + height))
-        return route.length >= MIN_LINE_PX and bool(inside.all())
-
-    return tuple(filter(is_offered, routes))[:MAX_ROUTES]
+    return tuple(route for route in routes if route.length >= MIN_LINE_PX)[:MAX_ROUTES]
 
 
-def unmended(findings: tuple[Finding, ...], changed: NDArray) -> tuple[Finding, ...]:
-    """The findings without those whose place lies on what was changed."""
-    if not len(changed):
+def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Finding, ...]:
+    """The findings without those whose place lies on lines that were changed."""
+    if not any(map(len, changed)):
         return findings
+    points = np.vstack(changed)
 
     def is_away(finding: Finding) -> bool:
         place = finding.place_px
-        return place is None or nearest_point(changed, place)[1] > JOIN_PX
+        return place is None or nearest_point(points, place)[1] > JOIN_PX
 
     return tuple(filter(is_away, findings))
 

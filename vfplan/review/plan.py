@@ -283,7 +283,26 @@ class Plan:
     def fixture(self) -> Fixture | None:
         """What would be written, with its findings and their answers; `None` if nothing would."""
         fixture = self.outcome.fixture
-        return None if fixture is None else replace(fixture, findings=self.findings)
+        return fixture and replace(fixture, findings=self.findings)
+
+    @property
+    def is_to_be_flat(self) -> bool:
+        """Whether it is a photograph at an angle, which `vfplan rectify` makes flat."""
+        from vfplan.registration.rectify import flattening
+
+        fit, source, registration = self.fit, self.source, self.fit.registration
+        if source.is_flat or registration is None or fit.T_patient_image is not None:
+            return False
+        limit_m = fit.settings.max_residual_m
+        is_off = limit_m is not None and not registration.fre_rms_m <= limit_m
+        if fit.is_at_angle or not (is_off or self.outcome.code == "tre-large"):
+            return fit.is_at_angle
+        try:
+            flattened = flattening(fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
+        except VfplanError:
+            return False
+        # A bound may be large for other reasons than an angle.
+        return is_off or 2 * flattened.error_m <= registration.fle_rms_m
 
     @property
     def has_other_markers(self) -> bool:
@@ -304,7 +323,7 @@ class Plan:
     @property
     def image(self) -> PlannedImage | None:
         """The slice that the curve was drawn on; `None` where it is not at hand."""
-        return None if self.source.slice_path is None else self.source.image
+        return self.source.slice_path and self.source.image
 
     @property
     def is_slice_missing(self) -> bool:
@@ -334,7 +353,7 @@ class Plan:
     @property
     def kind(self) -> Kind | None:
         """What the robot renders; `None` of a curve that it does not render yet."""
-        return None if self.fixture.rendering is None else kind_of(self.fixture)
+        return kind_of(self.fixture)
 
     @cached_property
     def plane(self) -> Array | None:
@@ -381,7 +400,7 @@ class Plan:
             return size_of(self.plane)
         spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
         spacing_mm = next(filter(None, spacings), None)
-        return None if spacing_mm is None else float(np.sqrt(np.prod(spacing_mm))) / MM
+        return spacing_mm and float(np.sqrt(np.prod(spacing_mm))) / MM
 
     @cached_property
     def tre95_m(self) -> Array | None:
@@ -554,8 +573,7 @@ def open_source(
 ) -> Source:  # fmt: skip
     """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
-    slice_path = Path(slice_path) if slice_path is not None else None
-    curve_path = Path(curve_path) if curve_path is not None else None
+    slice_path = slice_path and Path(slice_path)
     of_extraction, of_planning = split_settings(given)
     if is_bundle(path):
         if curve_path is not None:
@@ -678,7 +696,10 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def source_of_slice(
-    path: Path, curve_path: Path | None, extraction: ExtractSettings, planning: FixtureSettings
+    path: Path,
+    curve_path: str | Path | None,
+    extraction: ExtractSettings,
+    planning: FixtureSettings,
 ) -> Source:
     """What a review of a slice begins with."""
     image = read_slice(path, extraction)
@@ -751,7 +772,7 @@ def source_of_bundle(
         sigma = sigma_of(fixture)
         pairs = Correspondences(
             record.labels, record.source, record.source_frame, record.target,
-            None if sigma is None else np.array(sigma).squeeze(),
+            sigma and np.array(sigma).squeeze(),
             tool=record.tool, tip=record.tip,
         )  # fmt: skip
         fit = fit_of(pairs, image, replace(planning, find_markers=False))

@@ -49,6 +49,9 @@ GRID_NODES = (400, 1000)
 # Steps of the grid along a side of a block. A block far from the outline is asked about once.
 BLOCK = 16
 
+# What a guide does at the ends of its line.
+AT_ENDS = {"stop": "stops", "open": "lets go"}
+
 # Places along a guide, and directions around each of its ends, at which its engine is asked.
 GUIDE_PLACES, END_DIRECTIONS = 240, 16
 
@@ -80,8 +83,10 @@ class Outline:
     pull: tuple[Array, Array] | None = None
 
 
-def kind_of(fixture: Fixture) -> Kind:
-    """Whether the robot keeps the tool off the line, or holds it there."""
+def kind_of(fixture: Fixture) -> Kind | None:
+    """Whether the robot keeps the tool off the line or holds it there; `None` of a bare curve."""
+    if fixture.rendering is None:
+        return None
     return "wall" if fixture.guidance is None else "guide"
 
 
@@ -107,9 +112,10 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     """
     # In the frame of the image the first two coordinates are pixels.
     plane = np.eye(3)
-    if fixture.frame != "image":
-        is_registered = fixture.registration is not None or fixture.frame == "patient_lps"
-        plane = plane_of_slice(fixture, image) if is_registered else None
+    if fixture.frame not in ("image", "patient_lps") and fixture.registration is None:
+        plane = None
+    elif fixture.frame != "image":
+        plane = plane_of_slice(fixture, image)
     if plane is None:
         text = (
             "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
@@ -160,7 +166,7 @@ def registration_again(fixture: Fixture) -> Registration | None:
     try:
         again = fit_registration(
             record.source[used], record.target[used], model=record.model, pixel_spacing=spacing_m,
-            sigma=None if sigma is None else np.array(sigma)[used].squeeze(),
+            sigma=sigma and np.array(sigma)[used].squeeze(),
         )  # fmt: skip
     except VfplanError:
         return None
@@ -280,8 +286,8 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
     Or along `axis`, unless that lies in the plane.
     """
     back, normal = np.linalg.pinv(plane[:3, :2]), plane_normal(plane)
-    along = normal if axis is None else axis
-    if abs(along @ normal) < 0.05 * np.linalg.norm(along) * np.linalg.norm(normal):
+    along = axis
+    if axis is None or abs(axis @ normal) < 0.05 * np.linalg.norm(axis) * np.linalg.norm(normal):
         along = normal
 
     def onto(points: Array) -> Array:
@@ -329,10 +335,13 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
 
 def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
     """How far and how stiffly the robot keeps the tool off."""
-    drawn = "line" if fixture.curve is not None else "points"
-    what = drawn if fixture.mesh is None else "surface"
+    what = "points"
     if fixture.guidance is not None:
         what = "strokes that do not guide"
+    elif fixture.mesh is not None:
+        what = "surface"
+    elif fixture.curve is not None:
+        what = "line"
     radius = rendering.contact_radius + rendering.point_radius
     words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
     if rendering.point_radius:
@@ -358,7 +367,7 @@ def guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
     else:
         words += "; no pull"
     if not fixture.curve.closed.all():
-        words += "; " + ("stops" if guidance.ends == "stop" else "lets go") + " at the ends"
+        words += f"; {AT_ENDS[guidance.ends]} at the ends"
     return "Guide", words
 
 
@@ -435,10 +444,8 @@ def in_one_line(fixture: Fixture) -> str:
         words += "in space" if axis is None else f"along {axis_in_words(axis)}"
         if guidance is not None and guidance.lead_force:
             words += f", pulls with {guidance.lead_force:g} N"
-    reviewed = fixture.reviewed
-    return f"{words}; " + (
-        "approved by nobody" if reviewed is None else f"approved by {reviewed.by}"
-    )
+    approver = "nobody" if fixture.reviewed is None else fixture.reviewed.by
+    return f"{words}; approved by {approver}"
 
 
 def slice_not_shown() -> Finding:
@@ -477,7 +484,9 @@ def digest_of(fixture: Fixture, *, slice_shown: bool = True) -> str:
     unanswered = (replace(f, answered_by=None, answered_utc=None) for f in fixture.findings)
     content = to_content(replace(fixture, reviewed=None, findings=tuple(unanswered)))
     is_drawn = fixture.provenance.inputs.get("image") is not None
-    title = "vfplan review sheet 2" + (", slice not shown" if is_drawn and not slice_shown else "")
+    title = "vfplan review sheet 2"
+    if is_drawn and not slice_shown:
+        title += ", slice not shown"
     return digest_of_content(title, content, content.keys() - LEFT_OUT)
 
 
@@ -530,13 +539,11 @@ def accept(
             code="answer-unknown",
             numbers={"unknown": unknown, "open": sorted(open_codes)},
         )
-    now = now_utc()
-    findings = tuple(
-        replace(finding, answered_by=by, answered_utc=now)
-        if finding.is_open and (answer_all or finding.code in answers)
-        else finding
-        for finding in fixture.findings
-    )
+    now, findings = now_utc(), []
+    for finding in fixture.findings:
+        if finding.is_open and (answer_all or finding.code in answers):
+            finding = replace(finding, answered_by=by, answered_utc=now)
+        findings.append(finding)
     left = sorted({finding.code for finding in findings if finding.is_open})
     if left:
         message = (
@@ -544,5 +551,5 @@ def accept(
             "all with --answer-all."
         )
         raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
-    accepted = replace(fixture, findings=findings, reviewed=None)
+    accepted = replace(fixture, findings=tuple(findings), reviewed=None)
     return replace(accepted, reviewed=Review(by, now, review_digest(accepted)))

@@ -155,6 +155,7 @@ class Session:
             state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
         return state | {
+            "at_angle": plan.is_to_be_flat,
             "findings": [finding.as_dict() for finding in plan.findings],
             "why_not": why_not, "approvable": not why_not, "digest": self.digest,
         }  # fmt: skip
@@ -235,7 +236,7 @@ class Session:
         opened = self.source.as_opened
         fixture = replace(
             fixture, provenance=provenance, findings=findings, reviewed=None,
-            case=None if opened is None else opened.case,
+            case=opened and opened.case,
         )  # fmt: skip
         return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
 
@@ -275,8 +276,7 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
     Without the bound where the plan differs from the one before `is_of_curve` alone.
     """
     fit, registration = plan.fit, plan.fit.registration
-    bound = {} if is_of_curve else {"tre95_m": fit.tre95_m(plan.geometry.strokes)}
-    return bound | {
+    state = {
         "markers": fit.rows,
         "mm_per_px": fit.mm_per_px,
         "fre_rms_m": registration and registration.fre_rms_m,
@@ -289,6 +289,9 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
         },
         "at_angle": fit.is_at_angle and not plan.source.is_flat,
     }
+    if not is_of_curve:
+        state["tre95_m"] = fit.tre95_m(plan.geometry.strokes)
+    return state
 
 
 def as_complex(points: np.ndarray) -> np.ndarray:

@@ -38,8 +38,8 @@ MAX_LABEL = 64
 # The fields of a step.
 
 
-def named(step: Any) -> str:
-    """What a step does; raises `SettingError` for none that is known."""
+def name_of(step: Any) -> str:
+    """The name of what a step does; raises `SettingError` where that is no step of the page."""
     if not isinstance(step, dict) or not isinstance(step.get("do"), str):
         text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
         raise SettingError(text, code="step-malformed")
@@ -51,7 +51,7 @@ def named(step: Any) -> str:
 
 
 def malformed(step: Step, name: str, wanted: str) -> SettingError:
-    """The error of a step whose field is not as it is wanted."""
+    """The error that says of a field of a step what is wanted there instead."""
     value = repr(step.get(name))[:60]
     return SettingError(
         f"In step {step['do']}, {name} is {value}. Give {wanted}.", code="step-malformed"
@@ -59,7 +59,7 @@ def malformed(step: Step, name: str, wanted: str) -> SettingError:
 
 
 def whole_number(step: Step, name: str, default: int | None = None) -> int:
-    """A whole number of a step."""
+    """The whole number in a field of a step."""
     value = step.get(name, default)
     if isinstance(value, bool) or not isinstance(value, int):
         raise malformed(step, name, "a whole number")
@@ -72,7 +72,7 @@ def is_number(value: Any) -> bool:
 
 
 def number_within(step: Step, name: str, default: float, largest: float) -> float:
-    """A number of a step from 0 to the largest that is allowed."""
+    """The number in a field of a step, from 0 to the largest that is allowed."""
     value = step.get(name, default)
     if not is_number(value) or not 0 <= value <= largest:
         raise malformed(step, name, f"a number from 0 to {largest}")
@@ -80,7 +80,7 @@ def number_within(step: Step, name: str, default: float, largest: float) -> floa
 
 
 def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
-    """A list of so many finite numbers of a step."""
+    """The list of `count` finite numbers in a field of a step."""
     value = step.get(name)
     if not isinstance(value, (list, tuple)) or len(value) != count:
         raise malformed(step, name, f"a list of {count} numbers")
@@ -90,7 +90,7 @@ def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
 
 
 def place_of(plan: Plan, step: Step, name: str) -> np.ndarray:
-    """A place on the slice; a hand may point half a pixel beyond its border."""
+    """The place on the slice in a field of a step; up to half a pixel beyond the slice's border."""
     image, place = plan.source.image, np.array(numbers_of(step, name, 2))
     if (place < -0.5).any() or (place > far_corner(plan)).any():
         raise SettingError(
@@ -107,7 +107,7 @@ def far_corner(plan: Plan) -> np.ndarray:
 
 
 def label_of(step: Step, name: str) -> str:
-    """A label of a step, of printable characters."""
+    """The label in a field of a step, of printable characters."""
     value = step.get(name)
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise malformed(step, name, "a label of printable characters")
@@ -117,13 +117,13 @@ def label_of(step: Step, name: str) -> str:
 
 
 def stroke_of(plan: Plan, step: Step) -> tuple[int, MendedStroke]:
-    """The number of a stroke of a step, and the stroke."""
+    """The number of the stroke that a step names, and the stroke."""
     number = whole_number(step, "stroke", 0)
     return number, plan.geometry.stroke(number)
 
 
 def knot_of(stroke: MendedStroke, step: Step) -> int:
-    """The number of a knot of a step."""
+    """The number of the knot that a step names."""
     knot = whole_number(step, "knot")
     if not 0 <= knot < len(stroke.knots):
         raise SettingError(
@@ -180,7 +180,7 @@ def insert_knot(plan: Plan, step: Step) -> Plan:
 
 
 def delete_knot(plan: Plan, step: Step) -> Plan:
-    """Draw the stretch without a knot; of an end, cut back to the next knot."""
+    """Draw the stretch around a knot without it; without an end's knot, cut back to the next."""
     number, stroke = stroke_of(plan, step)
     new = stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink)
     return with_stroke(plan, number, new)
@@ -193,9 +193,12 @@ def draw(plan: Plan, step: Step) -> Plan:
     any other the step says whether it takes the place of all, `"replace": true`, or becomes a
     further stroke, `"add": true`.
     """
+    for name in ("closed", "add", "replace"):
+        if not isinstance(step.get(name, False), bool):
+            raise malformed(step, name, "true or false")
     closed, adds, replaces = (step.get(name, False) for name in ("closed", "add", "replace"))
-    if not all(isinstance(flag, bool) for flag in (closed, adds, replaces)):
-        raise malformed(step, "closed", "true or false")
+    if adds and replaces:
+        raise malformed(step, "replace", "add or replace, not both")
     clicks = clicks_of(plan, step, closed)
     geometry = plan.geometry
     path = np.clip(path_through(np.array(clicks), closed), -0.5, far_corner(plan))
@@ -212,7 +215,7 @@ def draw(plan: Plan, step: Step) -> Plan:
 
 
 def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
-    """The places of a drawn line, without doubled ones; enough of them to draw it."""
+    """The places of a drawn line, of which neighbours are a pixel or more apart."""
     points = step.get("points")
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= MAX_CLICKS:
         raise malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
@@ -221,7 +224,7 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
-    needed = 3 if closed else 2
+    needed = 2 + closed
     if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
         clicks.pop()
     if len(clicks) < needed:
@@ -282,13 +285,16 @@ def reverse(plan: Plan, step: Step) -> Plan:
 
 def choose(plan: Plan, step: Step) -> Plan:
     """Take a candidate as the curve: by its number, or the longest `at` a place."""
-    settings = plan.source.extraction_with(required_ink(plan))
+    required_ink(plan)
     if "at" in step:
-        geometry, number = candidate_at(plan.geometry, place_of(plan, step, "at"))
-    else:
-        geometry, number = plan.geometry, whole_number(step, "candidate")
-    geometry = with_chosen(plan.source.image, settings, geometry, number)
-    return replace(plan, geometry=geometry)
+        return with_candidate(plan, *candidate_at(plan.geometry, place_of(plan, step, "at")))
+    return with_candidate(plan, plan.geometry, whole_number(step, "candidate"))
+
+
+def with_candidate(plan: Plan, geometry: Geometry, number: int) -> Plan:
+    """The plan with a candidate of this geometry as its curve."""
+    settings = plan.source.extraction_with(geometry.ink)
+    return replace(plan, geometry=with_chosen(plan.source.image, settings, geometry, number))
 
 
 def choose_pen(plan: Plan, step: Step) -> Plan:
@@ -329,17 +335,20 @@ def exclude(plan: Plan, step: Step) -> Plan:
 
 def take(plan: Plan, step: Step) -> Plan:
     """Take ink of the account as the curve, or as a part of it."""
-    ink = required_ink(plan)
-    route = route_over(plan.geometry.entry(whole_number(step, "ink")))
+    ink, geometry = required_ink(plan), plan.geometry
+    route = route_over(geometry.entry(whole_number(step, "ink")))
     meaning = step.get("as", "curve")
     if meaning not in ("curve", "part"):
         raise malformed(step, "as", '"curve" or "part"')
-    stroke = MendedStroke.of(ink.trace(route.points, route.closed))
-    return with_strokes(plan, (*plan.geometry.strokes, stroke) if meaning == "part" else (stroke,))
+    if meaning == "part":
+        stroke = MendedStroke.of(ink.trace(route.points, route.closed))
+        return with_strokes(plan, (*geometry.strokes, stroke))
+    candidates = (*geometry.candidates, route)
+    return with_candidate(plan, replace(geometry, candidates=candidates), len(candidates))
 
 
 def leave(plan: Plan, step: Step) -> Plan:
-    """Leave ink of the account out of the curve; it is shown as settled."""
+    """Leave ink of the account out of the curve; it is not asked about any more."""
     geometry, number = plan.geometry, whole_number(step, "ink")
     excluded = geometry.excluded_ink | {geometry.entry(number).middle}
     return replace(plan, geometry=replace(geometry, excluded_ink=excluded))
@@ -349,7 +358,7 @@ def leave(plan: Plan, step: Step) -> Plan:
 
 
 def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
-    """A place for a marker; `snap` [px] says how far the mark drawn there may be from it."""
+    """The place for a marker: the mark drawn within `snap` [px] of the click, else the click."""
     reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
     place = place_of(plan, step, name)
     if plan.source.slice_path is not None:
@@ -376,7 +385,7 @@ def move_marker(plan: Plan, step: Step) -> Plan:
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
-    """A further marker; it counts once both of its positions are known."""
+    """Add a marker; the registration uses it once both of its positions are known."""
     fit = plan.fit
     label = label_of(step, "label")
     fit.refuse_label(label)
@@ -497,7 +506,9 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
-    by = None if step.get("by") is None else visible_name(label_of(step, "by"))
+    by = step.get("by")
+    if by is not None:
+        by = visible_name(label_of(step, "by"))
     utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
@@ -505,7 +516,7 @@ def answer(plan: Plan, step: Step) -> Plan:
 
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:
-    """(M, 2) the points of a stroke from one share of its length to another, which were in view."""
+    """(M, 2) the points of a stroke that were in view: from one share of its length to another."""
     _, stroke = stroke_of(plan, step)
     arc = arc_lengths(stroke.points, False)
     first, last = number_within(step, "from", 0.0, 1), number_within(step, "to", 1.0, 1)
@@ -529,6 +540,6 @@ BY_HAND = ("move_knot", "delete_knot", "draw", "cut", "join", "delete_stroke", "
 
 def apply(plan: Plan, step: Any) -> Plan:
     """The plan after a step; raises `SettingError` for one that does not fit."""
-    name = named(step)
+    name = name_of(step)
     after = STEPS[name](plan, step)
     return replace(after, is_shaped=True) if name in BY_HAND else after

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import cv2
 import numpy as np
@@ -80,6 +81,9 @@ ALONG_PX = 3 * JOIN_PX
 # A place on the page has four decimals. A knot that is moved by less stays where it is.
 SAME_PLACE_PX = 1e-4
 
+# How values go on beyond the ends of a line, by whether it is closed.
+BEYOND = {False: "edge", True: "wrap"}
+
 # The fields of a stroke that have a value a point.
 PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
 
@@ -98,10 +102,11 @@ def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[
     from scipy.ndimage import distance_transform_edt
 
     count = len(offset)
-    # Round a ring through its seam.
-    empty = np.tile(~has_ink, 3 if closed else 1)
+    # Of a ring the middle one of three rounds, so that the way leads through its seam.
+    rounds = 3 if closed else 1
+    empty = np.tile(~has_ink, rounds)
     distance, (nearest,) = distance_transform_edt(empty, return_indices=True)
-    part = slice(count, 2 * count) if closed else slice(None)
+    part = slice(rounds // 2 * count, (rounds // 2 + 1) * count)
     return offset[nearest[part] % count] * np.exp(-0.5 * (distance[part] / 10.0) ** 2)
 
 
@@ -203,7 +208,7 @@ class SliceInk:
         across = ((places[index] - path) * normals(path, closed)).sum(axis=1)
         has_ink = distance <= reach_px
         # Ink is a whole number of pixels wide at each place; its mean nearby is the pen's width.
-        width = gaussian(width[index], tuned.SMOOTH_PX, "wrap" if closed else "edge")
+        width = gaussian(width[index], tuned.SMOOTH_PX, BEYOND[closed])
         return np.where(has_ink, across, 0.0), has_ink, width
 
     def measure(
@@ -254,8 +259,8 @@ class SliceInk:
             residual = np.where(alone, offset - smooth, 0.0)
             points = points + faded(smooth, alone, closed)[:, None] * normal
             passed = past_branches(points, joined, alone)
-        mode = "wrap" if closed else "edge"
-        sigma = np.hypot(deviation_of(residual, alone, smooth_px, noisy, mode), INK_SIGMA_PX)
+        deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
+        sigma = np.hypot(deviation, INK_SIGMA_PX)
         if closed:  # Its ends may overlap where it is wide, and pull the centre aside.
             wider_px = usual * (running_median(mass, NEARBY_POINTS, "wrap") - 1).clip(0)
             sigma = np.hypot(sigma, wider_px / 4)
@@ -298,10 +303,7 @@ class SliceInk:
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
-        from scipy.ndimage import gaussian_filter1d
-
-        mode = "wrap" if closed else "nearest"
-        path = gaussian_filter1d(np.asarray(path, float), tuned.SMOOTH_PX, axis=0, mode=mode)
+        path = gaussian(np.asarray(path, float), tuned.SMOOTH_PX, BEYOND[closed])
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
         if not closed and not line.edited.all():
@@ -360,10 +362,12 @@ def path_through(clicks: NDArray, closed: bool) -> Array:
     if len(clicks) == 2:
         return evenly(clicks, False)
     arc = arc_lengths(clicks, closed)
-    ends = "periodic" if closed else "natural" if len(clicks) == 3 else "not-a-knot"
+    ends = "natural" if len(clicks) == 3 else "not-a-knot"
+    if closed:
+        ends = "periodic"
     spline = CubicSpline(arc, ring_of(clicks, closed), bc_type=ends)
     dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
-    return evenly(dense[:-1] if closed else dense, closed)
+    return evenly(dense[: len(dense) - closed], closed)
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
@@ -439,7 +443,7 @@ class MendedStroke(Stroke):
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
         count = len(self.knots)
-        if count <= (3 if self.closed else 2):
+        if count <= 2 + self.closed:
             text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
             raise SettingError(text, code="too-few-knots")
         if not self.closed and knot == 0:
@@ -448,9 +452,8 @@ class MendedStroke(Stroke):
             return self.part(np.arange(self.knots[-2] + 1))
         before, _, after = self._around(knot)
         # The spline through the knots around shows how the line would run without this one.
-        around = knot + np.array([-2, -1, 1, 2])
-        around = around % count if self.closed else np.clip(around, 0, count - 1)
-        spline = path_through(self.knots_px[list(dict.fromkeys(around.tolist()))], False)
+        around = self._beside(knot, -2, -1, 1, 2)
+        spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
         inner = spline[first + 1 : last]
@@ -533,7 +536,9 @@ class MendedStroke(Stroke):
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
         first, last = int(index[0]), int(index[near][-1])
-        goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
+        goes_on = first >= count / 2
+        if abs(last - first) > ALONG_PX:
+            goes_on = last > first
         if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
             return self._with_stretch(first, count - 1, stretch, ink, free=(False, True))
@@ -542,14 +547,10 @@ class MendedStroke(Stroke):
 
     def join(self, other: MendedStroke, ink: SliceInk | None) -> MendedStroke:
         """Both strokes as one, joined where two of their ends lie nearest."""
-        pairs = [
-            (float(np.hypot(*(self.points[end] - other.points[other_end]))), end, other_end)
-            for end in (0, -1)
-            for other_end in (0, -1)
-        ]
-        _, end, other_end = min(pairs)
-        first = self.reversed() if end == 0 else self
-        second = other.reversed() if other_end == -1 else other
+        pairs = product((self, self.reversed()), (other, other.reversed()))
+        first, second = min(
+            pairs, key=lambda pair: np.hypot(*(pair[0].points[-1] - pair[1].points[0]))
+        )
         reach = min(10, len(first.points) - 1, len(second.points) - 1)
         last, count = len(first.points) - 1, len(first.points)
         whole = concatenated([first, second], False)
@@ -577,9 +578,12 @@ class MendedStroke(Stroke):
 
     def _around(self, knot: int) -> tuple[int, int, int]:
         """The points of the knot before, the knot itself and the knot behind it."""
-        around, count = knot + np.array([-1, 0, 1]), len(self.knots)
-        around = around % count if self.closed else np.clip(around, 0, count - 1)
-        return tuple(self.knots[around].tolist())
+        return tuple(self._beside(knot, -1, 0, 1).tolist())
+
+    def _beside(self, knot: int, *steps: int) -> NDArray[np.int64]:
+        """The points of the knots so many steps beside one; of an open stroke no further ones."""
+        mode = "wrap" if self.closed else "clip"
+        return self.knots.take(knot + np.array(steps), mode=mode)
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
         """Indices from one point to another, on a closed stroke through its seam if need be."""
@@ -650,7 +654,7 @@ def spread_knots(
         spacing_px = arc[-1] / KNOTS
     steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
     at = np.linspace(0.0, arc[-1], steps + 1)
-    index = np.searchsorted(arc, (at[:-1] if closed else at) - 1e-9)
+    index = np.searchsorted(arc, at[: len(at) - closed] - 1e-9)
     is_knot = np.zeros(len(points), bool)
     is_knot[np.clip(index, 0, len(points) - 1)] = True
     return is_knot

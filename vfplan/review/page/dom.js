@@ -34,30 +34,51 @@ export function fixed(number, decimals) {
   return (Number(number.toFixed(decimals)) + 0).toFixed(decimals);
 }
 
-// Options of the command line, as the page calls what they do.
-const PAGE_WORDS = {
+// Options of the command line for which the page has a control, and how it is called there.
+const CONTROLS = {
+  "contact-radius": "Keep a distance of",
+  exclude: "Exclude",
   "find-markers": "Find marks",
-  "max-residual": "the plan",
-  "max-tre": "the plan",
+  model: "From slice to robot",
+  "pixel-spacing": "the size of a pixel",
   robust: "its box in the table",
+  "seen-from": "The slice is seen from",
 };
+const OPTION = /--([a-z][a-z-]*)/g;
 
-// A text of the program in the words of the page.
+// A text of the program in the words of the page. Advice to open the page, or to use an option for
+// which it has no control, is left out; another command stays as it is.
 export function inPageWords(text) {
-  const plain = text.replace(/, or give --markers-as-given| with vfplan rectify| \(delete its row, and give --common\)/g, "");
-  return plain.replace(/--([a-z][a-z-]*)/g, (_, name) => PAGE_WORDS[name] || name.replaceAll("-", " "));
+  let plain = text.replace(/--max-(residual|tre) allows/g, "the plan allows");
+  plain = plain.replace(/ with vfplan rectify| \(delete its row, and give --common\)/g, "");
+  plain = plain.replace(/, or [^,.;]*--([a-z-]+)[^,.;]*/g, (clause, name) => (name in CONTROLS ? clause : ""));
+  const sentences = plain.split(/(?<=\.) /).filter((words, k) => k === 0 || isOfPage(words));
+  return sentences.map((words) => (isCommand(words) ? words : words.replace(OPTION, nameOf))).join(" ");
+}
+
+function isCommand(words) {
+  return words.includes("vfplan ");
+}
+
+function isOfPage(words) {
+  if (words.includes("vfplan review")) return false;
+  return isCommand(words) || [...words.matchAll(OPTION)].every(([, name]) => name in CONTROLS);
+}
+
+function nameOf(_, option) {
+  return CONTROLS[option] || option.replaceAll("-", " ");
 }
 
 // Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands
 // on the control of the same name, or of the same place if its name has changed.
 export function refill(holder, nodes) {
   const controlsOf = () => [...holder.querySelectorAll("button, input")];
-  const nameOf = (node) => node.getAttribute("aria-label") || node.textContent;
+  const wordsOf = (node) => node.getAttribute("aria-label") || node.textContent;
   const place = controlsOf().indexOf(document.activeElement);
-  const name = place >= 0 ? nameOf(document.activeElement) : "";
+  const name = place >= 0 ? wordsOf(document.activeElement) : "";
   holder.replaceChildren(...nodes);
   if (place < 0) return;
   const controls = controlsOf();
-  const control = controls.find((node) => nameOf(node) === name) || controls[place];
+  const control = controls.find((node) => wordsOf(node) === name) || controls[place];
   control?.focus({ preventScroll: true });
 }

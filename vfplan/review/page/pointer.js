@@ -134,13 +134,16 @@ export class Pointer {
     else if (drag.kind === "trail") this.tools.endTrail(place);
     else if (drag.kind === "click") this.tools.click(place);
     else if (drag.kind === "candidate") drag.node.dispatchEvent(new Event("click"));
-    else if (drag.kind === "pan" && !drag.hasMoved && !this.isSpaceDown) this.clickOnSlice(drag.ink);
+    else if (drag.kind === "pan" && !drag.hasMoved && !this.isSpaceDown) this.clickOnSlice(drag.ink, place);
   }
 
-  // A click beside everything selects nothing.
-  clickOnSlice(ink) {
-    if (ink === null || ink === undefined) this.app.select(null);
-    else this.app.select({ kind: "ink", key: ink });
+  // Before there is a curve, a click chooses the line there, or is told why there is none. Later a
+  // click beside everything selects nothing.
+  clickOnSlice(ink, place) {
+    const { state, selected } = this.app;
+    if (ink !== null && ink !== undefined) this.app.select({ kind: "ink", key: ink });
+    else if (selected === null && state.image.has_ink && !state.curve_px.length) this.app.step({ do: "choose", at: place });
+    else this.app.select(null);
   }
 
   cancel() {

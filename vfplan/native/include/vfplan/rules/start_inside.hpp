@@ -28,8 +28,10 @@ struct ForceBall {
     }
 };
 
-/// The free space before an exchange. A way out leads to the proxy's own side if the proxy could
-/// have gone it before, and comes out with the fixture, in the direction -out, where it was.
+/// The space around the fixture that was there before an exchange. A way out of the new fixture
+/// leads to the proxy's own side if the proxy could have gone it before, and the old fixture lay on
+/// the side of -out, as the new one does. `out` points away from the new fixture where the way
+/// ends.
 template <int D>
 class FreeBefore {
   public:
