@@ -127,7 +127,7 @@ def test_a_whole_series_takes_seconds_and_a_bounded_memory(tmp_path):
         one = bones.Grid(big.corner + k * big.axes[:, 2], big.axes, (512, 512, 1))
         labels[:, :, k] = one.labels(bones.Bone(level, None, -59, 59))[:, :, 0]
     path = bones.write_nrrd(tmp_path / "p.seg.nrrd", labels, big)
-    program = "import sys; from vfplan.surface import surface; surface(sys.argv[1])"
+    program = "import sys; from vfplan.surface.build import surface; surface(sys.argv[1])"
     started = time.perf_counter()
     subprocess.run([sys.executable, "-c", program, str(path)], check=True, cwd=tmp_path)
     elapsed = time.perf_counter() - started

@@ -198,43 +198,27 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
             f"is a segmentation of type {kind[:16]!r}. Give BINARY, FRACTIONAL or LABELMAP.",
             code="volume-unsupported",
         )
-    corners, axes, normal, members = frames_of_segment(dataset, chosen.number)
-
-    rings: list[Array] = []
-    drawn = set()
-    stairs = 0
+    corners, axes, members = frames_of_segment(dataset, chosen.number)
     largest_share = float(dataset.get("MaximumFractionalValue", 1) or 1)
     frames = dataset.pixel_array.reshape(-1, int(dataset.Rows), int(dataset.Columns))
+    borders: list[tuple[list[Array], bool]] = [([], True)] * len(frames)
     for k in members:
         if kind == "FRACTIONAL":
-            borders = volumes.rings_of_share(frames[k] / largest_share)
+            borders[k] = volumes.rings_of_share(frames[k] / largest_share), True
         else:
             label = chosen.number if kind == "LABELMAP" else 1
-            borders, is_smooth = volumes.rings_of_mask(frames[k] == label)
-            stairs += not is_smooth
-        for border in borders:
-            rings.append(corners[k] + border[:, ::-1] @ axes.T)
-            drawn.add(k)
-    if not rings:
-        raise InputError(
-            f"segment {chosen.number} has no pixels. Choose another with --structure.",
-            code="structure-empty", numbers={"structure": chosen.number},
-        )  # fmt: skip
-
-    heights = corners @ normal
-    is_empty = np.abs(heights[sorted(drawn)] - heights[:, None]).min(axis=1) > SAME_M
-    remarks = volumes.stairs_remark(stairs)
-    return Contours(
-        tuple(rings), structures, chosen.number, inputs, normal, corners[is_empty], remarks
-    )
+            borders[k] = volumes.rings_of_mask(frames[k] == label)
+    # DICOM's first step is that from column to column.
+    axes = axes[:, ::-1]
+    return volumes.contours_of_slices(structures, chosen.number, inputs, borders, corners, axes)
 
 
-def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, list[int]]:
+def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, list[int]]:
     """Where the frames of a segmentation lie, in the patient's LPS frame [m].
 
     (F, 3) the centre of each frame's first pixel, (3, 2) a step from column to column and from row
-    to row, (3,) the frames' unit normal, and which frames belong to the segment, from 0. Raises
-    `InputError` where their places are not sound.
+    to row, and which frames belong to the segment, from 0. Raises `InputError` where their places
+    are not sound.
     """
     rows, columns = int(dataset.Rows), int(dataset.Columns)
     count = int(dataset.get("NumberOfFrames") or 1)
@@ -270,7 +254,7 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, Array, 
             "along its normal. Export each slice once.",
             code="slices-doubled",
         )
-    return corners, axes, normal, members
+    return corners, axes, members
 
 
 def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ import logging
 import os
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -117,16 +117,6 @@ def zero_rings(values: Array) -> list[Array]:
     return [ring[:-1] for ring in find_contours(values, 0.0) if len(ring) > 3]
 
 
-def stairs_remark(slice_count: int) -> tuple[str, ...]:
-    """What a person should know where slices could not be smoothed."""
-    if slice_count == 0:
-        return ()
-    return (
-        f"{slice_count} slices keep their stairs, because smoothing would lose or join parts of "
-        "the structure. Look at thin parts in the label map.",
-    )
-
-
 def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
     """The outlines of one structure of a label map, slice by slice.
 
@@ -141,35 +131,57 @@ def contours_of_volume(volume: LabelVolume, structure: str | None) -> Contours:
         The structure has no voxels.
     """
     layers, places, T_lps_voxel = volume
-    structures = tuple(places)
-    chosen = choose_structure(structures, structure)
+    chosen = choose_structure(tuple(places), structure)
     steps = T_lps_voxel[:3, :3]
     sides = np.linalg.norm(steps, axis=0)
     across = 2 - int(np.argmax(np.round(sides[::-1] / sides.max(), 6)))
-    first, second = (axis for axis in range(3) if axis != across)
-    normal = plane_normal(steps[:, (first, second)])
     layer, label = places[chosen]
-    slices = np.moveaxis(layers[layer], across, 2)
+    slices = np.moveaxis(layers[layer], across, 0)
+    corners = T_lps_voxel[:3, 3] + np.arange(len(slices))[:, None] * steps[:, across]
+    borders = (rings_of_mask(one == label) for one in slices)
+    return contours_of_slices(
+        tuple(places), chosen.number, {}, borders, corners, np.delete(steps, across, axis=1)
+    )
+
+
+def contours_of_slices(
+    structures: tuple[Structure, ...],
+    chosen: int,
+    inputs: dict[str, str],
+    borders: Iterable[tuple[list[Array], bool]],
+    corners: Array,
+    axes: Array,
+) -> Contours:
+    """The outlines of the chosen structure from its borders on parallel slices.
+
+    borders: of each slice, as `rings_of_mask` gives them
+    corners: (F, 3) the centre of each slice's first pixel [m]
+    axes: (3, 2) a step from row to row and from column to column [m]
+    Raises CurveError: no slice shows the structure
+    """
     rings: list[Array] = []
-    empty = []
+    drawn = []
     stairs = 0
-    for k in range(slices.shape[2]):
-        corner = T_lps_voxel[:3, 3] + k * steps[:, across]
-        borders, is_smooth = rings_of_mask(slices[:, :, k] == label)
+    for k, (borders_of_slice, is_smooth) in enumerate(borders):
+        rings += [corners[k] + border @ axes.T for border in borders_of_slice]
+        drawn += [k] * len(borders_of_slice)
         stairs += not is_smooth
-        rings += [corner + border @ steps[:, (first, second)].T for border in borders]
-        if not borders:
-            empty.append(corner)
     if not rings:
         raise CurveError(
-            f"structure {chosen.number} has no voxels. Choose another with --structure.",
-            code="structure-empty", numbers={"structure": chosen.number},
+            f"structure {chosen} has no pixels. Choose another with --structure.",
+            code="structure-empty", numbers={"structure": chosen},
         )  # fmt: skip
-    return Contours(
-        tuple(rings), structures, chosen.number, {},
-        normal=normal / np.linalg.norm(normal),
-        empty=np.array(empty).reshape(-1, 3), remarks=stairs_remark(stairs),
-    )  # fmt: skip
+    normal = plane_normal(axes)
+    normal /= np.linalg.norm(normal)
+    heights = corners @ normal
+    is_empty = np.abs(heights[drawn] - heights[:, None]).min(axis=1) > SAME_M
+    remarks: tuple[str, ...] = ()
+    if stairs:
+        remarks = (
+            f"{stairs} slices keep their stairs, because smoothing would lose or join parts of the "
+            "structure. Look at thin parts in the label map.",
+        )
+    return Contours(tuple(rings), structures, chosen, inputs, normal, corners[is_empty], remarks)
 
 
 # Distance up to which NIfTI's sform and qform are the same: single precision and a quaternion round
