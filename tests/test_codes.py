@@ -13,6 +13,7 @@ from types import SimpleNamespace as as_is
 
 import bundles
 import click
+import meshes
 import numpy as np
 import pytest
 import slicer_files
@@ -54,7 +55,7 @@ from vfplan.review import markers, rendered, strokes
 from vfplan.review.geometry import route_over
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
-from vfplan.review.steps import named
+from vfplan.review.steps import name_of
 from vfplan.scenes import god_object
 from vfplan.scenes.outline import Look
 from vfplan.session import bags
@@ -99,7 +100,7 @@ def stored_result(folder):
 def taken_up(draft):
     """A draft with a step that there is not."""
     draft.keep(as_is(steps=[{"do": "fly"}], undone=[]))
-    return draft.take_up(as_is(apply=named))
+    return draft.take_up(as_is(apply=name_of))
 
 
 def two_slices(folder):
@@ -113,9 +114,7 @@ def two_slices(folder):
 
 def touched(source, target):
     """Twelve points on the sides of a cube, of which one lies beside it."""
-    corners = np.array([(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.1)])
-    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    triangles = np.array([three for a, b, c, d in sides for three in ((a, b, c), (a, c, d))])
+    corners, triangles = meshes.box((0.1, 0.1, 0.1))
     tips = corners[triangles].mean(axis=1)
     tips[0] += [-4e-3, 0, 0]
     registration = fit_registration(source, target, model="rigid")
@@ -223,7 +222,6 @@ CALLS = {
     "folder-is-a-file": lambda d: refuse_folder(written(d / "f", "")),
     "output-is-a-directory": lambda d: refuse_place(d),
     # Outlines, label maps, surfaces.
-    "outline-empty": lambda d: outline.polygon_of(np.zeros((2, 2))),
     "structure-none": lambda d: outline.choose_structure((), None),
     "surface-too-fine": lambda d: mesh.grid_axes(
         as_is(outlines=[as_is(rings=[RING])], z=np.array([0.0, 1.0])), 1e-2, False),
