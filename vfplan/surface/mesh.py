@@ -111,10 +111,11 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
     Far from an outline its distance is carried on linearly from the middle of a block.
     """
     x, y, z = axes
-    which, weights, _ = stack.weights(z)
+    inside = np.clip(z, stack.z[0], stack.z[-1])
+    weights = np.column_stack([base(inside) for base in stack.bases])
     gaps = np.diff(stack.z)
 
-    @lru_cache(maxsize=weights.shape[1])
+    @lru_cache(maxsize=4)
     def distances(k: int) -> Array:
         reach = 2 * step + gaps[max(0, k - 1) : k + 1].max()
         return slice_values(stack.outlines[k], x, y, reach)
@@ -122,9 +123,8 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
     values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
     for plane in range(len(z)):
         total = 0.0
-        for k, weight in zip(which[plane], weights[plane], strict=True):
-            if weight != 0:
-                total = total + weight * distances(k)
+        for k in np.flatnonzero(weights[plane]):
+            total = total + weights[plane, k] * distances(k)
         values[:, :, plane] = total
     return values
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 # Largest width of a keyhole's channel [m]. No tool draws bone as thin.
 CHANNEL_M = 1e-4
 # Smallest way along the ring from one side of a channel to the other, in widths of a channel.
@@ -300,58 +299,43 @@ class Stack:
         """(S,) places of the slices [m]."""
         return np.array([outline.z for outline in self.outlines])
 
-    def weights(self, z: Array) -> tuple[Indices, Array, Array]:
-        """Which slices (M, 4) make up the value at z (M,), with weights and their slopes.
+    @cached_property
+    def bases(self) -> list[Any]:
+        """For each slice, what it adds to the value at any height: a piecewise cubic in z.
 
-        Fewer than four where there are no more slices.
+        Its slope at each slice is that of the parabola through the slice and its neighbours, or of
+        the one through the last three slices; of two slices it is the straight line.
         """
-        places = self.z
-        count = len(places)
-        inside = np.clip(z, places[0], places[-1])
-        first = np.clip(np.searchsorted(places, inside, "right") - 1, 0, count - 2)
-        gap = places[first + 1] - places[first]
-        t = (inside - places[first]) / gap
-        # The slope at each slice [1/m]: of the parabola through it and its neighbours, or of the
-        # one through the last three slices; of two slices the straight line.
-        slopes = np.gradient(np.eye(count), places, axis=0, edge_order=min(2, count - 1))
-        width = min(4, count)
-        which = np.clip(first - 1, 0, count - width)[:, None] + np.arange(width)
+        from scipy.interpolate import CubicHermiteSpline
 
-        def combine(*basis: Array) -> Array:
-            """Weights of the slices, from those of value and slope at the first and the last."""
-            value_first, slope_first, value_last, slope_last = (row[:, None] for row in basis)
-            weights = value_first * (which == first[:, None])
-            weights += value_last * (which == first[:, None] + 1)
-            weights += slope_first * gap[:, None] * slopes[first[:, None], which]
-            return weights + slope_last * gap[:, None] * slopes[first[:, None] + 1, which]
-
-        # Hermite's cubics and their derivatives.
-        weights = combine(
-            (1 + 2 * t) * (1 - t) ** 2, t * (1 - t) ** 2, t**2 * (3 - 2 * t), t**2 * (t - 1)
-        )
-        weight_slopes = combine(
-            6 * t**2 - 6 * t, 3 * t**2 - 4 * t + 1, 6 * t - 6 * t**2, 3 * t**2 - 2 * t
-        )
-        weight_slopes /= gap[:, None]
-        weight_slopes[(z < places[0]) | (z > places[-1])] = 0.0
-        return which, weights, weight_slopes
+        ones, order = np.eye(len(self.outlines)), min(2, len(self.outlines) - 1)
+        slopes = np.gradient(ones, self.z, axis=0, edge_order=order)
+        return [CubicHermiteSpline(self.z, *rows) for rows in zip(ones, slopes.T, strict=True)]
 
     def signed(self, points: Array) -> tuple[Array, Array]:
         """The function (M,) [m] at points (M, 3), below 0 inside, and its gradient (M, 3)."""
-        which, weights, weight_slopes = self.weights(points[:, 2])
+        places = self.z
+        heights = np.clip(points[:, 2], places[0], places[-1])
+        is_beyond = heights != points[:, 2]
+        upwards = np.argsort(heights, kind="stable")
         value = np.zeros(len(points))
         gradient = np.zeros((len(points), 3))
-        rows, columns = np.nonzero((weights != 0) | (weight_slopes != 0))
-        slices = which[rows, columns]
-        order = np.argsort(slices, kind="stable")
-        first = np.searchsorted(slices[order], np.arange(len(self.outlines) + 1))
-        for k in np.flatnonzero(np.diff(first)):
-            of_slice = order[first[k] : first[k + 1]]
-            row, column = rows[of_slice], columns[of_slice]
-            distance, direction = self.outlines[k].signed(points[row, :2])
-            value[row] += weights[row, column] * distance
-            gradient[row, :2] += weights[row, column, None] * direction
-            gradient[row, 2] += weight_slopes[row, column] * distance
+        for k, outline in enumerate(self.outlines):
+            # A slice counts as far as the second one from it.
+            ends = places[max(0, k - 2)], places[min(k + 2, len(places) - 1)]
+            first, last = (
+                np.searchsorted(heights, end, side, sorter=upwards)
+                for end, side in zip(ends, ("left", "right"), strict=True)
+            )
+            rows = upwards[first:last]
+            weight = self.bases[k](heights[rows])
+            slope = np.where(is_beyond[rows], 0.0, self.bases[k](heights[rows], 1))
+            counts = (weight != 0) | (slope != 0)
+            rows, weight, slope = rows[counts], weight[counts], slope[counts]
+            distance, direction = outline.signed(points[rows, :2])
+            value[rows] += weight * distance
+            gradient[rows, :2] += weight[:, None] * direction
+            gradient[rows, 2] += slope * distance
         return value, gradient
 
 
