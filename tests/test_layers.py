@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from graphlib import TopologicalSorter
 
 import pytest
 from conftest import ROOT
@@ -44,11 +45,11 @@ ONLY = {"click": {"cli"} | LEAF_ROOMS, "h5py": {"io"}, "nanobind": set()}
 GUARDED = {"bundle", "session"}  # who may open HDF5 files
 
 
-def layer(module):
-    """The longest name in LAYERS that `module`, dotted and without `vfplan.`, begins with."""
+def layer(module, names=RANK):
+    """The longest of some names that `module`, dotted and without `vfplan.`, begins with."""
     parts = module.split(".")
-    names = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
-    return next((name for name in names if name in RANK), None)
+    beginnings = (".".join(parts[:n]) for n in range(len(parts), 0, -1))
+    return next((name for name in beginnings if name in names), None)
 
 
 def sources():
@@ -114,22 +115,5 @@ def test_the_click_commands_of_leaf_rooms_are_in_one_file():
 def test_no_circle_of_imports():
     """Inside packages and functions too: such modules cannot be understood one at a time."""
     graph = {module: ours(ast.walk(tree)) for module, _, tree in sources()}
-    known = set(graph)
-    graph = {m: {_module(n, known) for n in uses} - {m, None} for m, uses in graph.items()}
-    done: set[str] = set()
-
-    def visit(module, way):
-        assert module not in way, " -> ".join([*way[way.index(module) :], module])
-        if module not in done:
-            for used in sorted(graph[module]):
-                visit(used, [*way, module])
-            done.add(module)
-
-    for module in sorted(graph):
-        visit(module, [])
-
-
-def _module(name, known):
-    """The module that a dotted name lies in; a package's own names count as the package."""
-    parts = name.split(".")
-    return next((n for k in range(len(parts), 0, -1) if (n := ".".join(parts[:k])) in known), None)
+    graph = {m: {layer(name, graph) for name in uses} - {m, None} for m, uses in graph.items()}
+    TopologicalSorter(graph).prepare()  # Its error names a circle.

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
-import os
-import resource
-import signal
+from multiprocessing import get_context
+from resource import RUSAGE_SELF, getrusage
 
 import h5py
 import numpy as np
@@ -100,29 +99,20 @@ def in_child(work, limit_s: float = 300.0) -> tuple[str, float]:
     A fork begins with its parent's memory, however much that is: only what comes on top counts.
     A crash, a hang beyond `limit_s` and any exception fail the calling test.
     """
-    reader, writer = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.close(reader)
-            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-            text = work()
-            added = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) / 1024
-            os.write(writer, f"{added}\n".encode())
-            with os.fdopen(writer, "w") as file:
-                file.write(text)
-            os._exit(0)
-        except BaseException as error:
-            os.write(2, f"{type(error).__name__}: {error}\n".encode())
-            os._exit(1)
-    os.close(writer)
-    signal.alarm(int(limit_s) + 1)
+    fork = get_context("fork")
+    reader, writer = fork.Pipe(duplex=False)
+
+    def report():
+        before = getrusage(RUSAGE_SELF).ru_maxrss
+        text = work()
+        writer.send((text, (getrusage(RUSAGE_SELF).ru_maxrss - before) / 1024))
+
+    child = fork.Process(target=report)
+    child.start()
+    writer.close()
     try:
-        with os.fdopen(reader) as file:
-            text = file.read()
+        assert reader.poll(limit_s), "the reading process hangs"
+        return reader.recv()
     finally:
-        signal.alarm(0)
-    _, status = os.waitpid(child, 0)
-    assert os.waitstatus_to_exitcode(status) == 0, "the reading process died"
-    added, _, rest = text.partition("\n")
-    return rest, float(added)
+        child.kill()
+        child.join()

@@ -8,15 +8,12 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
+from captures import CURVE, PICTURE, SHAPE
+from drawing import blend, coverage, flat, rms_off
 from PIL import Image, ImageOps
 
 import vfplan
 from vfplan.errors import ImageError
-
-SHAPE = (150, 220)
-CURVE = wavy(SHAPE, 4, margin=0.25)
-PICTURE = to_uint8(blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 40)))
 
 
 def saved(tmp_path, form, image=None, **options):

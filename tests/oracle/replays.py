@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
 import tempfile
 from pathlib import Path
 
 import numpy as np
+from conftest import output
 from vfplan.samples.experiments import probing_hand, square
 
 import vfplan
@@ -145,11 +145,10 @@ LOGGED = {"hip": ("x", "y", "z"), "proxy": ("proxy_x", "proxy_y", "proxy_z"),
 def build_controller(tree, folder):
     """The sample controller, compiled as soon as can be: its bits depend on no such flag."""
     source = tree / "samples" / "controller"
-    flags = "-DCMAKE_CXX_FLAGS_RELEASE=-O0 -DVFPLAN_NARROW"
-    cmake = ["cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}", flags]
-    for command in (cmake, ["cmake", "--build", folder]):
-        subprocess.run([*map(str, command)], check=True, capture_output=True)
-    return Path(folder) / "controller"
+    flags = "-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DVFPLAN_NARROW"
+    output("cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}", flags)
+    output("cmake", "--build", folder)
+    return folder / "controller"
 
 
 def controller_logs(tree):
@@ -160,8 +159,7 @@ def controller_logs(tree):
         for name, *options in CONTROLLED:
             log = Path(folder) / f"{len(cases)}.csv"
             wanted = ["--unsigned", "--simulated-time", "--seconds", "3", "--log", log]
-            command = [program, archived(name), *wanted, *options]
-            subprocess.run([*map(str, command)], check=True, capture_output=True)
+            output(program, archived(name), *wanted, *options)
             table = np.genfromtxt(log, delimiter=",", names=True)
             arrays = {k: np.column_stack([table[c] for c in names]) for k, names in LOGGED.items()}
             cases[" ".join([name, *options])] = summed(**arrays)

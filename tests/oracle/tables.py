@@ -12,15 +12,12 @@ from typing import Any
 def table_text(comments: Iterable[str], rows: Iterable[Any], row_type: type, digits: int) -> str:
     """The text of a table; numbers that are not whole have that many digits."""
     out = io.StringIO()
-    for comment in comments:
-        out.write(f"# {comment}\n")
+    out.writelines(f"# {comment}\n" for comment in comments)
     table = csv.writer(out, lineterminator="\n")
     table.writerow([field.name for field in fields(row_type)])
     for row in rows:
-        cells = []
-        for value in astuple(row):
-            cells.append(f"{value:.{digits}f}" if isinstance(value, float) else value)
-        table.writerow(cells)
+        values = astuple(row)
+        table.writerow(f"{v:.{digits}f}" if isinstance(v, float) else v for v in values)
     return out.getvalue()
 
 
@@ -28,10 +25,6 @@ def table_rows(text: str, row_type: type) -> list[Any]:
     """The rows of a table, each cell of its field's type."""
     lines = [line for line in text.splitlines() if not line.startswith("#")]
     readers = {"int": int, "float": float, "str": str}
-    rows = []
-    for cells in csv.DictReader(lines):
-        values = {}
-        for field in fields(row_type):
-            values[field.name] = readers[str(field.type)](cells[field.name])
-        rows.append(row_type(**values))
-    return rows
+    kinds = {field.name: readers[str(field.type)] for field in fields(row_type)}
+    table = csv.DictReader(lines)
+    return [row_type(**{name: kinds[name](cell) for name, cell in row.items()}) for row in table]

@@ -14,6 +14,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import ROOT, need_program
+from oracle.replays import build_controller
 
 import vfplan
 from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
@@ -33,24 +34,16 @@ SHORT = ("--seconds", 0.01, SIMULATED)
 def controller(tmp_path_factory):
     """samples/controller, built as its CMakeLists says but sooner: the bits are the wheel's yet."""
     need_program("g++", "g++")
-    build = tmp_path_factory.mktemp("controller")
-    source = ROOT / "samples" / "controller"
-    flags = "-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DVFPLAN_NARROW"
-    for words in (
-        ["-S", source, "-B", build, f"-Dvfplan_DIR={vfplan.cmake_dir()}", flags],
-        ["--build", build],
-    ):
-        done = subprocess.run(["cmake", *map(str, words)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stdout + done.stderr
+    program = build_controller(ROOT, tmp_path_factory.mktemp("controller"))
 
     def run(*args, maker=("--unsigned",), code=0):
         """What a call says that ends with this code."""
-        command = [str(build / "controller"), *map(str, [*args, *maker])]
+        command = [str(program), *map(str, [*args, *maker])]
         done = subprocess.run(command, capture_output=True, text=True, timeout=60)
         assert done.returncode == code, (args, maker, done)
         return done
 
-    run.program = build / "controller"
+    run.program = program
     return run
 
 

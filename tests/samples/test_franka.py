@@ -20,7 +20,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import ROOT, missing, output, quick_compiler
-from motion import INCLUDE, NATIVE, SHEET, STRICT
+from motion import INCLUDE, SHEET, compiled
 
 import vfplan
 from vfplan import Status
@@ -469,14 +469,11 @@ def test_the_log_is_a_session_that_a_replay_repeats_to_the_bit(is_governed, loop
 def loop_in_cpp(tmp_path_factory):
     """samples/franka/loop.cpp against tests/native/franka, a stub of libfranka, and a wall."""
     folder = tmp_path_factory.mktemp("franka")
-    flags = ("-O1", "-DVFPLAN_NARROW", "-DVFPLAN_COMPILED", INCLUDE / "vfplan" / "engine.cpp")
-    words = [quick_compiler(), "-std=c++20", *STRICT, *flags, f"-I{INCLUDE}", f"-I{NATIVE}"]
-    words += [FOLDER / "loop.cpp", "-o", folder / "loop"]
-    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    flags = ("-O1", "-DVFPLAN_NARROW", "-DVFPLAN_COMPILED", str(INCLUDE / "vfplan" / "engine.cpp"))
+    program = compiled(folder, FOLDER / "loop.cpp", *flags, compiler=quick_compiler())
     rendering = fixtures.Rendering(np.full(3, 1000.0), contact_radius=5e-3, band=5e-5)
     wall = stored(folder, replace(bundles.small(), points=SHEET, rendering=rendering))
-    return [folder / "loop", wall]
+    return [program, wall]
 
 
 @pytest.mark.parametrize(("options", "code", "says"), [

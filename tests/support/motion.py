@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import numpy as np
-from conftest import ROOT, need_program
+from conftest import ROOT, need_program, output
 
 from vfplan import Status
 
@@ -83,22 +81,12 @@ def compiled(folder, source, *flags, compiler="g++"):
     program = folder / (source.stem + "".join(flags).replace("/", "_").replace("=", "_"))
     if not program.exists():
         words = [need_program(compiler, compiler), "-std=c++20", *STRICT, *flags, f"-I{INCLUDE}"]
-        words += [f"-I{NATIVE}", source, "-o", program]
-        done = subprocess.run([*map(str, words)], capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
+        output(*words, f"-I{NATIVE}", source, "-o", program)
     return program
 
 
 # A program's own peak memory, as an expression; that of getrusage begins with its parent's.
 PEAK_KIB = 'int(open("/proc/self/status").read().split("VmHWM:")[1].split()[0])'
-
-
-def output(program, *args, timeout=300):
-    """What a program prints that ends well."""
-    words = [program, *map(str, args)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=timeout)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
 
 
 def drag(engine, tally, draw, proxy, held, distance, slack=(1e-13, 0.0), late=False):
