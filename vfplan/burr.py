@@ -26,6 +26,7 @@ from vfplan.replaying.metrics import flattened, row_norms
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event, write_events
 from vfplan.session.session import BLOCK, Session
+from vfplan.stability.contacts import cloud_normal
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -191,12 +192,7 @@ class Burr:
             place = self._first_points[k]
             count = min(NEIGHBOURS, len(self._normals))
             neighbours = self._tree.query(place, count)[1]
-            centred = self._first_points[neighbours] - self._first_points[neighbours].mean(axis=0)
-            spread = centred.T @ centred
-            if self._axis is not None:
-                # The normal stays in the plane.
-                spread += np.trace(spread) * np.outer(self._axis, self._axis)
-            normal = np.linalg.eigh(spread)[1][:, 0]
+            normal = cloud_normal(self._first_points[neighbours], self._axis)
             outwards = self._normals[neighbours].sum(axis=0)
             if not outwards.any():
                 outwards = proxy - place

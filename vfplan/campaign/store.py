@@ -256,12 +256,12 @@ def run_campaign(
     for block in range(len(paths)):
         if block not in missing:
             read_block(paths[block], block)
+    data: Any = pickle.dumps(campaign)
     if scheduler is None and min(workers, len(missing)) < 2:
         for block in missing:
-            store_block(paths[block], block_of(campaign, block))
+            store_block(paths[block], make_block(data, block))
             done(BLOCK)
         return len(missing) * BLOCK
-    data: Any = pickle.dumps(campaign)
     with ExitStack() as stack:
         if scheduler is None:
             executor = stack.enter_context(worker_processes(workers))
@@ -274,20 +274,13 @@ def run_campaign(
     return len(missing) * BLOCK
 
 
-def block_of(trials: Trials, block: int) -> list[dict[str, Any]]:
-    """The rows of a block; any process makes the same."""
-    return [trials.run(trial) for trial in range(block * BLOCK, (block + 1) * BLOCK)]
-
-
 def make_block(trials: bytes, block: int) -> list[dict[str, Any]]:
-    """The rows of a block in another process, which keeps the trials that it unpacked."""
-    return block_of(unpacked(trials), block)
+    """The rows of a block; any process makes the same, and keeps the trials that it unpacked."""
+    unpacked = loads_once(trials)
+    return [unpacked.run(trial) for trial in range(block * BLOCK, (block + 1) * BLOCK)]
 
 
-@lru_cache(maxsize=1)
-def unpacked(trials: bytes) -> Trials:
-    """The trials that were packed."""
-    return pickle.loads(trials)
+loads_once = lru_cache(maxsize=1)(pickle.loads)
 
 
 @contextmanager

@@ -147,8 +147,7 @@ class Trials:
         # The true markers: the image's, and where the registration puts them.
         T = record.T_robot_image
         self._source = record.source
-        ones = np.ones(len(record.source))
-        self._target = (np.column_stack([record.source, ones]) @ T.T)[:, :3]
+        self._target = (homogeneous(record.source) @ T.T)[:, :3]
 
         # The true curve in the source frame, as T carries it to the fixture's points.
         k = T.shape[0] - 1

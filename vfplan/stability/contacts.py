@@ -84,22 +84,16 @@ class Contact:
 
 
 def beside(
-    scene: scenes.Scene, touch: Vector, normal: Vector, *, hand_share: float = 0.0
+    scene: scenes.Scene, touch: Vector, *normals: Vector, hand_share: float = 0.0
 ) -> Iterator[Contact]:
-    """The contact at one place of a scene in space, (3,) [m], whose wall has this normal (3,)."""
-    yield Contact(scene.points, touch, normal[None], hand_share=hand_share)
+    """The contact at one place of a scene in space, (3,) [m], whose walls have these normals."""
+    yield Contact(scene.points, touch, np.array(normals), hand_share=hand_share)
 
 
 def patch() -> Contact:
     """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
     points = scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3)
     return Contact(points, RADIUS * Y, Y[None])
-
-
-def concave(scene: scenes.Scene, walls: int) -> Iterator[Contact]:
-    """A concave corner of two or three walls, away from the sheets' outer edges."""
-    normals = np.eye(3)[:walls]
-    yield Contact(scene.points, RADIUS * normals.sum(axis=0), normals)
 
 
 def channel() -> Iterator[Contact]:
@@ -132,8 +126,8 @@ SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "flat": partial(beside, scenes.Sheet(), scenes.Sheet.centre + RADIUS * Y, Y),
     "convex": partial(beside, scenes.Circle(radius=0.03, extrude=0.06), (0.03 + RADIUS) * X, X,
                       hand_share=HAND_SHARE),
-    "corner": partial(concave, scenes.Corner(extrude=0.04), 2),
-    "three-walls": partial(concave, scenes.ThreeWalls(), 3),
+    "corner": partial(beside, scenes.Corner(extrude=0.04), RADIUS * (X + Y), X, Y),
+    "three-walls": partial(beside, scenes.ThreeWalls(), RADIUS * (X + Y + Z), X, Y, Z),
     "channel": channel,
     "point": partial(beside, scenes.Point(), RADIUS * Y, Y, hand_share=HAND_SHARE),
     "double-sheet": partial(beside, scenes.DoubleSheet(), (2e-3 + RADIUS) * Y, Y),
