@@ -6,10 +6,10 @@
 from __future__ import annotations
 
 import json
-import os
 import runpy
 import shutil
 import tempfile
+from contextlib import chdir
 from pathlib import Path
 
 from click.testing import CliRunner
@@ -67,37 +67,27 @@ SMALLEST = 1e-9
 
 def documents(names):
     """{name: {path of a value: value}} of the JSON documents of some commands."""
-    answers, here = {}, Path.cwd()
-    with tempfile.TemporaryDirectory() as folder:
-        prepare(Path(folder))
-        os.chdir(folder)
-        try:
-            for name in names:
-                words = [*COMMANDS[name].split(), "--json"]
-                done = CliRunner(env={"SOURCE_DATE_EPOCH": "1767225600"}).invoke(cli, words)
-                document = {"exit": done.exit_code, **json.loads(done.stdout)}
-                answers[name] = dict(leaves(document))
-        finally:
-            os.chdir(here)
+    answers = {}
+    with tempfile.TemporaryDirectory() as folder, chdir(folder):
+        prepare()
+        for name in names:
+            words = [*COMMANDS[name].split(), "--json"]
+            done = CliRunner(env={"SOURCE_DATE_EPOCH": "1767225600"}).invoke(cli, words)
+            document = {"exit": done.exit_code, **json.loads(done.stdout)}
+            answers[name] = dict(leaves(document))
     return answers
 
 
-def prepare(folder):
-    """Put the sample, the frozen bundles and two small inputs into the folder."""
-    for path in SAMPLES.glob("elbow*"):
-        shutil.copy(path, folder)
-    shutil.copy(OURS / "elbow.h5", folder)
-    shutil.copy(OURS / "elbow-guided.h5", folder / "guided.h5")
-    here = Path.cwd()
-    os.chdir(folder)
-    try:
-        runpy.run_path(str(SAMPLES / "make_bone.py"), run_name="__main__")
-    finally:
-        os.chdir(here)
+def prepare():
+    """Put the sample, the frozen bundles and two small inputs into the current folder."""
+    for path in [*SAMPLES.glob("elbow*"), OURS / "elbow.h5"]:
+        shutil.copy(path, ".")
+    shutil.copy(OURS / "elbow-guided.h5", "guided.h5")
+    runpy.run_path(str(SAMPLES / "make_bone.py"), run_name="__main__")
     rows = [f"{x},{y},0" for x in range(-10, 11) for y in range(-10, 11)]
-    (folder / "cloud.csv").write_text("x,y,z\n" + "\n".join(rows) + "\n")
+    Path("cloud.csv").write_text("x,y,z\n" + "\n".join(rows) + "\n")
     hips = [f"{k / 1000:.3f},{(k - 500) * 1e-5:.6f},0,{0.008 - k * 1e-5:.6f}" for k in range(1000)]
-    (folder / "press.csv").write_text("t,x,y,z\n" + "\n".join(hips) + "\n")
+    Path("press.csv").write_text("t,x,y,z\n" + "\n".join(hips) + "\n")
 
 
 def leaves(value, path=""):

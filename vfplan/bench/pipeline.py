@@ -68,6 +68,7 @@ from vfplan.geometry.lines import normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose, sample_curve
+from vfplan.registration.models import homogeneous
 from vfplan.scenes.outline import Run, arc, in_space, segment
 
 # Width of the drawn slice at scale 1 [px].
@@ -137,11 +138,6 @@ def to_pixels(points: Array, scale: float) -> Array:
     return (points + 0.5) * scale - 0.5
 
 
-def from_pixels(points: Array, scale: float) -> Array:
-    """The inverse of `to_pixels`."""
-    return (points + 0.5) / scale - 0.5
-
-
 def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
     """(H, W) share of each pixel that a pen of `width` px along `line` (M, 2) covers."""
     from scipy.ndimage import distance_transform_edt
@@ -178,7 +174,7 @@ def grey_slice(shape: tuple[int, int], scale: float) -> Array:
 
 def score_points(points_px: Array, truth: Array, scale: float) -> Record:
     """Distances of extracted points from the true line, and of the line from them [px]."""
-    points, count = from_pixels(points_px, scale), len(truth)
+    points, count = (points_px + 0.5) / scale - 0.5, len(truth)
     line = Pieces(in_space(truth), np.zeros(count), np.zeros(count, np.int32), np.zeros(1, bool))
     distances = ProxyEngine.along(line).distance(in_space(points))
     uncovered, _ = cKDTree(points).query(truth[::5])
@@ -234,7 +230,7 @@ def register_scenes(quick: bool) -> Iterator[list[BenchRun]]:
             source = markers_px(count)
             noise = np.random.default_rng(11).normal(0, 1e-3 * noise_mm, (draws, count, 3))
             for method, fit in FITS.items():
-                run = partial(fit_all, fit, source, apply(T, source) + noise)
+                run = partial(fit_all, fit, source, homogeneous(source) @ T.T + noise)
                 chosen = method == "affine" and count == DEFAULT_MARKERS
                 scene = f"{noise_mm:g} mm noise, {name}"
                 score = partial(score_maps, T=T)
@@ -262,11 +258,6 @@ def markers_px(count: int) -> Array:
     return grid[picked] + rng.uniform(-25, 25, (count, 2))
 
 
-def apply(T: Array, points: Array) -> Array:
-    """T (3, 3) on [u v 1]."""
-    return np.column_stack([points, np.ones(len(points))]) @ T.T
-
-
 def fit_all(
     fit: Callable[[Array, Array], Array], source: Array, targets: Array
 ) -> tuple[list[Array], Array]:
@@ -278,9 +269,8 @@ def fit_all(
 def score_maps(maps: list[Array], T: Array) -> Record:
     """Target registration error over the planned curve and all draws [m]."""
     t = np.linspace(0, 1, 60)
-    curve = np.column_stack([200 + 480 * t, 380 + 170 * np.sin(5 * t)])
-    true = apply(T, curve)
-    errors = np.array([np.linalg.norm(apply(m, curve) - true, axis=1) for m in maps])
+    curve = homogeneous(np.column_stack([200 + 480 * t, 380 + 170 * np.sin(5 * t)]))
+    errors = np.array([np.linalg.norm(curve @ m.T - curve @ T.T, axis=1) for m in maps])
     return errors_of(errors, draws=len(maps))
 
 
@@ -293,8 +283,7 @@ def fit_model(source: Array, target: Array, model: str) -> Array:
 
 def fit_bare(source: Array, target: Array) -> Array:
     """The paper's ordinary least squares, bare: no residuals, no covariance, no checks."""
-    X = np.column_stack([source, np.ones(len(source))])
-    return np.linalg.lstsq(X, target, rcond=None)[0].T
+    return np.linalg.lstsq(homogeneous(source), target, rcond=None)[0].T
 
 
 FITS: dict[str, Callable[[Array, Array], Array]] = {
@@ -467,7 +456,7 @@ def plan_methods(
 def write_exact_markers(source: Path, target: Path) -> None:
     """Write where the markers of the slice truly are in the robot's frame."""
     rows = np.loadtxt(source, str, delimiter=",", skiprows=1)
-    places = apply(elbow_truth()[1], rows[:, 1:].astype(float))
+    places = homogeneous(rows[:, 1:].astype(float)) @ elbow_truth()[1].T
     lines = np.column_stack([rows[:, 0], places.astype(str)])
     np.savetxt(target, lines, "%s", ",", header="label,x_m,y_m,z_m", comments="")
 

@@ -45,6 +45,7 @@ from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import SPEED_M_S, Choice, choose
+from vfplan.registration.models import homogeneous
 from vfplan.scenes import SCENES, Drawn, Scene, Sheet, Sphere, Walls
 from vfplan.scenes.outline import Run, in_space, polyline
 from vfplan.stability.contacts import RADIUS as R
@@ -229,7 +230,7 @@ def elbow_truth() -> tuple[Array, Array]:
     """
     truth = json.loads((files("vfplan.samples") / "elbow_truth.json").read_text())
     pixels, T = np.array(truth["curve_px"]), np.array(truth["T_robot_image"])
-    return np.column_stack([pixels, np.ones(len(pixels))]) @ T.T, T
+    return homogeneous(pixels) @ T.T, T
 
 
 def experiment_2() -> Case:

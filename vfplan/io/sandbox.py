@@ -17,6 +17,7 @@ import json
 import logging
 import math
 import os
+import pkgutil
 import secrets
 import signal
 import socket
@@ -82,7 +83,9 @@ def run_in_sandbox(
     """
     files = [each for each in (file,) if each is not None]
     if not HAS_SANDBOX:
-        yield from run_here(job, files, args)
+        logging.getLogger(__name__).info("%s is read without limits: there is no sandbox here", job)
+        streams = [stream_over(each.fileno(), each) for each in files]
+        yield from pkgutil.resolve_name(job)(*streams, *args)
         return
     read_end, write_end = os.pipe()
     with open(read_end, "rb") as pipe:
@@ -111,14 +114,6 @@ def run_in_sandbox(
         where=where, code="reader-stopped",
         numbers={"memory_bytes": MEMORY_BYTES, "step_s": STEP_S},
     )  # fmt: skip
-
-
-def run_here(job: str, files: list[Any], args: tuple[Any, ...]) -> Iterator[Any]:
-    """Run a job in this process, without any limit, where the system has no sandbox."""
-    logging.getLogger(__name__).info("%s is read without limits: there is no sandbox here", job)
-    module_name, _, function_name = job.partition(":")
-    streams = [stream_over(file.fileno(), file) for file in files]
-    yield from getattr(importlib.import_module(module_name), function_name)(*streams, *args)
 
 
 def run_once(job: str, *args: Any, **options: Any) -> Any:
