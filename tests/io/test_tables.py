@@ -67,7 +67,7 @@ FREE_CELLS = (
     ("t;x;y;z;version", "{};{};{};{};1,2.3", None),
     ("t,x,y,z,note", "{},{},{},{},gr\xfc\xdf", None),
     ("t,x_mm,y_mm,z_mm", "{},{},{},{}", "units-differ"),
-    ("t,x_cm,y_cm,z_cm", "{},{},{},{}", "column-missing"),
+    ("t,x_ft,y_ft,z_ft", "{},{},{},{}", "column-missing"),
     ("t,x,x_m,y,z", "{},{},7,{},{}", "column-doubled"),
     ("t,x,y,z_wanted", "{},{},{},{}", "column-missing"),
 )
