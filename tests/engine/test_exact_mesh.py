@@ -171,6 +171,12 @@ def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
         assert meshes.winding(points[triangles], proxy)[0] == 0
 
 
+def test_far_from_a_mesh_the_state_tells_whether_it_has_smooth_edges():
+    """As docs/rules.md says: -1 where it has, else 0."""
+    for shape, state in ((meshes.sphere(0.03, 3), -1), (meshes.box((0.02, 0.02, 0.02)), 0)):
+        assert vfplan.ProxyEngine.on(*shape, R).step([1.0, 0.0, 0.0]).state == state
+
+
 def row_of_cubes():
     """The engine of 1500 cubes, and a place in the first. A search for its body looks through all
     of them, which takes more than a tick."""

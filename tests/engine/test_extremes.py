@@ -145,9 +145,15 @@ def cusp():
     return 0.04 * t * t, 0.02 * t**3
 
 
-def test_the_proxy_stays_outside_of_a_cusp():
+def needle():
+    s = np.linspace(-0.03, 0.03, 301)  # a channel that the proxy does not fit
+    return np.tile(s, 2), np.repeat([-4.95e-3, 4.95e-3], 301)
+
+
+@pytest.mark.parametrize("curve", [cusp, needle])
+def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     """Met along the whole curve and across it."""
-    x, y = cusp()
+    x, y = curve()
     points = np.column_stack([x, y, 0 * x])
     place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
     engine, way = engine_at(place), [place.start]
@@ -166,3 +172,11 @@ def test_the_proxy_stays_outside_of_a_cusp():
 def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(settings):
     lift = settings.get("point_radius", 0.0) * UP[0]
     assert walked(replace(patch(), touch=patch().touch + lift), **settings) <= ROUNDING_M
+
+
+def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
+    angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+    ring = 0.02 * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    trace = play(ProxyEngine(ring, R, ignore_axis="z"), np.zeros((1000, 3)), [1e-3, 0.0, 0.0])
+    assert not trace.proxy.any()
+    assert not trace.force.any()

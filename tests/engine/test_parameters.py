@@ -6,6 +6,7 @@ from motion import grid
 
 from vfplan import ProxyEngine, ProxyParameters
 from vfplan.engine import PAPER_BAND
+from vfplan.engine.parameters import check_points
 from vfplan.errors import SceneError, SettingError, VfplanError
 
 POINT, MAKE = [[0.0, 0.0, 0.0]], ProxyParameters.make
@@ -105,6 +106,14 @@ def test_cloud_that_cannot_be_rendered_is_refused(make, points, says):
     with pytest.raises(SceneError) as caught:
         make(points)
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("cloud", [
+    [[1, 2, 3]], np.ones((2, 3), np.float32), np.asfortranarray(np.ones((4, 3)))])  # fmt: skip
+def test_whole_numbers_and_float32_become_float64(cloud):
+    array = check_points(cloud)
+    assert array.dtype == np.float64
+    assert array.flags.c_contiguous
 
 
 def test_axis_is_normalised_whatever_its_length():

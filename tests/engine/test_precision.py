@@ -33,6 +33,19 @@ def test_a_flight_ends_right_to_some_ulps(miss):
     assert max(_flights(np.random.default_rng(5), miss)) <= 4
 
 
+def test_among_random_points_it_keeps_its_distance_to_some_ulps():
+    """R - band from every point, in exact arithmetic."""
+    rng = np.random.default_rng(5)
+    for _ in range(COUNT // 10):
+        points = rng.uniform(-2 * R, 2 * R, (60, 3))
+        engine = ProxyEngine(points)
+        engine.reset([0.0, 6 * R, 0.0])
+        kept = Decimal(engine.parameters.R) - Decimal(engine.parameters.band)
+        for hip in rng.uniform(-2 * R, 2 * R, (10, 3)):
+            proxy = _exact(engine.step(hip).proxy)
+            assert max(kept - _length(_exact(p) - proxy) for p in points) <= 4 * Decimal(ULP)
+
+
 def _flights(rng, miss):
     """|proxy - p| against R after a free flight at a single point that passes it at `miss` R [ulp].
 

@@ -15,17 +15,16 @@ int main() {
     std::vector<std::int32_t> triangles(3 * k);
     for (double& x : points) std::cin >> x;
     for (std::int32_t& row : triangles) std::cin >> row;
-    const vfplan::mesh::TriangleQuery query(
-        vfplan::mesh::Mesh({points.data(), n, triangles.data(), k}), 5e-3, 1e-6);
-    vfplan::mesh::BodySearch body(&query.mesh());
-    const vfplan::mesh::InsideMesh inside(query, 5e-3, body);
+    const vfplan::mesh::Mesh mesh({points.data(), n, triangles.data(), k});
+    vfplan::mesh::BodySearch body(&mesh);
+    vfplan::WorkBudget budget;
     for (std::size_t i = 0; i < places; ++i) {
         vfplan::Vec3 y;
         for (double& x : y.c) std::cin >> x;
         std::optional<bool> is_in;
         while (!is_in) {
-            query.budget().begin(100);
-            is_in = inside.is_in_body(y, 0);
+            budget.begin(100);
+            is_in = body.is_inside(y, 0, budget);
         }
         std::cout << *is_in << '\n';
     }

@@ -11,11 +11,6 @@ namespace {
 
 using vfplan::Vec3;
 
-/// The rule, whose work can be read.
-struct CountedRule : vfplan::mesh::MeshRule {
-    using MeshRule::MeshRule, MeshRule::motion;
-};
-
 /// Needles of 50 mm, 10 um wide: parallel in space, side by side on a plane, in all directions,
 /// nearly parallel, or long around a cylinder.
 std::vector<double> needles(int kind, int count, scenes::Random& random) {
@@ -42,12 +37,14 @@ void measure(const std::vector<double>& corners, scenes::Random& random) {
     for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::int32_t>(i);
     const vfplan::mesh::Surface surface{corners.data(), rows.size(), rows.data(), rows.size() / 3};
     vfplan::Parameters p;
-    const double bound = tick_time_bound(surface, p) / CountedRule::a_step;
-    p.band = CountedRule::band(p, surface);
+    const double bound = tick_time_bound(surface, p) / vfplan::mesh::MeshMotion::a_step;
+    p.band = vfplan::exact_band(p, vfplan::largest_of(surface.points, surface.n));
     vfplan::mesh::Mesh mesh(surface);
     vfplan::mesh::SmoothBody body(mesh, p.R());
-    p.band += body.rise();
-    CountedRule rule(std::move(mesh), std::move(body), p);
+    const double rise = body.rise();
+    p.band += rise;
+    vfplan::mesh::MeshRule rule(p.R() - rise, p.band - rise, p.pace(), std::move(mesh),
+                                std::move(body), p);
     Vec3 proxy{0.2, 0.2, 0.2}, hip = proxy, goal;
     std::int64_t worst = 0;
     for (int tick = 0; tick < 2000; ++tick) {

@@ -214,10 +214,7 @@ NB_MODULE(_core, m) {
             const double* xyz = points.data();
             const std::size_t n = points.shape(0);
             if (p.rule != vfplan::Rule::exact) return vfplan::band_for(xyz, n, p);
-            if (!p.ignore_axis) return vfplan::mesh::MeshRule::band(p, {xyz, n, nullptr, 0});
-            vfplan::Stroke stroke;
-            stroke.vertices.assign(xyz, xyz + 3 * n);
-            return vfplan::curve::CurveRule::band(p, {stroke});
+            return vfplan::exact_band(p, vfplan::largest_of(xyz, n));
         },
         "points"_a, "parameters"_a,
         "the band that a cloud asks for; of rule exact, what roundings need [m]");

@@ -9,7 +9,6 @@
 #include "vfplan/engine.hpp"
 
 #include "vfplan/cloud/band.hpp"
-#include "vfplan/tick_time.hpp"
 
 // What they declare:
 #include "vfplan/engine.inl"

@@ -36,10 +36,16 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
 /// The engine of a mesh.
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
 
-/// Whether a tick among these points may take longer than a loop of 1 kHz can wait.
-VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p);
-
 }  // namespace detail
+
+/// Time [s] that a tick among n points takes at most (tick_time.hpp). Throws std::invalid_argument,
+/// as the others.
+VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
+/// The same of rule exact among lines and arcs.
+VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
+                                            const Parameters& p);
+/// The same of rule exact among triangles.
+VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
 
 /// What an engine is made for: a loop of 1 kHz, or a replay or study, which can wait.
 enum class Use { real_time, replay, offline = replay };
@@ -163,7 +169,7 @@ class Engine {
         auto& c = changes();
         const bool fits = parameters_.rule == Rule::robust && numbers_->fits_in_place(m);
         const std::vector<detail::PendingChange> all =
-            numbers_->edit(remove, n, add, m, parameters_, detail::is_too_dense);
+            numbers_->edit(remove, n, add, m, parameters_, tick_time_bound);
         if (fits && all.size() <= max_edit_in_place && c.queue.push(all.data(), all.size()))
             return true;
         return remake();

@@ -1,8 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The rules in their spaces, behind the type that an engine holds, and the most time that a tick of
-// each rule takes. engine.hpp, which a controller includes, and tick_time.hpp declare what is
-// defined here.
+// each rule takes. engine.hpp, which a controller includes, declares what is defined here.
 #pragma once
 
 #include "vfplan/curve/exact.hpp"
@@ -10,7 +9,6 @@
 #include "vfplan/mesh/exact.hpp"
 #include "vfplan/rules/paper.hpp"
 #include "vfplan/rules/robust.hpp"
-#include "vfplan/tick_time.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -149,10 +147,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
 template <class Space, class RuleOf>
 struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
     using RuleInSpace<Space, RuleOf>::RuleInSpace;
-    std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.bytes(); }
-    std::size_t cells() noexcept override { return this->rule_.cells(); }
+    std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.motion().bytes(); }
+    std::size_t cells() noexcept override { return this->rule_.motion().cells(); }
     double distance(const Vec3& x) noexcept override {
-        return this->rule_.distance(this->space_.project(x));
+        return this->rule_.motion().distance(this->space_.project(x));
     }
     double distance_within(const Vec3& x, double reach) noexcept override {
         return std::min(distance(x), reach);
@@ -183,26 +181,31 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const P
 
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
     p.rule = Rule::exact;
-    p.band = curve::CurveRule::band(p, strokes);
+    double largest = 0;
+    for (const Stroke& s : strokes)
+        largest = std::max(largest, largest_of(s.vertices.data(), s.vertices.size() / 3));
+    p.band = exact_band(p, largest);
     check(p);
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const Slice space(*p.ignore_axis);
     return std::make_unique<GeometryEngine<Slice, curve::CurveRule>>(
-        space, p, curve::Curve(strokes, space, p.R()), p);
+        space, p, p.R(), p.band, p.pace(), curve::Curve(strokes, space, p.R()), p);
 }
 
 VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
     p.rule = Rule::exact;
     mesh::check(surface);
-    p.band = mesh::MeshRule::band(p, surface);
+    p.band = exact_band(p, largest_of(surface.points, surface.n));
     check(p);
     if (p.ignore_axis) reject("rule exact renders a mesh in space: without an ignore_axis");
     mesh::Mesh triangles(surface);
     mesh::SmoothBody body(triangles, p.R());
-    p.band += body.rise();
-    return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(Space{}, p, std::move(triangles),
-                                                                   std::move(body), p);
+    const double rise = body.rise();
+    p.band += rise;
+    return std::make_unique<GeometryEngine<Space, mesh::MeshRule>>(
+        Space{}, p, p.R() - rise, p.band - rise, p.pace(), std::move(triangles), std::move(body),
+        p);
 }
 
 /// A tick may do so many iterations, or what its budget allows, and `rest` of them beside: the one
@@ -240,10 +243,6 @@ double tick_time_in(Space space, const double* xyz, std::size_t n, const Paramet
     return a_tick + a_point * most_within(cloud, 1.05 * (p.outer_radius + p.point_radius));
 }
 
-VFPLAN_COMPILED_ONCE bool is_too_dense(const double* xyz, std::size_t n, const Parameters& p) {
-    return !(tick_time_bound(xyz, n, p) <= max_tick_time);
-}
-
 }  // namespace detail
 
 VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
@@ -256,30 +255,31 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
                                             const Parameters& p) {
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
-    using curve::CurveMotion, curve::CurveRule;
+    using curve::CurveMotion;
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
     std::vector<Box<2>> boxes;
-    for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[static_cast<int>(i)].box);
-    const double near = most_within(boxes, CurveRule::list_reach * p.R());
-    return detail::time_of(CurveMotion::max_iterations, CurveRule::a_step * CurveMotion::max_steps,
-                           4, an_iteration + a_feature * near);
+    for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[i].box);
+    const double near = most_within(boxes, CurveMotion::list_reach * p.R());
+    return detail::time_of(CurveMotion::max_iterations,
+                           CurveMotion::a_step * CurveMotion::max_steps, 4,
+                           an_iteration + a_feature * near);
 }
 
 VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
     mesh::check(surface);
     std::vector<Box<3>> boxes;
     std::vector<std::uint32_t> steps;
-    mesh::Mesh(surface).visit(
+    mesh::Mesh(surface).tree().visit(
         [&](const mesh::Disc& disc) {
             boxes.push_back(disc.box());
             steps.push_back(2);  // one for each disc that hangs on this one
             return true;
         },
         [&](std::uint32_t) { steps.back() += 3; });
-    const double query = most_within(boxes, mesh::MeshRule::list_reach * p.R(), steps.data());
-    return mesh::MeshRule::a_step * (3 * mesh::MeshMotion::max_steps + query);
+    const double query = most_within(boxes, mesh::MeshMotion::list_reach * p.R(), steps.data());
+    return mesh::MeshMotion::a_step * (3 * mesh::MeshMotion::max_steps + query);
 }
 
 }  // namespace vfplan::inline v1

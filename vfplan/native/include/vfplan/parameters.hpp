@@ -113,11 +113,28 @@ inline void check(const Parameters& p) {
     check_from("max_iterations", p.max_iterations, 1, std::numeric_limits<int>::max(), "");
 }
 
-/// Throws OutOfRange where the coordinates of the n points `xyz` are too large to resolve the band.
-inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n) {
+/// The largest coordinate of n points [m].
+inline double largest_of(const double* xyz, std::size_t n) noexcept {
     double largest = 0;
     for (std::size_t i = 0; i < 3 * n; ++i) largest = std::max(largest, std::abs(xyz[i]));
-    const double least = roundings_a_band * std::numeric_limits<double>::epsilon() * largest;
+    return largest;
+}
+
+/// The least band that coordinates of this size resolve [m].
+inline double resolved_band(double largest) noexcept {
+    return roundings_a_band * std::numeric_limits<double>::epsilon() * largest;
+}
+
+/// The band of rule exact among such coordinates [m]: by how much roundings, and of a mesh a file's
+/// single precision, may let the proxy sink.
+inline double exact_band(const Parameters& p, double largest) noexcept {
+    const double share = p.ignore_axis ? 1e-7 : 1e-5;
+    return std::max(share * p.R(), resolved_band(largest));
+}
+
+/// Throws OutOfRange where the coordinates of the n points `xyz` are too large to resolve the band.
+inline void check_resolved(const Parameters& p, const double* xyz, std::size_t n) {
+    const double largest = largest_of(xyz, n), least = resolved_band(largest);
     const std::string why = "1e4 roundings of the largest coordinate, " + shown(largest) + " m";
     check_from("band", p.band, least, infinity, " m", why.c_str());
 }

@@ -9,22 +9,4 @@
 // of docs/engine.md, which tests/engine/test_worst_tick.py measures.
 #pragma once
 
-#include "vfplan/curve/pieces.hpp"
-#include "vfplan/mesh/triangles.hpp"
-#include "vfplan/parameters.hpp"
-
-namespace vfplan::inline v1 {
-
-/// Time [s] that a tick among n points takes at most. Throws std::invalid_argument, as the others.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
-/// The same of rule exact among lines and arcs.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p);
-/// The same of rule exact among triangles.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
-
-}  // namespace vfplan::inline v1
-
-#ifndef VFPLAN_COMPILED
-#include "vfplan/engine.inl"
-#endif
+#include "vfplan/engine.hpp"

@@ -34,7 +34,16 @@ class BoundsTree {
         }
         nodes_[at].skip = static_cast<std::uint32_t>(nodes_.size());
     }
-    void shrink_to_fit() { nodes_.shrink_to_fit(); }
+    /// The tree over n items in the order that they have, of which `box_of(i)` gives the boxes.
+    template <class BoxOf>
+    void build(std::size_t n, BoxOf&& box_of) {
+        const auto box_around = [&](std::size_t first, std::size_t last) {
+            Bounds box;
+            for (std::size_t i = first; i < last; ++i) box.include(box_of(i));
+            return box;
+        };
+        build(0, n, box_around, [](std::size_t, std::size_t) {});
+    }
 
     std::size_t size() const noexcept { return nodes_.size(); }
     std::size_t bytes() const noexcept { return nodes_.capacity() * sizeof(Node); }

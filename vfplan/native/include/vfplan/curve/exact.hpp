@@ -59,43 +59,23 @@ class Curve {
                 corners[i] = plane.project(point_at(stroke.vertices.data(), i));
             add(corners, stroke);
         }
-        features_.shrink_to_fit();
-        const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<2> box;
-            for (std::size_t i = first; i < last; ++i) box.include(features_[i].box);
-            return box;
-        };
-        tree_.build(0, features_.size(), box_of, [](std::size_t, std::size_t) {});
-        tree_.shrink_to_fit();
+        tree_.build(features_.size(), [this](std::size_t i) { return features_[i].box; });
     }
 
-    const Feature& operator[](int i) const noexcept {
+    template <class Index>
+    const Feature& operator[](Index i) const noexcept {
         return features_[static_cast<std::size_t>(i)];
     }
     std::size_t size() const noexcept { return features_.size(); }
-    /// Of the tree.
-    std::size_t boxes() const noexcept { return tree_.size(); }
+    const BoundsTree<Box<2>>& tree() const noexcept { return tree_; }
     std::size_t bytes() const noexcept {
         return features_.capacity() * sizeof(Feature) + tree_.bytes();
     }
 
-    /// Calls f(i) for every feature in a box for which `is_near(box)` holds, and for some more.
-    template <class IsNear, class F>
-    void visit(IsNear&& is_near, F&& f) const noexcept {
-        budget_.spend(
-            tree_.visit(is_near, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
-    }
-    /// What this tick may still do, in inner steps: each takes the time CurveRule::a_step. What a
+    /// What this tick may still do, in inner steps: each takes the time CurveMotion::a_step. What a
     /// look at the tree costs is returned by BoundsTree::visit, and every other cost stands where
     /// it is spent.
     WorkBudget& budget() const noexcept { return budget_; }
-    /// Calls f(i) for every feature within `reach` of y, and for some more. `reach` is taken by
-    /// reference on purpose: f may make it shorter, and the boxes that follow are held to that.
-    template <class F>
-    void around(const Vec2& y, const double& reach, F&& f) const noexcept {
-        budget_.spend(
-            tree_.around(y, reach, [&](std::uint32_t i) noexcept { f(static_cast<int>(i)); }));
-    }
 
     /// Distance of y from the curve [m].
     double distance(const Vec2& y) const noexcept {
@@ -121,28 +101,23 @@ class Curve {
         }
         // A joint, a side, a joint, a side, ...: an open stroke ends with a joint, and of a closed
         // one the last side leads back to the first joint.
-        const int count = static_cast<int>(pieces.size());
-        const int last_feature = first_feature + 2 * count - (stroke.closed ? 1 : 0);
-        for (int i = 0; i < count; ++i) {
-            const PlanarPiece& piece = pieces[static_cast<std::size_t>(i)];
-            const int at = first_feature + 2 * i;
+        int at = first_feature;
+        for (const PlanarPiece& piece : pieces) {
             features_.push_back(joint(piece.a));
-            Feature& joint_before = features_.back();
-            if (i > 0)
-                joint_before.ends[0] = end_of(pieces[static_cast<std::size_t>(i - 1)], at - 1);
-            else if (stroke.closed)
-                joint_before.ends[0] = end_of(pieces.back(), last_feature);
-            joint_before.ends[1] = {joint_before.base, piece.start_tangent, at + 1};
-            const bool leads_back = stroke.closed && i + 1 == count;
-            features_.push_back(side(piece, at, leads_back ? first_feature : at + 2));
+            features_.back().ends[1] = {piece.a, piece.start_tangent, at + 1};
+            features_.push_back(side(piece, at, at + 2));
+            at += 2;
         }
-        if (stroke.closed) return;
-        features_.push_back(joint(pieces.back().b));
-        features_.back().ends[0] = end_of(pieces.back(), last_feature - 1);
-    }
-    /// The end of a joint towards the piece before it: there that piece's side takes over.
-    static EndNormal end_of(const PlanarPiece& piece, int feature) noexcept {
-        return {piece.b, -1.0 * piece.end_tangent, feature};
+        if (stroke.closed)
+            features_.back().ends[1].next = first_feature;
+        else
+            features_.push_back(joint(pieces.back().b));
+        // The other end of each joint: there the side of the piece before it takes over.
+        for (std::size_t i = 0; i < pieces.size(); ++i) {
+            const int last = first_feature + 2 * static_cast<int>(i) + 1;
+            Feature& behind = features_[static_cast<std::size_t>((*this)[last].ends[1].next)];
+            behind.ends[0] = {pieces[i].b, -1.0 * pieces[i].end_tangent, last};
+        }
     }
 
     /// A joint forbids G < R^2 / 2, which is d < R. (E5)
@@ -250,6 +225,11 @@ class CurveMotion {
     static constexpr int steps_a_slide = 30;
     /// Inner steps after which a tick stops: half of max_tick_time.
     static constexpr int max_steps = 30000;
+    /// Time of an inner step [s], on the machine of docs/engine.md.
+    static constexpr double a_step = 5e-9;
+    /// How far away the features lie that an iteration looks at [R]: on the first part of a path
+    /// and around where it ends.
+    static constexpr double list_reach = 1 + 2 * first_part;
 
     CurveMotion(Curve curve, const Parameters& p)
         : curve_(std::move(curve)),
@@ -262,11 +242,12 @@ class CurveMotion {
           band_(p.band),
           neighbourhood_(p.outer_radius + p.point_radius) {}
 
-    const Curve& curve() const noexcept { return curve_; }
+    std::size_t bytes() const noexcept { return curve_.bytes(); }
+    std::size_t cells() const noexcept { return curve_.tree().size(); }
+    double distance(const Vec2& x) const noexcept { return curve_.distance(x); }
 
     // GuardedRule asks every motion for what follows, down to `contact`.
 
-    const CurveMotion& inside() const noexcept { return *this; }
     void begin_tick() noexcept { curve_.budget().begin(max_steps); }
     /// The proxy is put elsewhere: it touches nothing that is known.
     void release() noexcept { current_ = none; }
@@ -323,12 +304,12 @@ class CurveMotion {
         const double reach = R_ * (1 + tuned::reach_margin);
         double nearest = reach;
         Vec2 away;
-        curve_.around(x, reach, [&](int i) noexcept {
+        curve_.budget().spend(curve_.tree().around(x, reach, [&](std::uint32_t i) noexcept {
             const double d = curve_[i].distance(x);
             if (!(d < nearest && d > 0)) return;
             nearest = d;
             away = curve_[i].contact(x).normal;
-        });
+        }));
         return away;
     }
     /// Distance from y along the unit vector `direction` out of all features that y is inside of;
@@ -337,10 +318,10 @@ class CurveMotion {
         if (curve_.budget().is_spent()) return 0;
         const ArcPath path(y, direction, 0);
         double distance = -infinity;
-        curve_.around(y, R_, [&](int i) noexcept {
+        curve_.budget().spend(curve_.tree().around(y, R_, [&](std::uint32_t i) noexcept {
             if (curve_[i].distance(y) < R_ * (1 - tuned::inside_margin))
                 distance = std::max(distance, curve_[i].exit_parameter(path));
-        });
+        }));
         return distance;
     }
 
@@ -414,7 +395,8 @@ class CurveMotion {
     /// What the path meets first up to `max_t`, among the boxes that it may pass.
     FeatureHit first_hit(const ArcPath& path, double max_t, int skip) const noexcept {
         FeatureHit hit;
-        const auto try_feature = [&](int i) noexcept {
+        const auto try_feature = [&](std::uint32_t number) noexcept {
+            const int i = static_cast<int>(number);
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
             bool is_touching;
@@ -424,9 +406,10 @@ class CurveMotion {
                 first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
             if (t < hit.t) hit = {t, i, is_touching};
         };
-        curve_.visit(
-            [&](const Box<2>& box) noexcept { return may_pass(path, std::min(max_t, hit.t), box); },
-            try_feature);
+        const auto is_near = [&](const Box<2>& box) noexcept {
+            return may_pass(path, std::min(max_t, hit.t), box);
+        };
+        curve_.budget().spend(curve_.tree().visit(is_near, try_feature));
         return hit;
     }
     /// Whether the path up to `max_t` may come within R of a box. Of a circle it is enough to know
@@ -641,32 +624,6 @@ class CurveMotion {
 };
 
 /// The rule `exact` on lines and arcs: its motion, and around it the guarantees of GuardedRule.
-class CurveRule : public GuardedRule<CurveMotion> {
-  public:
-    /// How far below R roundings may let the proxy sink [R].
-    static constexpr double roundings = 1e-7;
-    /// Time of an inner step [s], on the machine of docs/engine.md.
-    static constexpr double a_step = 5e-9;
-    /// How far away the features lie that an iteration looks at [R]: on the first part of a path
-    /// and around where it ends.
-    static constexpr double list_reach = 1 + 2 * CurveMotion::first_part;
-
-    /// The band b [m]: `roundings` R, or more where the strokes lie so far from the origin that
-    /// their coordinates are rounded to more.
-    static double band(const Parameters& p, const std::vector<Stroke>& strokes) noexcept {
-        double largest = 0;
-        for (const Stroke& s : strokes)
-            for (double c : s.vertices) largest = std::max(largest, std::abs(c));
-        const double rounding = std::numeric_limits<double>::epsilon() * largest;
-        return std::max(roundings * p.R(), roundings_a_band * rounding);
-    }
-
-    CurveRule(Curve curve, const Parameters& p)
-        : GuardedRule(p.R(), p.band, p.pace(), std::move(curve), p) {}
-
-    std::size_t bytes() const noexcept { return motion().curve().bytes(); }
-    std::size_t cells() const noexcept { return motion().curve().boxes(); }
-    double distance(const Vec2& x) const noexcept { return motion().curve().distance(x); }
-};
+using CurveRule = GuardedRule<CurveMotion>;
 
 }  // namespace vfplan::inline v1::curve

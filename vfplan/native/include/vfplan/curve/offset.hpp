@@ -150,10 +150,7 @@ struct Feature {
 
     /// Distance of y from the piece where the feature faces y, else infinity [m].
     double distance(const Vec2& y) const noexcept {
-        const Vec2 w = y - base;
-        if (is_joint()) return norm(w);
-        if (!faces(y, 0)) return infinity;
-        return 2 * std::abs(G(w)) / (1 + norm(kappa * w - n));
+        return is_joint() || faces(y, 0) ? contact(y).distance : infinity;
     }
 
     /// Whether a step from the centre of a hollow arc as wide as the proxy leads into it anywhere.

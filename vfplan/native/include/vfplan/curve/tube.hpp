@@ -68,16 +68,11 @@ class Path {
 
     /// Makes the tree that finds near pieces, once all curves are added.
     void finish() {
-        const auto box_of = [this](std::size_t first, std::size_t last) {
-            Box<3> box;
-            for (std::size_t i = first; i < last; ++i) {
-                const double half = 0.5 * pieces_[i].length;
-                const Vec3 middle = pieces_[i].ahead(half);
-                box.include({middle - filled<3>(half), middle + filled<3>(half)});
-            }
-            return box;
-        };
-        tree_.build(0, pieces_.size(), box_of, [](std::size_t, std::size_t) {});
+        tree_.build(pieces_.size(), [this](std::size_t i) {
+            const double half = 0.5 * pieces_[i].length;
+            const Vec3 middle = pieces_[i].ahead(half);
+            return Box<3>{middle - filled<3>(half), middle + filled<3>(half)};
+        });
     }
 
     const std::vector<Strand>& strands() const noexcept { return strands_; }
@@ -225,148 +220,116 @@ struct TubeObstacle {
 
 namespace detail {
 
-class TubeCheck {
-  public:
-    TubeCheck(const Path& path, double radius) : path_(path), radius_(radius) {}
+inline void keep_narrower(TubeObstacle& worst, const TubeObstacle& one) {
+    if (!worst.found || one.width < worst.width) worst = one;
+}
 
-    /// The tightest turn in which a part of the curve, as long as `share` of a half circle of the
-    /// tube's radius, spans less than that part of the circle would.
-    TubeObstacle tight_turns(double share) const {
-        TubeObstacle worst;
-        for (std::size_t s = 0; s < path_.strands().size(); ++s) tight_turns(s, share, worst);
-        return worst;
-    }
-
-    /// The narrowest turn or pair of strands in which the tube runs into itself.
-    TubeObstacle first_obstacle() const {
-        TubeObstacle worst = tight_turns(1);
-        for (std::size_t i = 0; i < path_.size(); ++i)
-            path_.tree().visit(
-                [&](const Box<3>& box) {
-                    return box.distance2(path_[i].from) < 4 * radius_ * radius_;
-                },
-                [&](std::size_t j) {
-                    if (j > i) adjacent_strands(i, j, worst);
-                });
-        return worst;
-    }
-
-  private:
-    /// Strands that come nearer than this meet or cross [m], which a tip on one of them does not
-    /// feel.
-    static constexpr double crossing_distance = 1e-6;
-    /// Share by which a turn may be too tight: a circle that was given by points is a polygon, or
-    /// arcs, of nearly its radius.
-    static constexpr double turn_tolerance = 1e-3;
-
-    static void keep_narrower(TubeObstacle& worst, const TubeObstacle& one) {
-        if (!worst.found || one.width < worst.width) worst = one;
-    }
-    double half_circle() const { return std::numbers::pi * radius_; }
-
-    void tight_turns(std::size_t strand, double share, TubeObstacle& worst) const {
-        const Strand& s = path_.strands()[strand];
-        const double reach = share * half_circle();
-        const double span = 2 * radius_ * std::sin(0.5 * std::numbers::pi * share);
-        if (!s.closed && s.length < reach) return;
-        if (s.closed && s.length < 2 * half_circle() * (1 - turn_tolerance)) {
+/// The tightest turn in which a part of the curve, as long as `share` of a half circle of the
+/// tube's radius, spans less than that part of the circle would.
+inline TubeObstacle tight_turns(const Path& path, double radius, double share) {
+    // Share by which a turn may be too tight: a circle that was given by points is a polygon, or
+    // arcs, of nearly its radius.
+    constexpr double tolerance = 1e-3;
+    const double half_circle = std::numbers::pi * radius;
+    const double reach = share * half_circle;
+    const double span = 2 * radius * std::sin(0.5 * std::numbers::pi * share);
+    TubeObstacle worst;
+    for (std::size_t strand = 0; strand < path.strands().size(); ++strand) {
+        const Strand& s = path.strands()[strand];
+        if (s.closed && s.length < 2 * half_circle * (1 - tolerance)) {
             // The tube is as wide as the whole curve.
-            const Vec3& at = path_[s.first].from;
-            return keep_narrower(worst, {true, true, s.length / std::numbers::pi, strand, 0, at});
+            const Vec3& at = path[s.first].from;
+            keep_narrower(worst, {true, true, s.length / std::numbers::pi, strand, 0, at});
+            continue;
         }
         std::size_t j = s.first;
         double behind = 0;  // length of a closed curve, once j has passed its first point [m]
         for (std::size_t i = s.first; i < s.first + s.count; ++i) {
-            const double goal = path_[i].start + reach;
-            if (!s.closed && goal > s.length) return;
-            while (path_[j].start + path_[j].length + behind < goal) {
-                const std::size_t next = path_.next_piece(s, j, 1);
+            const double goal = path[i].start + reach;
+            if (!s.closed && goal > s.length) break;
+            while (path[j].start + path[j].length + behind < goal) {
+                const std::size_t next = path.next_piece(s, j, 1);
                 if (next == Path::none) break;
                 if (next < j) behind += s.length;
                 j = next;
             }
-            const Vec3 other_end = path_[j].ahead(goal - behind - path_[j].start);
-            const double width = norm(other_end - path_[i].from);
-            if (width >= span * (1 - turn_tolerance)) continue;
-            const Vec3 at = path_[i].from;
-            keep_narrower(worst, {true, true, width, strand, path_[i].start, at});
+            const Vec3 other_end = path[j].ahead(goal - behind - path[j].start);
+            const double width = norm(other_end - path[i].from);
+            if (width < span * (1 - tolerance))
+                keep_narrower(worst, {true, true, width, strand, path[i].start, path[i].from});
         }
     }
+    return worst;
+}
 
-    /// Whether two strands, or two parts of one that comes back, are nearest to each other at the
-    /// beginnings of two pieces.
-    void adjacent_strands(std::size_t i, std::size_t j, TubeObstacle& worst) const {
-        const double d = distance(i, j);
-        if (!(d < 2 * radius_) || !is_far_along(i, j) || !is_local_minimum(i, j, d)) return;
-        const double width = distance_around(i, j);
-        if (width <= crossing_distance || width >= 2 * radius_) return;
-        keep_narrower(worst,
-                      {true, false, width, path_.strand_of(i), path_[i].start, path_[i].from});
-    }
-    /// Between the beginnings of two pieces [m].
-    double distance(std::size_t i, std::size_t j) const {
-        return norm(path_[i].from - path_[j].from);
-    }
-    /// Whether two pieces are parts of two strands, or half a circle apart along the same one.
-    bool is_far_along(std::size_t i, std::size_t j) const {
-        const std::size_t s = path_.strand_of(i);
-        if (s != path_.strand_of(j)) return true;
-        const Strand& t = path_.strands()[s];
-        double way = std::abs(path_[i].start - path_[j].start);
-        if (t.closed) way = std::min(way, t.length - way);
-        return way >= half_circle();
-    }
-    /// Whether no neighbour of the one is nearer to the other.
-    bool is_local_minimum(std::size_t i, std::size_t j, double d) const {
-        for (const int side : {-1, 1}) {
-            const std::size_t k = path_.next_piece(path_.strands()[path_.strand_of(i)], i, side);
-            const std::size_t l = path_.next_piece(path_.strands()[path_.strand_of(j)], j, side);
-            if (k != Path::none && distance(k, j) < d) return false;
-            if (l != Path::none && distance(i, l) < d) return false;
-        }
-        return true;
-    }
-    /// Distance of the pieces around the beginnings of two pieces [m].
-    double distance_around(std::size_t i, std::size_t j) const {
-        double least = infinity;
-        for (const std::size_t k : adjoining_pieces(i))
-            for (const std::size_t l : adjoining_pieces(j))
-                if (k != Path::none && l != Path::none)
-                    least = std::min(least, between(path_[k], path_[l]));
-        return least;
-    }
-    std::array<std::size_t, 2> adjoining_pieces(std::size_t i) const {
-        return {i, path_.next_piece(path_.strands()[path_.strand_of(i)], i, -1)};
-    }
-    /// Distance of the chords of two pieces [m] (Ericson, "Real-Time Collision Detection", 5.1.9).
-    static double between(const Piece& p, const Piece& q) {
-        const Vec3 a = p.to - p.from, b = q.to - q.from, r = p.from - q.from;
-        const double aa = dot(a, a), bb = dot(b, b), ab = dot(a, b), ar = dot(a, r), br = dot(b, r);
-        const double det = aa * bb - ab * ab;
-        // Chords with a smaller determinant are parallel: one end is as good as any other place.
-        constexpr double parallel = 1e-12;
-        double s = 0;
-        if (det > parallel * aa * bb) s = std::clamp((ab * br - ar * bb) / det, 0.0, 1.0);
-        const double t = std::clamp((ab * s + br) / bb, 0.0, 1.0);
-        s = std::clamp((ab * t - ar) / aa, 0.0, 1.0);
-        return norm(r + s * a - t * b);
-    }
+/// Distance of the chords of two pieces [m] (Ericson, "Real-Time Collision Detection", 5.1.9).
+inline double between(const Piece& p, const Piece& q) {
+    const Vec3 a = p.to - p.from, b = q.to - q.from, r = p.from - q.from;
+    const double aa = dot(a, a), bb = dot(b, b), ab = dot(a, b), ar = dot(a, r), br = dot(b, r);
+    const double det = aa * bb - ab * ab;
+    // Chords with a smaller determinant are parallel: one end is as good as any other place.
+    constexpr double parallel = 1e-12;
+    double s = 0;
+    if (det > parallel * aa * bb) s = std::clamp((ab * br - ar * bb) / det, 0.0, 1.0);
+    const double t = std::clamp((ab * s + br) / bb, 0.0, 1.0);
+    s = std::clamp((ab * t - ar) / aa, 0.0, 1.0);
+    return norm(r + s * a - t * b);
+}
 
-    const Path& path_;
-    double radius_;
-};
+/// Where two strands, or two parts of one that comes back half a circle further, are nearest to
+/// each other at the beginnings of two pieces: their distance [m], else infinity.
+inline double gap_between(const Path& path, double radius, std::size_t i, std::size_t j) {
+    const auto distance = [&](std::size_t k, std::size_t l) {
+        return norm(path[k].from - path[l].from);
+    };
+    const double d = distance(i, j);
+    if (!(d < 2 * radius)) return infinity;
+    const Strand& s = path.strands()[path.strand_of(i)];
+    const Strand& t = path.strands()[path.strand_of(j)];
+    if (&s == &t) {
+        double way = std::abs(path[i].start - path[j].start);
+        if (s.closed) way = std::min(way, s.length - way);
+        if (way < std::numbers::pi * radius) return infinity;
+    }
+    // No neighbour of the one may be nearer to the other.
+    for (const int side : {-1, 1}) {
+        const std::size_t k = path.next_piece(s, i, side), l = path.next_piece(t, j, side);
+        if (k != Path::none && distance(k, j) < d) return infinity;
+        if (l != Path::none && distance(i, l) < d) return infinity;
+    }
+    double least = infinity;
+    for (const std::size_t k : {i, path.next_piece(s, i, -1)})
+        for (const std::size_t l : {j, path.next_piece(t, j, -1)})
+            if (k != Path::none && l != Path::none)
+                least = std::min(least, between(path[k], path[l]));
+    return least;
+}
 
 }  // namespace detail
 
 /// The narrowest place for a tube of `radius` [m] around the curves. Where none is found, it fits.
 inline TubeObstacle narrowest(const Path& path, double radius) {
-    return detail::TubeCheck(path, radius).first_obstacle();
+    // Strands that come nearer than this meet or cross [m], which a tip on one of them does not
+    // feel.
+    constexpr double crossing_distance = 1e-6;
+    TubeObstacle worst = detail::tight_turns(path, radius, 1);
+    for (std::size_t i = 0; i < path.size(); ++i) {
+        const auto look_at = [&](std::size_t j) {
+            if (j <= i) return;
+            const double width = detail::gap_between(path, radius, i, j);
+            if (width > crossing_distance && width < 2 * radius)
+                detail::keep_narrower(
+                    worst, {true, false, width, path.strand_of(i), path[i].start, path[i].from});
+        };
+        path.tree().around(path[i].from, 2 * radius, look_at);
+    }
+    return worst;
 }
 
 /// The tightest bend where a quarter of a circle of `radius` [m] does not fit. The tube is wider
 /// there than the bend, and a tip in it may cut the corner.
 inline TubeObstacle tight_bend(const Path& path, double radius) {
-    return detail::TubeCheck(path, radius).tight_turns(0.5);
+    return detail::tight_turns(path, radius, 0.5);
 }
 
 /// The widest tube of which `test` (narrowest or tight_bend) finds nothing, to 1 % [m]; at most

@@ -13,49 +13,6 @@
 
 namespace vfplan::inline v1::mesh {
 
-/// What a start may be inside of: all that lies nearer to the mesh than R.
-class InsideMesh {
-  public:
-    InsideMesh(const TriangleQuery& query, double radius, BodySearch& body) noexcept
-        : query_(query), R_(radius), body_(body) {}
-
-    Vec3 from_nearest(const Vec3& x) const noexcept {
-        double distance = R_ * (1 + 1e-6);
-        const std::uint32_t i = query_.nearest(x, distance);
-        if (i == Mesh::none) return {};
-        return x - query_.mesh()[i].nearest(x);
-    }
-    /// Out of what lies around the nearest triangle; nowhere yet, where the tick has no steps left.
-    double exit_distance(const Vec3& y, const Vec3& direction) const noexcept {
-        if (query_.budget().is_spent()) return 0;
-        double distance = R_ * (1 - 1e-9);
-        const std::uint32_t i = query_.nearest(y, distance);
-        if (i == Mesh::none) return -infinity;
-        const Triangle& t = query_.mesh()[i];
-        // From beyond the end of the triangle back to the place that is R from it.
-        double s = t.extent_along(direction) - dot(direction, y) + R_;
-        for (int k = 0; k < 32; ++k) {
-            query_.budget().spend(3);
-            const Vec3 w = y + s * direction - t.nearest(y + s * direction);
-            const double r = norm(w);
-            const double over = r - R_;
-            if (!(over > 1e-10 * R_)) break;
-            s -= over * r / dot(w, direction);
-        }
-        return std::max(s, 0.0);
-    }
-    /// Whether y, with no triangle within `clear`, lies in the body; nothing where this tick may
-    /// look no further.
-    std::optional<bool> is_in_body(const Vec3& y, double clear) const noexcept {
-        return body_.is_inside(y, clear * (1 - 1e-9), query_.budget());
-    }
-
-  private:
-    const TriangleQuery& query_;
-    double R_;
-    BodySearch& body_;
-};
-
 /// How the rule moves a proxy that is outside.
 class MeshMotion {
   public:
@@ -64,6 +21,10 @@ class MeshMotion {
     static constexpr int max_iterations = 16;
     /// Inner steps of each of the three parts of a tick.
     static constexpr int max_steps = 4000;
+    /// Time of an inner step [s], on the machine of docs/engine.md.
+    static constexpr double a_step = 16e-9;
+    /// How far away the triangles lie at most that a tick looks at [R].
+    static constexpr double list_reach = TriangleQuery::reach;
 
     /// The triangles keep the proxy R less the body's rise away, and have what is left of the band.
     MeshMotion(Mesh mesh, SmoothBody body, const Parameters& p)
@@ -78,8 +39,9 @@ class MeshMotion {
     const Mesh& mesh() const noexcept { return query_.mesh(); }
     /// Inner steps of all ticks.
     std::int64_t work() const noexcept { return query_.budget().total(); }
-    std::size_t bytes() const noexcept { return query_.bytes() + body_.bytes(); }
-    InsideMesh inside() noexcept { return {query_, R_, body_search_}; }
+    std::size_t bytes() const noexcept { return mesh().bytes() + body_.bytes(); }
+    std::size_t cells() const noexcept { return mesh().tree().size(); }
+    double distance(const Vec3& x) const noexcept { return mesh().distance(x); }
     void begin_tick() noexcept { query_.budget().begin(max_steps); }
     void release() noexcept { planes_.clear(); }
     void reset() noexcept {
@@ -133,12 +95,43 @@ class MeshMotion {
                 answer.normal = planes_.normal(0);
             else
                 answer.normal = along(proxy - hip, 1);
-            if (!(dot(answer.normal, answer.normal) > 0)) answer.normal = away_from_mesh(proxy);
+            if (!(dot(answer.normal, answer.normal) > 0))
+                answer.normal = along(away_from_mesh(proxy, list_reach * R_), 1);
         } else if (is_in_neighbourhood(proxy)) {
             answer.state = State::free_motion;
         }
         if (is_settled_ && body_.count() == 1) answer.normal = body_.normal();
         return answer;
+    }
+
+    // What WayOut asks: a start may be inside of all that lies nearer to the mesh than R.
+
+    Vec3 from_nearest(const Vec3& x) const noexcept {
+        return away_from_mesh(x, R_ * (1 + tuned::reach_margin));
+    }
+    /// Out of what lies around the nearest triangle; nowhere yet, where the tick has no steps left.
+    double exit_distance(const Vec3& y, const Vec3& direction) const noexcept {
+        if (query_.budget().is_spent()) return 0;
+        double distance = R_ * (1 - tuned::inside_margin);
+        const std::uint32_t i = query_.nearest(y, distance);
+        if (i == Mesh::none) return -infinity;
+        const Triangle& t = query_.mesh()[i];
+        // From beyond the end of the triangle back to the place that is R from it.
+        double s = t.extent_along(direction) - dot(direction, y) + R_;
+        for (int k = 0; k < 32; ++k) {
+            query_.budget().spend(3);
+            const Vec3 w = y + s * direction - t.nearest(y + s * direction);
+            const double r = norm(w);
+            const double over = r - R_;
+            if (!(over > 1e-10 * R_)) break;
+            s -= over * r / dot(w, direction);
+        }
+        return std::max(s, 0.0);
+    }
+    /// Whether y, with no triangle within `clear`, lies in the body; nothing where this tick may
+    /// look no further.
+    std::optional<bool> is_in_body(const Vec3& y, double clear) noexcept {
+        return body_search_.is_inside(y, clear * (1 - 1e-9), query_.budget());
     }
 
   private:
@@ -204,18 +197,14 @@ class MeshMotion {
         return hit.i == Mesh::none && hit.t == 1 ? further : step;
     }
 
-    bool is_in_neighbourhood(const Vec3& x) noexcept {
-        if (distance_ < neighbourhood_) return true;
-        // The triangle that was near in the last tick most likely still is.
-        if (near_triangle_ < mesh().size() && mesh()[near_triangle_].distance(x) < neighbourhood_)
-            return true;
-        near_triangle_ = query_.any_within(x, neighbourhood_);
-        return near_triangle_ != Mesh::none || query_.budget().is_spent();
+    bool is_in_neighbourhood(const Vec3& x) const noexcept {
+        return distance_ < neighbourhood_ || query_.has_within(x, neighbourhood_) ||
+               query_.budget().is_spent();
     }
-    Vec3 away_from_mesh(const Vec3& x) const noexcept {
-        double distance = TriangleQuery::reach * R_;
-        const std::uint32_t i = query_.nearest(x, distance);
-        return i == Mesh::none ? Vec3{} : along(x - mesh()[i].nearest(x), 1);
+    /// From the nearest place within `reach` to x; 0 where there is none.
+    Vec3 away_from_mesh(const Vec3& x, double reach) const noexcept {
+        const std::uint32_t i = query_.nearest(x, reach);
+        return i == Mesh::none ? Vec3{} : x - mesh()[i].nearest(x);
     }
 
     double R_, band_, neighbourhood_;
@@ -224,35 +213,9 @@ class MeshMotion {
     BodySearch body_search_;
     SmoothContact body_;
     double distance_ = infinity;  // from the mesh, where the proxy was checked last [m]
-    std::uint32_t near_triangle_ = Mesh::none;  // lay near a free proxy in the last tick
-    bool is_settled_ = false;                   // the proxy rests on the smooth body
+    bool is_settled_ = false;     // the proxy rests on the smooth body
 };
 
-class MeshRule : public GuardedRule<MeshMotion> {
-  public:
-    /// What a file's single precision, and roundings, may let the proxy sink [R].
-    static constexpr double roundings = 1e-5;
-    /// How far away the triangles lie at most that a tick looks at [R].
-    static constexpr double list_reach = TriangleQuery::reach;
-
-    /// Time of an inner step [s], on the machine of docs/engine.md.
-    static constexpr double a_step = 16e-9;
-
-    static double band(const Parameters& p, const Surface& s) noexcept {
-        double largest = 0;
-        for (std::size_t i = 0; i < 3 * s.n; ++i)
-            largest = std::max(largest, std::abs(s.points[i]));
-        const double rounding = std::numeric_limits<double>::epsilon() * largest;
-        return std::max(roundings * p.R(), roundings_a_band * rounding);
-    }
-
-    MeshRule(Mesh mesh, SmoothBody body, const Parameters& p)
-        : GuardedRule(p.R() - body.rise(), p.band - body.rise(), p.pace(), std::move(mesh), body,
-                      p) {}
-
-    std::size_t bytes() const noexcept { return motion().bytes(); }
-    std::size_t cells() const noexcept { return motion().mesh().boxes(); }
-    double distance(const Vec3& x) const noexcept { return motion().mesh().distance(x); }
-};
+using MeshRule = GuardedRule<MeshMotion>;
 
 }  // namespace vfplan::inline v1::mesh

@@ -95,7 +95,6 @@ class TriangleQuery {
     TriangleQuery(Mesh mesh, double radius, double band)
         : mesh_(std::move(mesh)), R_(radius), band_(band), lowest_(radius - band / 2) {}
     const Mesh& mesh() const noexcept { return mesh_; }
-    std::size_t bytes() const noexcept { return mesh_.bytes(); }
 
     /// The inner steps that a part of a tick may still take. One that has begun to look through the
     /// mesh looks on to the end: what it finds holds.
@@ -141,7 +140,7 @@ class TriangleQuery {
             const double half = R_ + all * length / 2;
             const Vec3 middle = x + (all / 2) * v;
             const auto is_cut_short = [&] { return free > 0 && budget_.is_overdrawn(); };
-            mesh_.visit(
+            mesh_.tree().visit(
                 [&](const Disc& disc) noexcept {
                     budget_.spend(1);
                     if (is_cut_short()) return false;
@@ -166,23 +165,22 @@ class TriangleQuery {
     /// distance.
     std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
         std::uint32_t found = Mesh::none;
-        budget_.spend(mesh_.around(y, distance, [&](std::uint32_t i) noexcept {
+        budget_.spend(mesh_.tree().around(y, distance, [&](std::uint32_t i) noexcept {
             if (const double d = mesh_[i].distance(y); d < distance) distance = d, found = i;
         }));
         return found;
     }
-    /// A triangle within `reach` of y; none where there is none, or the tick has no steps left.
-    std::uint32_t any_within(const Vec3& y, double reach) const noexcept {
-        std::uint32_t found = Mesh::none;
-        mesh_.visit(
+    /// Whether a triangle lies within `reach` of y, as far as the tick has steps left to look.
+    bool has_within(const Vec3& y, double reach) const noexcept {
+        bool found = false;
+        mesh_.tree().visit(
             [&](const Disc& disc) noexcept {
                 budget_.spend(1);
-                return found == Mesh::none && !budget_.is_spent() &&
-                       disc.distance2(y) <= reach * reach;
+                return !found && !budget_.is_spent() && disc.distance2(y) <= reach * reach;
             },
             [&](std::uint32_t i) noexcept {
                 budget_.spend(3);
-                if (mesh_[i].distance(y) < reach) found = i;
+                found = found || mesh_[i].distance(y) < reach;
             });
         return found;
     }
@@ -194,7 +192,7 @@ class TriangleQuery {
         for (int j = 0; j < planes.count(); ++j)
             distance = std::min(distance, mesh_[planes.triangle(j)].distance(x));
         const bool touches = distance <= R_ + band_;
-        budget_.spend(mesh_.around(x, distance, [&](std::uint32_t i) noexcept {
+        budget_.spend(mesh_.tree().around(x, distance, [&](std::uint32_t i) noexcept {
             if (!(touches && planes.part(x, mesh_[i])))
                 distance = std::min(distance, mesh_[i].distance(x));
         }));

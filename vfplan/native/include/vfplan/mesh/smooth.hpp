@@ -405,7 +405,7 @@ class SmoothContact {
         TriangleHit hit;
         double worst = 0;
         bool blocked = false;
-        query.budget().spend(query.mesh().around(
+        query.budget().spend(query.mesh().tree().around(
             x + 0.5 * v, R_ + body_.rise() + length / 2, [&](std::uint32_t i) noexcept {
                 const Triangle& t = query.mesh()[i];
                 if (blocked || is_behind_a_sheet(t, x)) return;

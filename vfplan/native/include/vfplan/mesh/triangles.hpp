@@ -35,17 +35,6 @@ inline void check(const Surface& s) {
 /// The rows of a triangle's three corners in the surface.
 using Face = std::array<std::uint32_t, 3>;
 
-inline Face face_of(const Surface& s, std::size_t i) noexcept {
-    Face face;
-    for (std::size_t j = 0; j < 3; ++j)
-        face[j] = static_cast<std::uint32_t>(s.triangles[3 * i + j]);
-    return face;
-}
-
-inline Vec3 corner_of(const Surface& s, std::uint32_t row) noexcept {
-    return point_at(s.points, row);
-}
-
 /// Largest distance [m] of a place in a triangle of these sides from its nearest corner.
 inline double covering_radius(std::array<double, 3> sides) noexcept {
     std::sort(sides.begin(), sides.end());
@@ -242,55 +231,30 @@ class Mesh {
   public:
     static constexpr std::uint32_t none = ~std::uint32_t{0};
 
-    explicit Mesh(const Surface& s) {
-        std::vector<Item> items;
-        items.reserve(s.k);
-        for (std::size_t i = 0; i < s.k; ++i) {
-            const Face face = face_of(s, i);
-            const Vec3 a = corner_of(s, face[0]), b = corner_of(s, face[1]);
-            const Vec3 c = corner_of(s, face[2]);
-            items.push_back({{a, b, c}, (1.0 / 3) * (a + b + c), face});
-        }
-        tree_.build(
-            0, items.size(),
-            [&](std::size_t first, std::size_t last) {
-                const auto [box, up] = extent(items, first, last);
-                return disc(items, first, last, 0.5 * (box.low + box.high), along(up, 1));
-            },
-            [&](std::size_t first, std::size_t last) {
-                sort_along_longest_side(items, first, last);
-            });
-        triangles_.reserve(items.size());
-        faces_.reserve(items.size());
-        for (const Item& i : items) {
-            triangles_.emplace_back(i.corner[0], i.corner[1], i.corner[2]);
-            faces_.push_back(i.rows);
-        }
-        corners_.resize(1 + std::size_t(*std::max_element(s.triangles, s.triangles + 3 * s.k)));
-        for (std::uint32_t row = 0; row < corners_.size(); ++row) corners_[row] = corner_of(s, row);
+    explicit Mesh(const Surface& s) : faces_(s.k), corners_(s.n) {
+        for (std::size_t i = 0; i < 3 * s.k; ++i)
+            faces_[i / 3][i % 3] = static_cast<std::uint32_t>(s.triangles[i]);
+        for (std::size_t row = 0; row < s.n; ++row) corners_[row] = point_at(s.points, row);
+        const auto disc_of = [this](std::size_t first, std::size_t last) {
+            return disc(first, last);
+        };
+        const auto sort = [this](std::size_t first, std::size_t last) {
+            sort_along_longest_side(first, last);
+        };
+        tree_.build(0, s.k, disc_of, sort);
+        triangles_.reserve(s.k);
+        for (const auto& [a, b, c] : faces_)
+            triangles_.emplace_back(corners_[a], corners_[b], corners_[c]);
     }
 
     const Triangle& operator[](std::uint32_t i) const noexcept { return triangles_[i]; }
     /// The rows of its corners in the surface.
     const Face& face(std::uint32_t i) const noexcept { return faces_[i]; }
     std::size_t size() const noexcept { return triangles_.size(); }
-    std::size_t boxes() const noexcept { return tree_.size(); }
+    const BoundsTree<Disc>& tree() const noexcept { return tree_; }
     std::size_t bytes() const noexcept {
         return triangles_.capacity() * (sizeof(Triangle) + sizeof(Face)) +
                corners_.capacity() * sizeof(Vec3) + tree_.bytes();
-    }
-
-    /// Calls f(i) for every triangle in a disc of which `is_near(disc)` is true. Returns the inner
-    /// steps that it took: one for each disc, three for each triangle.
-    template <class IsNear, class F>
-    int visit(IsNear&& is_near, F&& f) const noexcept {
-        return tree_.visit(is_near, f);
-    }
-    /// Calls f(i) for every triangle within `reach` of y, and for some others. f may shrink
-    /// `reach`.
-    template <class F>
-    int around(const Vec3& y, const double& reach, F&& f) const noexcept {
-        return tree_.around(y, reach, f);
     }
 
     /// The distance of y from the nearest triangle [m].
@@ -302,7 +266,7 @@ class Mesh {
         return least;
     }
 
-    /// Goes on counting at a node of the tree, from 0 to boxes(), how often a closed surface winds
+    /// Goes on counting at a node of the tree, from 0 to its size, how often a closed surface winds
     /// around y: 0 outside, whichever way its triangles are turned. Returns its inner steps.
     int count_turns(const Vec3& y, std::uint32_t& node, int& turns) const noexcept {
         return tree_.visit_node(
@@ -345,18 +309,26 @@ class Mesh {
         const int side = across[1] > 0 ? 1 : -1;
         return side * (ahead[0] * across[1] - ahead[1] * across[0]) > 0 ? side : 0;
     }
-    struct Item {
-        std::array<Vec3, 3> corner;
-        Vec3 middle;
-        Face rows;
-    };
-    /// The disc around items whose axis leads through `middle` along n.
-    static Disc disc(const std::vector<Item>& items, std::size_t first, std::size_t last,
-                     const Vec3& middle, const Vec3& n) {
+    Box<3> box(std::size_t first, std::size_t last) const {
+        Box<3> box;
+        for (std::size_t i = first; i < last; ++i)
+            for (const std::uint32_t row : faces_[i]) box.include(corners_[row]);
+        return box;
+    }
+    /// The disc around triangles. Its axis leads through the middle of their box, along the sum of
+    /// their areas' normals.
+    Disc disc(std::size_t first, std::size_t last) const {
+        Vec3 areas;
+        for (std::size_t i = first; i < last; ++i) {
+            const auto& [a, b, c] = faces_[i];
+            areas = areas + cross(corners_[b] - corners_[a], corners_[c] - corners_[a]);
+        }
+        const Box<3> around = box(first, last);
+        const Vec3 middle = 0.5 * (around.low + around.high), n = along(areas, 1);
         double low = infinity, top = -infinity, wide2 = 0;
         for (std::size_t i = first; i < last; ++i)
-            for (const Vec3& p : items[i].corner) {
-                const Vec3 w = p - middle;
+            for (const std::uint32_t row : faces_[i]) {
+                const Vec3 w = corners_[row] - middle;
                 const double up = dot(w, n);
                 low = std::min(low, up), top = std::max(top, up);
                 wide2 = std::max(wide2, dot(w, w) - up * up);
@@ -364,30 +336,19 @@ class Mesh {
         constexpr double more = 1 + 1e-9;  // roundings
         return {middle + (low + top) / 2 * n, n, more * std::sqrt(wide2), more * (top - low) / 2};
     }
-    struct Extent {
-        Box<3> box;
-        Vec3 up;  // sum of the areas' normals
-    };
-    static Extent extent(const std::vector<Item>& items, std::size_t first, std::size_t last) {
-        Extent e;
-        for (std::size_t i = first; i < last; ++i) {
-            const auto& [a, b, c] = items[i].corner;
-            e.up = e.up + cross(b - a, c - a);
-            for (const Vec3& p : items[i].corner) e.box.include(p);
-        }
-        return e;
-    }
-    /// Sorts the items along the longest side of their box, in an order that no library chooses.
-    static void sort_along_longest_side(std::vector<Item>& items, std::size_t first,
-                                        std::size_t last) {
-        const Box<3> box = extent(items, first, last).box;
-        const Vec3 size = box.high - box.low;
+    /// Sorts triangles by their middles along the longest side of their box, in an order that no
+    /// library chooses.
+    void sort_along_longest_side(std::size_t first, std::size_t last) {
+        const Box<3> around = box(first, last);
+        const Vec3 size = around.high - around.low;
         int k = size[1] > size[0] ? 1 : 0;
         if (size[2] > size[k]) k = 2;
-        const auto begin = items.begin();
-        std::stable_sort(begin + static_cast<std::ptrdiff_t>(first),
-                         begin + static_cast<std::ptrdiff_t>(last),
-                         [k](const Item& a, const Item& b) { return a.middle[k] < b.middle[k]; });
+        const auto middle = [&](const Face& f) {
+            return (1.0 / 3) * (corners_[f[0]][k] + corners_[f[1]][k] + corners_[f[2]][k]);
+        };
+        std::stable_sort(faces_.begin() + static_cast<std::ptrdiff_t>(first),
+                         faces_.begin() + static_cast<std::ptrdiff_t>(last),
+                         [&](const Face& a, const Face& b) { return middle(a) < middle(b); });
     }
 
     std::vector<Triangle> triangles_;
@@ -416,7 +377,7 @@ class BodySearch {
         }
         last_ = y;
         clear_ = clear;
-        while (node_ < skin_->boxes()) {
+        while (node_ < skin_->tree().size()) {
             if (budget.is_spent()) return std::nullopt;
             budget.spend(step * skin_->count_turns(at_, node_, turns_));
         }

@@ -256,9 +256,9 @@ class ContactSurfaces {
     /// How far away a point may be and still touch: R + 2 b [m].
     double touch_radius() const noexcept { return touch_radius_; }
 
-    void forget() noexcept { is_known_ = false; }
+    void forget() noexcept { known_at_.reset(); }
     /// Whether the last update was for x.
-    bool is_known_at(const Vec<D>& x) const noexcept { return is_known_ && x == known_at_; }
+    bool is_known_at(const Vec<D>& x) const noexcept { return known_at_ == x; }
     int count() const noexcept { return count_; }
     const ContactPlane<D>* planes() const noexcept { return plane_; }
     const SurfaceContact<D>& contact(int j) const noexcept { return groups_[j]; }
@@ -266,7 +266,6 @@ class ContactSurfaces {
     /// Finds the surfaces that touch the proxy, and the plane of each.
     void update(Neighbours<D>& neighbours, const Vec<D>& proxy) noexcept {
         if (is_known_at(proxy)) return;
-        is_known_ = true;
         known_at_ = proxy;
         groups_.clear();
         WorkBudget& budget = neighbours.index().budget();
@@ -412,9 +411,8 @@ class ContactSurfaces {
     ContactPlane<D> plane_[max_surfaces];
     Vec<D> side_[D - 1];                     // tangents of the last surface, ...
     double curvature_[D == 2 ? 1 : 3] = {};  // ... and its curvature along them [1/m]
-    Vec<D> known_at_;
+    std::optional<Vec<D>> known_at_;
     int count_ = 0;
-    bool is_known_ = false;
 };
 
 }  // namespace vfplan::inline v1

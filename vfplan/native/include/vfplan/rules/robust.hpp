@@ -37,15 +37,6 @@
 
 namespace vfplan::inline v1 {
 
-/// The spheres around points at which a sweep ends. One that the path meets steeply ends it at the
-/// radius `outer`. One that the path grazes, as it does those of the surface that the proxy slides
-/// on, ends it only at the radius `inner`. (R5)
-struct SweepRadii {
-    double outer, inner;  ///< [m]
-    double steep;  ///< sine of the angle between path and sphere above which a meeting is steep; 0:
-                   ///< every meeting is
-};
-
 /// How the rule moves a proxy that is outside: the four parts of an iteration stand in `iterate`.
 ///
 /// `Thinned` is the cloud without points that can never be felt. Leaving them out lets the proxy
@@ -69,18 +60,19 @@ class RobustMotion {
           R_(p.R()),
           safe2_((R_ - p.band + thinned.lent) * (R_ - p.band + thinned.lent)),
           g_(std::sqrt(p.band / R_)),
-          sliding_radii_{
-              R_, R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin),
-              std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2)},
-          free_radii_{R_, sliding_radii_.inner, 0},
           surfaces_(R_, p.band),
           // The three lengths are how far the list of points reaches, how far the proxy may go
           // before it is gathered anew, and the side of a cell of the grid [m].
           neighbours_(thinned.cloud, list_reach(), 0.75 * tuned::list_margin * R_,
-                      2 * tuned::list_margin * R_, p.search) {}
+                      2 * tuned::list_margin * R_, p.search) {
+        const double inner = R_ - (p.band - thinned.lent) * (1 - tuned::gain_margin);
+        const double steep =
+            std::min(tuned::same_surface_angle * g_, tuned::max_same_surface_angle / 2) * R_;
+        sliding_ = {{}, {}, R_ * R_, inner * inner, steep * steep};
+        free_ = {{}, {}, R_ * R_, inner * inner, 0};
+    }
 
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
-    InsideCloud<D> inside() noexcept { return {neighbours_.index(), R_, body_}; }
     void set_skin(const mesh::Mesh* skin) noexcept { body_ = mesh::BodySearch(skin); }
     /// GuardedRule asks every motion for the next three. This one has nothing to do when the proxy
     /// is put elsewhere: what it keeps, it keeps with the place it was found for.
@@ -158,6 +150,47 @@ class RobustMotion {
         return answer;
     }
 
+    // What WayOut asks: a start may be inside of the balls of radius R around the points, and of
+    // the body of whose skin they are samples, if it is known.
+
+    /// From the nearest point within R to x; 0 where there is none but at x itself.
+    Vec<D> from_nearest(const Vec<D>& x) noexcept {
+        double best2 = infinity;
+        Vec<D> best;
+        const double reach = R_ * (1 + tuned::reach_margin);
+        neighbours_.index().visit(x, reach, [&](const PointSpan<D>& span) noexcept {
+            if (!(kernels<D>.nearest2(span, x) < best2)) return;
+            for (std::size_t i = 0; i < span.n; ++i) {
+                const Vec<D> away = x - span[i];
+                const double d2 = dot(away, away);
+                if (d2 < best2 && d2 > 0) {
+                    best2 = d2;
+                    best = away;
+                }
+            }
+        });
+        return best;
+    }
+    /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
+    /// where it is in none, and 0 where this tick may look no further. (W1)
+    double exit_distance(const Vec<D>& y, const Vec<D>& direction) noexcept {
+        if (budget().is_spent()) return 0;
+        const double inside2 = R_ * R_ * (1 - tuned::inside_margin);
+        double distance = -infinity;
+        neighbours_.index().visit(y, R_, [&](const PointSpan<D>& span) noexcept {
+            distance =
+                std::max(distance, kernels<D>.last_root_eq7(span, y, direction, inside2, R_ * R_));
+        });
+        return distance;
+    }
+    /// Whether y lies in the body; nothing where this tick may look no further. No point is nearer
+    /// to y than `clear`, but the skin between the points may be.
+    std::optional<bool> is_in_body(const Vec<D>& y, double clear) noexcept
+        requires(D == 3)
+    {
+        return body_.is_inside(y, clear / 64, budget(), work::triangle);
+    }
+
   private:
     /// Where nothing lies on the straight path, the proxy goes with the HIP, whatever it touches.
     /// True where it has arrived. Where the HIP lies behind a point at R or less, no path is tried.
@@ -181,7 +214,7 @@ class RobustMotion {
     bool move_straight(Vec<D>& proxy, const Vec<D>& goal, double distance,
                        PlannedPath<D>& path) noexcept {
         const Vec<D> to_goal = goal - proxy;
-        const double free = sweep(proxy, (1 / distance) * to_goal, distance, free_radii_);
+        const double free = sweep(proxy, (1 / distance) * to_goal, distance, free_);
         if (free >= distance) {
             move_to(proxy, goal, path);
             return true;
@@ -250,7 +283,7 @@ class RobustMotion {
         }
 
         // Sweep: as much of the step as lies outside of the sphere of every point. (R5)
-        const double free = sweep(proxy, (1 / length) * step, length, sliding_radii_);
+        const double free = sweep(proxy, (1 / length) * step, length, sliding_);
         const bool is_stopped = free < length;
         const bool is_stopped_at_once = free < min_step();
         Vec<D> next;
@@ -352,11 +385,9 @@ class RobustMotion {
     }
     /// How much of the path of this length from x along the unit vector `direction` is free [m]. It
     /// is exact whatever the length, so that no HIP is fast enough to pass a wall. (R5)
-    double sweep(const Vec<D>& x, const Vec<D>& direction, double length,
-                 const SweepRadii& radii) noexcept {
-        const double steep = radii.steep * radii.outer;
-        Ray<D> ray{x, direction, radii.outer * radii.outer, radii.inner * radii.inner,
-                   steep * steep};
+    double sweep(const Vec<D>& x, const Vec<D>& direction, double length, Ray<D> ray) noexcept {
+        ray.from = x;
+        ray.direction = direction;
         if (length <= R_) return std::min(length, first_hit(ray, length));
         // Only what lies within R of the cloud's box can meet anything: from `from` to `to`.
         double from, to;
@@ -396,7 +427,7 @@ class RobustMotion {
     /// Where x comes to by the step, or by as much of it as is free.
     Vec<D> swept(const Vec<D>& x, const Vec<D>& step) noexcept {
         const double length = norm(step);
-        const double free = sweep(x, (1 / length) * step, length, sliding_radii_);
+        const double free = sweep(x, (1 / length) * step, length, sliding_);
         return free < length ? x + (free / length) * step : x + step;
     }
     void move_to(Vec<D>& proxy, const Vec<D>& next, PlannedPath<D>& path) noexcept {
@@ -420,10 +451,10 @@ class RobustMotion {
     double R_;
     double safe2_;  // (R - b + lent)^2, the squared distance from every point that is outside [m^2]
     double g_;      // sqrt(b / R)
-    // A proxy that slides is stopped by what it meets steeply, and grazes the rest: down to R - b,
-    // and above it a margin and what thinning the cloud has used of the band. One that is free is
-    // stopped at R by everything.
-    SweepRadii sliding_radii_, free_radii_;
+    // The spheres around points that stop a proxy. One that slides is stopped by what it meets
+    // steeply, and grazes the rest: down to R - b, and above it a margin and what thinning the
+    // cloud has used of the band. One that is free is stopped at R by everything. (R5)
+    Ray<D> sliding_, free_;
     ContactSurfaces<D> surfaces_;
     Neighbours<D> neighbours_;
     mesh::BodySearch body_;
@@ -449,10 +480,7 @@ class RobustRule : public GuardedRule<RobustMotion<D>> {
     void set_skin(const mesh::Mesh* skin) noexcept { this->motion().set_skin(skin); }
     /// A point at p came or went, by an edit of the cloud.
     void point_changed(const Vec<D>& p, bool came) noexcept {
-        this->drop_plan();
-        if (!neighbours().reaches(p)) return;
-        this->motion().forget();
-        this->surroundings_changed(came);
+        this->surroundings_changed(neighbours().reaches(p), came);
     }
 };
 

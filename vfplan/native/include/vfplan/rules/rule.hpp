@@ -118,7 +118,7 @@ class StallTest {
 ///     iterations                      of the last motion
 ///     is_clear, is_outside            of a proxy not known to be outside; of one after a motion
 ///     contact(proxy, hip)             what it touches, as a RuleAnswer
-///     inside                          what a way out leaves: InsideCloud, CurveMotion, InsideMesh
+///     from_nearest, exit_distance, is_in_body   what a way out asks (WayOut)
 ///     move_within(ball, proxy, hip)   where a path has no corners to record: no further than to
 ///                                     the edge of the ball
 ///     settle(start, proxy, hip, rests)  where it goes on straight once it rests
@@ -170,13 +170,14 @@ class GuardedRule {
         return follow(proxy, hip);
     }
 
-  protected:
     M& motion() noexcept { return motion_; }
-    const M& motion() const noexcept { return motion_; }
-    /// What was planned may lead into something new.
-    void drop_plan() noexcept { path_.drop(); }
-    /// Something came near, or went, where the proxy is.
-    void surroundings_changed(bool something_came) noexcept {
+
+  protected:
+    /// Something came or went, where the proxy is or elsewhere: what was planned may lead into it.
+    void surroundings_changed(bool is_near, bool something_came) noexcept {
+        path_.drop();
+        if (!is_near) return;
+        motion_.forget();
         stall_.release();
         if (!something_came) return;
         // From the next tick on a proxy that is inside is led out from where it is.
@@ -187,12 +188,11 @@ class GuardedRule {
   private:
     /// One tick of a proxy that is inside.
     RuleAnswer<D> lead_out(Vec<D>& proxy, const Vec<D>& hip) noexcept {
-        const auto& geometry = motion_.inside();
         if (!way_out_.is_active()) {
             anchor_ = proxy;
-            way_out_.begin(geometry, keeps_place_ ? proxy : hip);
+            way_out_.begin(motion_, keeps_place_ ? proxy : hip);
         }
-        is_outside_ = way_out_.step(geometry, keeps_place_ ? anchor_ : hip, proxy);
+        is_outside_ = way_out_.step(motion_, keeps_place_ ? anchor_ : hip, proxy);
         is_handing_over_ = is_outside_ && !(proxy == hip);
         if (is_outside_) {
             way_out_.set_hip(hip);

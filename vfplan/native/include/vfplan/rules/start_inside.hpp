@@ -42,59 +42,18 @@ class FreeBefore {
     ~FreeBefore() = default;
 };
 
-/// What a start may be inside of: the balls of radius R around the points of a cloud, and the body
-/// of whose skin they are samples, if it is known.
-template <int D>
-class InsideCloud {
-  public:
-    InsideCloud(const PointIndex<D>& points, double radius, mesh::BodySearch& body) noexcept
-        : points_(points), R_(radius), body_(body) {}
-
-    /// From the nearest point within R to x; 0 where there is none but at x itself.
-    Vec<D> from_nearest(const Vec<D>& x) const noexcept {
-        double best2 = infinity;
-        Vec<D> best;
-        points_.visit(x, R_ * (1 + tuned::reach_margin), [&](const PointSpan<D>& span) noexcept {
-            if (!(kernels<D>.nearest2(span, x) < best2)) return;
-            for (std::size_t i = 0; i < span.n; ++i) {
-                const Vec<D> away = x - span[i];
-                const double d2 = dot(away, away);
-                if (d2 < best2 && d2 > 0) {
-                    best2 = d2;
-                    best = away;
-                }
-            }
-        });
-        return best;
-    }
-    /// Distance from y along the unit vector `direction` out of all balls that y is in; -infinity
-    /// where it is in none, and 0 where this tick may look no further. (W1)
-    double exit_distance(const Vec<D>& y, const Vec<D>& direction) const noexcept {
-        if (points_.budget().is_spent()) return 0;
-        const double inside2 = R_ * R_ * (1 - tuned::inside_margin);
-        double distance = -infinity;
-        points_.visit(y, R_, [&](const PointSpan<D>& span) noexcept {
-            distance =
-                std::max(distance, kernels<D>.last_root_eq7(span, y, direction, inside2, R_ * R_));
-        });
-        return distance;
-    }
-    /// Whether y lies in the body; nothing where this tick may look no further. No point is nearer
-    /// to y than `clear`, but the skin between the points may be.
-    std::optional<bool> is_in_body(const Vec<D>& y, double clear) const noexcept
-        requires(D == 3)
-    {
-        return body_.is_inside(y, clear / 64, points_.budget(), work::triangle);
-    }
-
-  private:
-    const PointIndex<D>& points_;
-    double R_;
-    mesh::BodySearch& body_;
-};
-
-/// The way out of what a start is inside of. `Geometry` is InsideCloud, or the same for a curve or
-/// a mesh. The proxy is at hip + length_ * direction_.
+/// The way out of what a start is inside of. The proxy is at hip + length_ * direction_.
+///
+/// `Geometry` is a motion (rules/rule.hpp), of which it asks
+///
+///     from_nearest(x)        from the nearest place within R to x; 0 where there is none but x
+///                            itself
+///     exit_distance(y, d)    distance from y along the unit vector d out of all that y is in;
+///                            -infinity where it is in nothing, 0 where this tick may look no
+///                            further (W1)
+///     is_in_body(y, clear)   whether y lies in a body of which the geometry is the skin, as no
+///                            curve is; nothing where this tick may look no further. No geometry
+///                            is nearer to y than `clear`.
 template <int D>
 class WayOut {
   public:
@@ -130,7 +89,7 @@ class WayOut {
 
     /// The HIP is at `hip` and the proxy inside: the way out is looked for from the next tick on.
     template <class Geometry>
-    void begin(const Geometry& geometry, const Vec<D>& hip) noexcept {
+    void begin(Geometry& geometry, const Vec<D>& hip) noexcept {
         is_active_ = true;
         length_ = 0;
         last_hip_ = start_ = hip;
@@ -147,7 +106,7 @@ class WayOut {
 
     /// One tick; true once the proxy has reached the free space.
     template <class Geometry>
-    bool step(const Geometry& geometry, const Vec<D>& hip, Vec<D>& proxy) noexcept {
+    bool step(Geometry& geometry, const Vec<D>& hip, Vec<D>& proxy) noexcept {
         bool is_out;
         is_cut_short_ = false;
         if (ticks_to_choose_ > 0 && !choose_direction(geometry)) {
@@ -183,7 +142,7 @@ class WayOut {
     /// by `ramp` a tick at most, and by what the HIP itself moves against the direction (W2). True
     /// once the proxy is outside.
     template <class Geometry>
-    bool advance(const Geometry& geometry, const Vec<D>& hip) noexcept {
+    bool advance(Geometry& geometry, const Vec<D>& hip) noexcept {
         const double backwards = std::max(0.0, -dot(hip - last_hip_, direction_));
         const double allowed = ramp_ + backwards;
         // Whether the proxy is free already is asked first, while there is most left to look with.
@@ -207,7 +166,7 @@ class WayOut {
     /// Follows all directions hop by hop, in turn, so that none uses up the hops of a tick; false
     /// while the shortest way is not known.
     template <class Geometry>
-    bool choose_direction(const Geometry& geometry) noexcept {
+    bool choose_direction(Geometry& geometry) noexcept {
         int hops = max_hops_to_choose;
         for (bool is_open = true; is_open;) {
             is_open = false;
@@ -246,7 +205,7 @@ class WayOut {
         return norm(d) > 0 ? along(d, 1) : nearest_;
     }
     template <class Geometry>
-    bool was_free_before(const Geometry& geometry, const Vec<D>& d, double length) noexcept {
+    bool was_free_before(Geometry& geometry, const Vec<D>& d, double length) noexcept {
         if (!free_before_) return true;
         return free_before_->is_free(d, length, leave_nearest(geometry, start_ + length * d));
     }
@@ -265,7 +224,7 @@ class WayOut {
     /// Whether x, with no geometry within `clear`, lies in a body whose skin is the geometry, where
     /// the geometry knows; nothing where this tick may look no further.
     template <class Geometry>
-    static std::optional<bool> is_in_body(const Geometry& geometry, const Vec<D>& x,
+    static std::optional<bool> is_in_body(Geometry& geometry, const Vec<D>& x,
                                           double clear) noexcept {
         if constexpr (requires { geometry.is_in_body(x, clear); })
             return geometry.is_in_body(x, clear);
@@ -273,14 +232,14 @@ class WayOut {
     }
     /// Unit vector from the nearest geometry to x; the direction of the way where x lies on it.
     template <class Geometry>
-    Vec<D> leave_nearest(const Geometry& geometry, const Vec<D>& x) noexcept {
+    Vec<D> leave_nearest(Geometry& geometry, const Vec<D>& x) noexcept {
         const Vec<D> away = geometry.from_nearest(x);
         const double r = norm(away);
         return r > 0 ? (1 / r) * away : direction_;
     }
     /// Distance from x along d to the free space; infinity beyond `max_length` or out of hops.
     template <class Geometry>
-    double distance_to_free(const Geometry& geometry, const Vec<D>& x, const Vec<D>& d,
+    double distance_to_free(Geometry& geometry, const Vec<D>& x, const Vec<D>& d,
                             double max_length) noexcept {
         double t = 0;
         for (int i = 0; i < max_hops && t < max_length; ++i) {
@@ -294,7 +253,7 @@ class WayOut {
     /// this tick may look no further. What lies deep in a closed body is not free, and R further is
     /// in it or its skin.
     template <class Geometry>
-    double hop(const Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
+    double hop(Geometry& geometry, const Vec<D>& y, const Vec<D>& d) noexcept {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
         if (!keeps_out_) return free;
