@@ -367,7 +367,8 @@ class SmoothContact {
         for (int j = 0; j < count_; ++j) {
             BodySheet& s = sheets_[j];
             if (!find_foot(query, h, s) || !(dot(s.n, x - s.at) > R_ / 2)) return false;
-            const Vec3 off = s.at - sheets_[0].at;
+            // Sheets that meet at a sharp edge may have one foot; the places above it are two.
+            const Vec3 off = s.at + R_ * s.n - (sheets_[0].at + R_ * sheets_[0].n);
             if (dot(off, off) > band_ * band_) return false;
         }
         const BodySheet& s = sheets_[0];
