@@ -149,8 +149,8 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
     """The cosine of the turn from the end of a path onto a way; -1 where that begins far off."""
     if np.hypot(*(way[0] - path[-1])) > reach:
         return -1.0
-    steps = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
-    return float(np.prod([1 / np.hypot(*step) for step in steps]) * (steps[0] @ steps[1]))
+    before, after = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
+    return float(before @ after / (np.hypot(*before) * np.hypot(*after)))
 
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:

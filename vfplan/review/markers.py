@@ -120,8 +120,7 @@ class Fit:
         # Deviations of the targets count where all markers have them, each one or one an axis.
         sigma = None
         if {len(marker.sigma_m) for marker in used} in ({1}, {3}):
-            sigma = np.array([marker.sigma_m for marker in used])
-            sigma = sigma[:, 0] if sigma.shape[1] == 1 else sigma
+            sigma = np.array([marker.sigma_m for marker in used]).squeeze()
         labels = tuple(marker.label for marker in used)
         frame = "image" if self.T_patient_image is None else "patient_lps"
         values = [labels, source.tolist(), target.tolist(), [m.sigma_m for m in used]]

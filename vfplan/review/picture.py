@@ -5,7 +5,7 @@ A bundle without a slice, from three sides at one scale.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,32 +21,19 @@ from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
 
 
-@dataclass(frozen=True, eq=False)
-class LineEnd:
-    """An end of a line, or the start of a closed one.
+def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
+    """Both ends of a line, or the start of a closed one.
 
-    `name` is "start" or "end", `place` is (u, v) [px of the slice], and `direction` the unit
-    vector in which the line would go on; `None` for a closed line.
+    Each with its name, "start" or "end", its place (u, v) [px of the slice], and the unit vector in
+    which the line would go on; `None` for a closed line.
     """
-
-    name: str
-    place: paper.Array
-    direction: paper.Array | None
-
-
-def ends_of(stroke: Stroke) -> list[LineEnd]:
-    """Both ends of a line, or the start of a closed one."""
     points = stroke.points
-    if not stroke.is_ordered:
-        return []
-    if stroke.closed:
-        return [LineEnd("start", points[0], None)]
-    ends = []
-    for name, line in (("start", points[::-1]), ("end", points)):
-        step = line[-1] - line[max(0, len(line) - 9)]
-        length = max(float(np.hypot(*step)), 1e-9)
-        ends.append(LineEnd(name, line[-1], step / length))
-    return ends
+    if stroke.closed and stroke.is_ordered:
+        yield "start", points[0], None
+    elif stroke.is_ordered:
+        for name, line in (("start", points[::-1]), ("end", points)):
+            step = line[-1] - line[max(0, len(line) - 9)]
+            yield name, line[-1], step / max(float(np.hypot(*step)), 1e-9)
 
 
 # Side [px of the page] of a view: two stand side by side.
@@ -204,7 +191,7 @@ def draw_picture(
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
     panel = Panel(box, sheet.part(box), zoom)
 
-    ends = [panel.place(end.place) for stroke in plan.strokes for end in ends_of(stroke)]
+    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     # The casings first: outline and line may lie close together.
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends)
@@ -219,11 +206,11 @@ def draw_picture(
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
-        for end in ends_of(stroke):
-            place = panel.place(end.place)
+        for _, end, direction in ends_of(stroke):
+            place = panel.place(end)
             paper.draw_disc(keep, place, FREE_RADIUS + 8, 255)
-            if end.direction is not None:
-                paper.draw_disc(keep, place + AHEAD_RADIUS * end.direction, AHEAD_RADIUS, 255)
+            if direction is not None:
+                paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 255)
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, ends, keep)
     omitted = draw_captions(sheet, plan, panel, keep)
@@ -394,8 +381,8 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
     for number, stroke in enumerate(plan.strokes, 1):
         is_single = len(plan.strokes) == 1
         of_line, of_bridge = ("", "") if is_single else (f" {number}", f" of {number}")
-        for end in ends_of(stroke):
-            tag(end.place, end.name + of_line, ground=LINE_COLOUR)
+        for name, end, _ in ends_of(stroke):
+            tag(end, name + of_line, ground=LINE_COLOUR)
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(plan.findings, 1):

@@ -31,7 +31,6 @@ from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, ST
 from vfplan.review.picture import (
     COLUMN_WIDTH,
     COLUMN_X,
-    LineEnd,
     draw_picture,
     draw_rendered,
     draw_views,
@@ -300,17 +299,19 @@ class Inset:
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def is_even_ahead(rgb: NDArray[np.uint8], stroke: Stroke, end: LineEnd) -> bool:
+def is_even_ahead(
+    rgb: NDArray[np.uint8], stroke: Stroke, end: paper.Array, direction: paper.Array | None
+) -> bool:
     """Whether all pixels ahead of an end have one grey.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
     even can compare the slice with the one that was not drawn on.
     """
-    if end.direction is None or stroke.sigma is None:
+    if direction is None or stroke.sigma is None:
         return False
     # The blur of the pen's own end reaches two pixels.
     half_width = (stroke.width or 0.0) / 2
-    centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
+    centre = end + direction * (half_width + 2.0 + AHEAD_PX)
     disc = np.zeros(rgb.shape[:2], np.uint8)
     paper.draw_disc(disc, centre, AHEAD_PX, 255)
     greys = rgb[disc > 127].astype(int)
@@ -327,17 +328,17 @@ def insets_of(plan: Plan) -> list[Inset]:
         name = f"line {number}"
         if len(plan.strokes) == 1:
             name = "the line"
-        for end in ends_of(stroke):
-            caption = f"{end.name.capitalize()} of {name}"
+        for which, end, direction in ends_of(stroke):
+            caption = f"{which.capitalize()} of {name}"
             note = width
-            if is_even_ahead(rgb, stroke, end):
+            if is_even_ahead(rgb, stroke, end, direction):
                 note = "one grey ahead: look twice"
-            insets.append(Inset(caption, end.place, note))
+            insets.append(Inset(caption, end, note))
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
-            insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
+            insets.append(Inset(wider, end, note, WIDER_ZOOM, True, has_line))
         # One inset a bridge, or several along a long one.
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
