@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -97,9 +99,13 @@ def test_a_paler_line_behind_a_gap_is_another_pens(strength):
     ],
 )
 def test_a_wider_gap_is_advised_only_where_it_joins_the_lines(second, max_gap, advised):
-    error = refusal(paint(line(30, 100, 120, 100), second), max_gap_px=max_gap)
+    image = paint(line(30, 100, 120, 100), second)
+    error = refusal(image, max_gap_px=max_gap)
     assert error.code == "several-candidates"
-    assert ("--max-gap" in str(error)) == advised
+    longer = re.search(r"--max-gap (\d+) joins", str(error))
+    assert ("--max-gap" in str(error)) == (longer is not None) == advised
+    if advised:
+        assert len(extract_curve(image, max_gap_px=float(longer[1])).strokes) == 1
 
 
 def test_a_fork_names_its_place():

@@ -79,15 +79,12 @@ def test_findings_count_and_answers_do_not():
     assert bare == digest_of(replace(bundles.whole(), reviewed=review))
 
 
-def test_sheet_without_its_slice_has_another():
+def test_sheet_without_its_slice_has_another_and_that_of_tomorrow_the_same():
     fixture = bundles.whole()
     assert digest_of(fixture) != digest_of(fixture, slice_shown=False)
     # A mesh was drawn on no slice.
     assert digest_of(bundles.sheet()) == digest_of(bundles.sheet(), slice_shown=False)
-
-
-def test_time_and_program_do_not_change_it():
-    fixture = bundles.whole()
+    # Time and program do not change it.
     changed = {"created_utc": "2031-01-01T00:00:00Z", "software": "vfplan 9", "history": ("moved",)}
     later = replace(fixture.provenance, **changed)
     assert digest_of(replace(fixture, provenance=later)) == digest_of(fixture)

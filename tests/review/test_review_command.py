@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from refusals import refuses
-from review_slices import MARKERS, SLICE, fork, photographed, two_candidates
+from review_slices import MARKERS, SLICE, fork, two_candidates
 from slicer_files import mrk
 from tab import Tab
 from vector_files import RING_MM, slicer
@@ -232,24 +232,6 @@ def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
 
 
-@pytest.mark.parametrize("count", [5, 9])
-def test_a_photograph_is_made_flat_by_the_command_that_its_refusal_names(
-    count, vfplan_cli, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    photo, places, _ = photographed(tmp_path)
-    files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
-    for file, known in zip(files, (places, MARKERS[1]), strict=True):
-        file.write_text("\n".join(known.read_text().split()[: 1 + count]))
-    refused = vfplan_cli("plan", photo, *files, "-o", tmp_path / "o.h5")
-    assert refused.code == 1
-    assert f"vfplan review {photo} {files[0]} {files[1]} -o" in refused.stderr
-    rectify = shlex.split(refused.error_line[refused.error_line.rindex("vfplan ") :])
-    assert vfplan_cli(*rectify[1:]).code == 0
-    planned = vfplan_cli(*following(vfplan_cli(*rectify[1:-1], tmp_path / "2.png")))
-    assert planned.code == 0
-
-
 def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tmp_path):
     path, _ = fork(tmp_path / "slice.png")
     typed = ["--colour", "#ff0000", "--max-gap=15", "--exclude", "0,0,9,9", "--exclude", "20,0,9,9"]
@@ -269,36 +251,17 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
     assert review.end()[0] == 1
 
 
-def drawn_in_red(path, *lines):
-    """A slice with straight lines, each from (u, v) to (u, v)."""
-    picture = np.full((400, 600, 3), 90, np.uint8)
-    for start, end in lines:
-        cv2.line(picture, start, end, (0, 0, 255), 3, cv2.LINE_AA)
-    cv2.imwrite(str(path), picture)
-    return path
-
-
 def test_a_refused_dotted_line_is_marked_on_its_picture(tmp_path):
-    dashes = [((u, 200), (u + 12, 200)) for u in range(40, 560, 24)]
-    path = drawn_in_red(tmp_path / "s.png", *dashes)
+    picture, path = np.full((400, 600, 3), 90, np.uint8), tmp_path / "s.png"
+    for u in range(40, 560, 24):
+        cv2.line(picture, (u, 200), (u + 12, 200), (0, 0, 255), 3, cv2.LINE_AA)
+    cv2.imwrite(str(path), picture)
     with refuses(CurveError, "line-dotted") as refused:
         vfplan.extract(path)
     [line] = refused.value.lines
     assert np.abs(line[:, 1] - 200).max() < 1
     assert np.ptp(line[:, 0]) > 480
     assert refused.value.numbers["v_px"] == pytest.approx(200, abs=1)
-
-
-@pytest.mark.parametrize(("end", "joins"), [((560, 240), True), ((338, 20), False)])
-def test_a_longer_gap_is_advised_where_it_joins_the_lines(end, joins, tmp_path):
-    path = drawn_in_red(tmp_path / "s.png", ((40, 200), (250, 200)), ((338, 200), end))
-    with refuses(CurveError, "several-candidates") as refused:
-        vfplan.extract(path)
-    advised = re.search(r"--max-gap (\d+) joins", refused.value.message)
-    assert (advised is not None) == joins
-    if joins:
-        longer = vfplan.ExtractSettings(max_gap_px=float(advised[1]))
-        assert len(vfplan.extract(path, longer).extraction.strokes) == 1
 
 
 def following(run):

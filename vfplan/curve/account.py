@@ -589,7 +589,7 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     )
     is_line[thin] = False
     is_odd = len(thin) < NEAR_END_SHARE * is_line.sum()
-    is_odd &= is_wide[is_line].mean() > tuned.FRAME_SHARE
+    is_odd &= is_line.any() and is_wide[is_line].mean() > tuned.FRAME_SHARE
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 

@@ -8,7 +8,6 @@ that a curve may take over it: from each free end to each other one.
 
 from __future__ import annotations
 
-import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -150,8 +149,8 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
     """The cosine of the turn from the end of a path onto a way; -1 where that begins far off."""
     if np.hypot(*(way[0] - path[-1])) > reach:
         return -1.0
-    steps = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
-    return float(np.prod([1 / np.hypot(*step) for step in steps]) * (steps[0] @ steps[1]))
+    before, after = path[-1] - path[-round(reach) :][0], way[: round(reach)][-1] - way[0]
+    return float(before @ after / (np.hypot(*before) * np.hypot(*after)))
 
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
@@ -538,19 +537,10 @@ def route_over(entry: AccountEntry) -> Stroke:
 
 
 def refusal_of(error: CurveError) -> dict[str, Any]:
-    """The refusal without its advice to open the page, and without options of the command line.
-
-    The page has buttons and tools in their place.
-    """
-    other_pen = error.numbers.get("other_colour", "")
-    sentences = re.split(r"(?<=\.) ", error.message)
-    # A sentence that says what a region or an end does is no advice.
-    advice = re.compile("vfplan review|--(?!roi and|start|end)")
-    kept = [words for words in sentences if not advice.search(words)]
+    """A refusal as the state holds it; the page leaves out the advice that it needs not."""
     places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place = tuple(map(float, places)) or None
-    text = " ".join(kept) or error.message
-    return {"code": error.code, "text": text, "place_px": place, "stage": "extract",
+    place, other_pen = tuple(map(float, places)) or None, error.numbers.get("other_colour", "")
+    return {"code": error.code, "text": error.message, "place_px": place, "stage": "extract",
             "other_pen": other_pen}  # fmt: skip
 
 

@@ -23,9 +23,7 @@ from vfplan.fixture import Stroke
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
-from vfplan.markers.find_marks import find_mark
 from vfplan.planning.settings import FixtureSettings
-from vfplan.registration.checks import perspective_test
 from vfplan.registration.models import fewest_markers
 from vfplan.registration.registration import Registration, fit_registration, own_bound
 
@@ -122,8 +120,7 @@ class Fit:
         # Deviations of the targets count where all markers have them, each one or one an axis.
         sigma = None
         if {len(marker.sigma_m) for marker in used} in ({1}, {3}):
-            sigma = np.array([marker.sigma_m for marker in used])
-            sigma = sigma[:, 0] if sigma.shape[1] == 1 else sigma
+            sigma = np.array([marker.sigma_m for marker in used]).squeeze()
         labels = tuple(marker.label for marker in used)
         frame = "image" if self.T_patient_image is None else "patient_lps"
         values = [labels, source.tolist(), target.tolist(), [m.sigma_m for m in used]]
@@ -186,12 +183,6 @@ class Fit:
         return float(bound.max()) if np.isfinite(bound).all() else None
 
     @cached_property
-    def is_at_angle(self) -> bool:
-        """Whether the markers lie as a camera beside the slice would see them."""
-        test = None if self.registration is None else perspective_test(self.registration)
-        return test is not None and test.is_possible
-
-    @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """Each marker with its residual, as the page shows it."""
         registration, steps = self.registration, self.metres_per_step
@@ -202,18 +193,17 @@ class Fit:
                 loo_m[label] = float(left_out) if np.isfinite(left_out) else None
         rows = []
         for marker in self.markers:
-            row: dict[str, Any] = {
-                "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
-                "used": marker.is_used, "depth_m": marker.depth_m,
-                "residual_m": None, "residual_px": None,
-                "loo_m": loo_m.get(marker.label),
-            }  # fmt: skip
+            residual_m = residual_px = None
             if registration is not None and marker.is_whole:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
                 residual = np.array(marker.target_m) - reached
-                row["residual_m"] = float(np.linalg.norm(residual))
-                row["residual_px"] = (onto_slice @ residual).tolist()
-            rows.append(row)
+                residual_m = float(np.linalg.norm(residual))
+                residual_px = (onto_slice @ residual).tolist()
+            rows.append({
+                "label": marker.label, "place_px": marker.place, "target_m": marker.target_m,
+                "used": marker.is_used, "depth_m": marker.depth_m, "residual_m": residual_m,
+                "residual_px": residual_px, "loo_m": loo_m.get(marker.label),
+            })  # fmt: skip
         return rows
 
     def index(self, name: Any) -> int:
@@ -323,12 +313,6 @@ def fit_of_files(
         )
     )  # fmt: skip
     return Fit(markers, settings, image.pixel_spacing_mm), {"markers": side.sha256}
-
-
-def snapped(image: PlannedImage, place: NDArray, reach_px: float) -> NDArray[np.float64]:
-    """The centre of the mark that is drawn near a place; the place itself where none is."""
-    mark = find_mark(image.rgb, "", tuple(place.tolist()), reach_px) if reach_px else None
-    return place if mark is None else np.array(mark.position_px)
 
 
 def unit_normal(axes: NDArray) -> NDArray[np.float64]:

@@ -166,11 +166,10 @@ class Paper:
 
     def text(
         self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
-        page: int | None = None,
+        page: int = -1,
     ) -> None:  # fmt: skip
         """Write one line of text; on the last page unless another is named."""
-        words = printable(words)
-        page = self.page if page is None else page
+        words, page = printable(words), page % len(self._pages)
         size = style.width_of(words), style.line_height
         self.boxes.append(Box(page, x, y, *size, "text", words, style=style, colour=colour))
 
@@ -245,8 +244,8 @@ def _font(points: float, bold: bool) -> Any:
     from PIL import ImageFont
 
     place = Path(find_spec("matplotlib").submodule_search_locations[0])
-    name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(place / "mpl-data/fonts/ttf" / name, points * DPI / 72)
+    file = place / f"mpl-data/fonts/ttf/DejaVuSans{'-Bold' * bold}.ttf"
+    return ImageFont.truetype(file, points * DPI / 72)
 
 
 def fixed_point(points: Array) -> NDArray[np.int32]:
@@ -350,43 +349,36 @@ TURNS = np.arange(16) * np.pi / 8 - np.pi / 4
 DIRECTIONS = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
 
 
-class Labeller:
-    """Finds places for captions on a picture: close to what they name, and never over each other.
+def place_for_caption(
+    taken: Pixels, point: Array, width: int, height: int
+) -> tuple[int, int, Array] | None:
+    """A place for a caption of this size close to a point (x, y); `None` if there is none.
 
-    A caption tries places around its point, the closest first. It takes the first one that lies
-    inside the picture, covers no other caption and covers nothing that has to stay visible. A
-    caption without such a place is omitted, and the sheet says how many were.
+    It tries places around the point, the closest first, and takes the first one that lies inside
+    the picture and where nothing is taken: no other caption, and nothing that has to stay visible.
 
     Parameters
     ----------
-    keep_visible
-        (H, W), not 0 where no caption may cover the picture.
+    taken
+        (H, W), not 0 where no caption may cover the picture. The place is entered there.
+
+    Returns
+    -------
+    tuple or None
+        Its corner x, y, and the leader (2, 2) from the point to its edge.
     """
-
-    def __init__(self, keep_visible: Pixels) -> None:
-        self.omitted = 0
-        # What else is taken: captions, and the picture's edge.
-        self._taken = np.pad(keep_visible[CLEARANCE:-CLEARANCE, CLEARANCE:-CLEARANCE], CLEARANCE,
-                             constant_values=1)  # fmt: skip
-
-    def place(self, point: Array, width: int, height: int) -> tuple[int, int, Array] | None:
-        """A place for a caption of this size close to a point (x, y); `None` if there is none.
-
-        Returns its corner (x, y), and the leader (2, 2) from its point to its edge.
-        """
-        limit = np.array(self._taken.shape[::-1]) - (width, height)
-        for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
-            # The caption extends away from its point.
-            corner = point + direction * float(attempt * STEP)
-            x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
-            is_inside = 0 <= x <= limit[0] and 0 <= y <= limit[1]
-            if not is_inside or self._taken[y : y + height, x : x + width].any():
-                continue
-            around = slice(max(y - CLEARANCE, 0), y + height + CLEARANCE)
-            self._taken[around, max(x - CLEARANCE, 0) : x + width + CLEARANCE] = 1
-            target = np.clip(point, (x, y), (x + width, y + height))
-            length = float(np.hypot(*(target - point)))
-            start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
-            return x, y, np.array([start, target])
-        self.omitted += 1
-        return None
+    limit = np.array(taken.shape[::-1]) - (width, height) - CLEARANCE
+    for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
+        # The caption extends away from its point.
+        corner = point + direction * float(attempt * STEP)
+        x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
+        is_inside = CLEARANCE <= x <= limit[0] and CLEARANCE <= y <= limit[1]
+        if not is_inside or taken[y : y + height, x : x + width].any():
+            continue
+        around = slice(y - CLEARANCE, y + height + CLEARANCE)
+        taken[around, x - CLEARANCE : x + width + CLEARANCE] = 1
+        target = np.clip(point, (x, y), (x + width, y + height))
+        length = float(np.hypot(*(target - point)))
+        start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
+        return x, y, np.array([start, target])
+    return None

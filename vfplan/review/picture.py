@@ -5,7 +5,7 @@ A bundle without a slice, from three sides at one scale.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,32 +21,19 @@ from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
 
 
-@dataclass(frozen=True, eq=False)
-class LineEnd:
-    """An end of a line, or the start of a closed one.
+def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
+    """Both ends of a line, or the start of a closed one.
 
-    `name` is "start" or "end", `place` is (u, v) [px of the slice], and `direction` the unit
-    vector in which the line would go on; `None` for a closed line.
+    Each with its name, "start" or "end", its place (u, v) [px of the slice], and the unit vector in
+    which the line would go on; `None` for a closed line.
     """
-
-    name: str
-    place: paper.Array
-    direction: paper.Array | None
-
-
-def ends_of(stroke: Stroke) -> list[LineEnd]:
-    """Both ends of a line, or the start of a closed one."""
     points = stroke.points
-    if not stroke.is_ordered:
-        return []
-    if stroke.closed:
-        return [LineEnd("start", points[0], None)]
-    ends = []
-    for name, line in (("start", points[::-1]), ("end", points)):
-        step = line[-1] - line[max(0, len(line) - 9)]
-        length = max(float(np.hypot(*step)), 1e-9)
-        ends.append(LineEnd(name, line[-1], step / length))
-    return ends
+    if stroke.closed and stroke.is_ordered:
+        yield "start", points[0], None
+    elif stroke.is_ordered:
+        for name, line in (("start", points[::-1]), ("end", points)):
+            step = line[-1] - line[max(0, len(line) - 9)]
+            yield name, line[-1], step / max(float(np.hypot(*step)), 1e-9)
 
 
 # Side [px of the page] of a view: two stand side by side.
@@ -199,12 +186,12 @@ def draw_picture(
     height, width = rgb.shape[:2]
     zoom = min(PICTURE_WIDTH / width, PICTURE_HEIGHT / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
-    enlarged = cv2.INTER_LINEAR if zoom < 2 else cv2.INTER_NEAREST
-    method = cv2.INTER_AREA if zoom < 1 else enlarged
+    # Made smaller, up to twice as large, and larger.
+    method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
     panel = Panel(box, sheet.part(box), zoom)
 
-    ends = [panel.place(end.place) for stroke in plan.strokes for end in ends_of(stroke)]
+    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     # The casings first: outline and line may lie close together.
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place, ends)
@@ -219,14 +206,14 @@ def draw_picture(
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
-        for end in ends_of(stroke):
-            place = panel.place(end.place)
+        for _, end, direction in ends_of(stroke):
+            place = panel.place(end)
             paper.draw_disc(keep, place, FREE_RADIUS + 8, 255)
-            if end.direction is not None:
-                paper.draw_disc(keep, place + AHEAD_RADIUS * end.direction, AHEAD_RADIUS, 255)
+            if direction is not None:
+                paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 255)
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, ends, keep)
-    omitted = draw_captions(sheet, plan, panel, paper.Labeller(keep))
+    omitted = draw_captions(sheet, plan, panel, keep)
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
@@ -264,16 +251,16 @@ def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper
     return region
 
 
-# What a line means, its colour, and whether it has dashes.
-LegendRow = tuple[str, paper.Colour, bool]
+# What a line means, its colour, and where its sample is drawn [px of the page].
+LegendRow = tuple[str, paper.Colour, tuple[tuple[int, int], ...]]
+SOLID = ((0, 44),)
+DASHED = ((0, 12), (17, 29), (34, 44))
 
-# The colour of what the robot renders: the tool is kept off a wall, and held in a guide's tube.
-RENDERED_COLOUR = {"wall": paper.WALL_COLOUR, "guide": paper.GUIDE_COLOUR}
-
-# What the legend says of it.
-RENDERED_IN_WORDS = {
-    "wall": "Red line: the tool's centre stops there, says the engine",
-    "guide": "Green line: the tip is held within it; arrow: its pull",
+# What the legend says of what the robot renders, and its colour. The tool is kept off a wall, and
+# held in a guide's tube.
+RENDERED: dict[str, LegendRow] = {
+    "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR, SOLID),
+    "guide": ("Green line: the tip is held within it; arrow: its pull", paper.GUIDE_COLOUR, SOLID),
 }
 
 # Length of the tick at a point that was set in Slicer [px of the page].
@@ -285,8 +272,7 @@ PULL_LENGTH, PULL_GAP = 70.0, 21.0
 
 def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     """What the legend says of these outlines, once for each kind."""
-    kinds = sorted({outline.kind for outline in outlines})
-    return [(RENDERED_IN_WORDS[kind], RENDERED_COLOUR[kind], False) for kind in kinds]
+    return [RENDERED[kind] for kind in sorted({outline.kind for outline in outlines})]
 
 
 def draw_rendered(
@@ -309,9 +295,10 @@ def draw_rendered(
             radius = nearest + 4
         for layer in (casing, drawn):
             paper.draw_disc(layer, end, radius, 0)
+    colour = RENDERED[outline.kind][1]
     if is_cased:
         paper.blend(canvas, casing, WHITE)
-    paper.blend(canvas, drawn, RENDERED_COLOUR[outline.kind])
+    paper.blend(canvas, drawn, colour)
     if outline.pull is not None and outline.lines:
         # Beside the tube, so that the ink stays free.
         start, along = outline.pull
@@ -319,7 +306,7 @@ def draw_rendered(
         across = np.array([-along[1], along[0]])
         middle = start + (np.hypot(*(line - start).T).min() + PULL_GAP) * across
         half = PULL_LENGTH / 2 * along
-        paper.draw_arrow(canvas, middle - half, middle + half, RENDERED_COLOUR[outline.kind])
+        paper.draw_arrow(canvas, middle - half, middle + half, colour)
 
 
 def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
@@ -368,18 +355,20 @@ def draw_slicer_points(
         paper.draw_line(keep, tick, 255, 8)
 
 
-def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.Labeller) -> int:
+def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> int:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
-    Returns how many have no place.
+    None covers what is `taken`. Returns how many have no place.
     """
+    omitted = []
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
         """Write a caption in a small plate of a colour, if there is room close to its place."""
         words = paper.shortened(words, 220, STRONG)
         width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-        found = labeller.place(panel.place(place), width, height)
+        found = paper.place_for_caption(taken, panel.place(place), width, height)
         if found is None:
+            omitted.append(words)
             return
         x, y, leader = found
         paper.draw_cased(panel.canvas, leader, BLACK, 1)
@@ -392,8 +381,8 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
     for number, stroke in enumerate(plan.strokes, 1):
         is_single = len(plan.strokes) == 1
         of_line, of_bridge = ("", "") if is_single else (f" {number}", f" of {number}")
-        for end in ends_of(stroke):
-            tag(end.place, end.name + of_line, ground=LINE_COLOUR)
+        for name, end, _ in ends_of(stroke):
+            tag(end, name + of_line, ground=LINE_COLOUR)
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
     for number, finding in enumerate(plan.findings, 1):
@@ -404,23 +393,23 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, labeller: paper.
         tag(marker.place, f"{marker.label} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
-    return labeller.omitted
+    return len(omitted)
 
 
 def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:
     """What the lines on the picture mean."""
-    rows: list[LegendRow] = [("Blue outline: beside the line that was taken", LINE_COLOUR, False)]
+    rows: list[LegendRow] = [("Blue outline: beside the line that was taken", LINE_COLOUR, SOLID)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
-        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, False))
+        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, SOLID))
     if any(stroke.bridged.any() for stroke in plan.strokes):
-        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, False))
+        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, SOLID))
     if plan.tre95_m is not None:
         words = "Purple dashes: 95 % band of markers and drawing, at true scale"
-        rows.append((f"{words}; see also the last enlargement", paper.BAND_COLOUR, True))
+        rows.append((f"{words}; see also the last enlargement", paper.BAND_COLOUR, DASHED))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
-        rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, False))
+        rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, SOLID))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
     if plan.other_ink:
         words = "Plain numbers: other ink, listed below."
@@ -434,9 +423,8 @@ def draw_legend_rows(
     """A sample of each line beside what it means; returns where the next thing begins."""
     sheet.text(x, y, heading, paper.HEADING)
     y += paper.HEADING.line_height + 4
-    for words, colour, is_dashed in rows:
+    for words, colour, dashes in rows:
         middle = y + BODY.line_height / 2
-        dashes = ((0, 12), (17, 29), (34, 44)) if is_dashed else ((0, 44),)
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)

@@ -51,6 +51,7 @@ from vfplan.planning.settings import (
     margin_length,
     overridden,
 )
+from vfplan.registration.checks import perspective_test
 from vfplan.registration.registration import Registration, describe_side
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
@@ -287,22 +288,26 @@ class Plan:
 
     @property
     def is_to_be_flat(self) -> bool:
-        """Whether it is a photograph at an angle, which `vfplan rectify` makes flat."""
+        """Whether it is a photograph at an angle, which `vfplan rectify` makes flat.
+
+        The markers tell, or they are refused and fit once it is flat.
+        """
         from vfplan.registration.rectify import flattening
 
-        fit, source, registration = self.fit, self.source, self.fit.registration
-        if source.is_flat or registration is None or fit.T_patient_image is not None:
+        registration, limit_m = self.fit.registration, self.fit.settings.max_residual_m
+        if self.source.is_flat or registration is None:
             return False
-        limit_m = fit.settings.max_residual_m
+        test = perspective_test(registration)
+        if test is not None and test.is_possible:
+            return True
         is_off = limit_m is not None and not registration.fre_rms_m <= limit_m
-        if fit.is_at_angle or not (is_off or self.outcome.code == "tre-large"):
-            return fit.is_at_angle
         try:
-            flattened = flattening(fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
+            flattened = flattening(self.fit.pairs(), self.source.image, limit_m, MAX_MEGAPIXELS)
         except VfplanError:
             return False
         # A bound may be large for other reasons than an angle.
-        return is_off or 2 * flattened.error_m <= registration.fle_rms_m
+        is_better = 2 * flattened.error_m <= registration.fle_rms_m
+        return is_off or (self.outcome.code == "tre-large" and is_better)
 
     @property
     def has_other_markers(self) -> bool:

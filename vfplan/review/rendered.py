@@ -36,7 +36,7 @@ from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
 from vfplan.registration.registration import Registration, fit_registration
-from vfplan.review.markers import size_of
+from vfplan.review.markers import size_of, unit_normal
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 Array = NDArray[np.float64]
@@ -229,8 +229,7 @@ def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
         # The bend that it warns of is a finding of the plan.
         warnings.simplefilter("ignore")
         guide = Guide.of(fixture, hold="at_once")
-    normal, axis = plane_normal(plane), fixture.ignore_axis
-    normal = normal / np.linalg.norm(normal)
+    normal, axis = unit_normal(plane), fixture.ignore_axis
     onto_picture = onto_plane(plane, axis)
     turns = np.linspace(0.0, np.pi, END_DIRECTIONS + 2)[1:-1, None]
     for number, length in enumerate(guide.lengths_m):

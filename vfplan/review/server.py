@@ -349,7 +349,7 @@ class ReviewServer:
             elif "leave" in message:
                 self._wanted.put((connection, None))
             else:
-                self._change(message, self._names.get(connection, connection))
+                self._change(message, connection)
         except VfplanError as error:
             if "preview" in message:
                 _send(connection, _described(error))
@@ -389,7 +389,7 @@ class ReviewServer:
         self._show(self._server.connections)
         self._stale.set()
 
-    def _change(self, message: dict[str, Any], who: Any) -> None:
+    def _change(self, message: dict[str, Any], connection: Any) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
         with self._lock:
             if self._closing:
@@ -403,6 +403,7 @@ class ReviewServer:
                 text = "The page showed an earlier state. Look again, and repeat the step."
                 raise SettingError(text, code="stale-step")
             if is_look:
+                who = self._names.get(connection, connection)
                 self.session = self.session.looked_at(step, who)
             else:
                 if "undo" in message:
@@ -411,7 +412,7 @@ class ReviewServer:
                     session = self.session.redo()
                 else:
                     session = self.session.apply(step)
-                self._draft.keep(session, who if isinstance(who, str) else self._about["by"])
+                self._draft.keep(session, self._names.get(connection, self._about["by"]))
                 self.session = session
                 self._version += 1
         self._show(self._server.connections)
@@ -430,14 +431,13 @@ class ReviewServer:
         with self._lock:
             session, version = self.session, self._version
         kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
-        texts: dict[Any, str] = {}
+        shown: dict[Any, Any] = {}
         for connection in connections:
             who = self._names.get(connection, connection)
-            if who not in texts:
-                shown = to_json_types(state_of(who))
-                texts[who] = json.dumps({kind: shown, "version": version})
+            if who not in shown:
+                shown[who] = to_json_types(state_of(who))
             if version == self._version or not is_whole:
-                _send(connection, texts[who])
+                _send(connection, {kind: shown[who], "version": version})
 
     def _plan(self) -> None:
         """Make the whole plan of the latest state, again and again, and show it."""
@@ -453,12 +453,12 @@ class ReviewServer:
             _send(connection, message)
 
 
-def _send(connection: Any, message: dict[str, Any] | str) -> None:
-    """Send a message, or its text; a page that has gone hears nothing."""
+def _send(connection: Any, message: dict[str, Any]) -> None:
+    """Send a message; a page that has gone hears nothing."""
     from websockets.exceptions import ConnectionClosed
 
     with suppress(ConnectionClosed, OSError):
-        connection.send(message if isinstance(message, str) else json.dumps(message))
+        connection.send(json.dumps(message))
 
 
 def _described(error: VfplanError) -> dict[str, Any]:

@@ -287,7 +287,6 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
             "seen_from": fit.settings.seen_from,
             "pixel_spacing_mm": fit.pixel_spacing_mm,
         },
-        "at_angle": fit.is_at_angle and not plan.source.is_flat,
     }
     if not is_of_curve:
         state["tre95_m"] = fit.tre95_m(plan.geometry.strokes)

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED, MM, coordinates, finding_name, millimetres
+from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, millimetres
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
@@ -31,7 +31,6 @@ from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, ST
 from vfplan.review.picture import (
     COLUMN_WIDTH,
     COLUMN_X,
-    LineEnd,
     draw_picture,
     draw_rendered,
     draw_views,
@@ -65,8 +64,8 @@ ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 20
 # Distance [px of the page] from a list to the heading of the next.
 LIST_GAP = 14
 
-# What the sheet calls an entry of the account.
-WORDS_OF_ENTRY = {"ink": "", "gap": "gap in the line, or line hidden"}
+# What the sheet calls an entry of the account that is no ink.
+GAP = "gap in the line, or line hidden"
 
 WHAT_TO_LOOK_FOR = (
     "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
@@ -86,9 +85,7 @@ def verdict_of(plan: Plan) -> str:
     ends = sum(len(stroke.end_points) for stroke in plan.strokes)
     places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
     places = "the three views" if plan.image is None else places
-    then = "approve"
-    if unanswered:
-        then = f"answer {unanswered} finding{'s' if unanswered > 1 else ''}"
+    then = f"answer {count(unanswered, 'finding')}" if unanswered else "approve"
     return f"{kind}Look at {places}, then {then}"
 
 
@@ -145,9 +142,11 @@ def markers_in_words(fixture: Fixture) -> str:
     left_out, labels = labels_left_out(fixture), registration.labels
     used = [number for number, label in enumerate(labels) if label not in left_out]
     worst = max(used, key=lambda number: registration.residuals_m[number])
-    count = f"{len(used)} of {len(labels)}" if len(used) < len(labels) else f"{len(used)}"
+    words = f"{len(used)}"
+    if len(used) < len(labels):
+        words += f" of {len(labels)}"
     return (
-        f"{count}, {registration.model}; residual {registration.fre_rms_m * 1e3:.2f} mm rms, "
+        f"{words}, {registration.model}; residual {registration.fre_rms_m * 1e3:.2f} mm rms, "
         f"largest {registration.residuals_m[worst] * 1e3:.2f} mm at {labels[worst]}"
     )
 
@@ -208,11 +207,10 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
     if plan.image is not None:
         words = []
         for entry in plan.other_ink[:MAX_NUMBERED]:
-            what = "" if entry.what == "ink" else f"{WORDS_OF_ENTRY[entry.what]}, "
-            place = coordinates((entry.u, entry.v))
-            words.append(
-                f"{entry.number}: {what}{entry.pixels} px ({entry.share:.1%}) at ({place})"
-            )
+            what = f"{entry.pixels} px ({entry.share:.1%}) at ({coordinates((entry.u, entry.v))})"
+            if entry.what != "ink":
+                what = f"{GAP}, {what}"
+            words.append(f"{entry.number}: {what}")
         smaller = plan.other_ink[MAX_NUMBERED:]
         if smaller:
             pixels = sum(entry.pixels for entry in smaller)
@@ -301,17 +299,19 @@ class Inset:
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def is_even_ahead(rgb: NDArray[np.uint8], stroke: Stroke, end: LineEnd) -> bool:
+def is_even_ahead(
+    rgb: NDArray[np.uint8], stroke: Stroke, end: paper.Array, direction: paper.Array | None
+) -> bool:
     """Whether all pixels ahead of an end have one grey.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
     even can compare the slice with the one that was not drawn on.
     """
-    if end.direction is None or stroke.sigma is None:
+    if direction is None or stroke.sigma is None:
         return False
     # The blur of the pen's own end reaches two pixels.
     half_width = (stroke.width or 0.0) / 2
-    centre = end.place + end.direction * (half_width + 2.0 + AHEAD_PX)
+    centre = end + direction * (half_width + 2.0 + AHEAD_PX)
     disc = np.zeros(rgb.shape[:2], np.uint8)
     paper.draw_disc(disc, centre, AHEAD_PX, 255)
     greys = rgb[disc > 127].astype(int)
@@ -328,30 +328,30 @@ def insets_of(plan: Plan) -> list[Inset]:
         name = f"line {number}"
         if len(plan.strokes) == 1:
             name = "the line"
-        for end in ends_of(stroke):
-            caption = f"{end.name.capitalize()} of {name}"
+        for which, end, direction in ends_of(stroke):
+            caption = f"{which.capitalize()} of {name}"
             note = width
-            if is_even_ahead(rgb, stroke, end):
+            if is_even_ahead(rgb, stroke, end, direction):
                 note = "one grey ahead: look twice"
-            insets.append(Inset(caption, end.place, note))
+            insets.append(Inset(caption, end, note))
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
             wider = f"{caption}, wider"
-            insets.append(Inset(wider, end.place, note, WIDER_ZOOM, True, has_line))
+            insets.append(Inset(wider, end, note, WIDER_ZOOM, True, has_line))
         # One inset a bridge, or several along a long one.
-        for count, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
+        for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
             along = arc_lengths(points, False)
             parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
             for part in range(parts):
                 place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-                caption = f"Bridge {count} of {name}, {along[-1]:.0f} px"
+                caption = f"Bridge {k} of {name}, {along[-1]:.0f} px"
                 if parts > 1:
                     caption += f", part {part + 1} of {parts}"
                 insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
     others = [
-        (f"{entry.number}: {WORDS_OF_ENTRY[entry.what]}", (entry.u, entry.v))
+        (f"{entry.number}: {GAP}", (entry.u, entry.v))
         for entry in plan.other_ink if entry.what != "ink"
     ]  # fmt: skip
     others += [

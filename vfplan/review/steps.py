@@ -19,7 +19,7 @@ from vfplan.markers import find_marks
 from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.registration.models import MODELS
 from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
-from vfplan.review.markers import Marker, snapped
+from vfplan.review.markers import Marker
 from vfplan.review.plan import Plan, made_flat_plan
 from vfplan.review.rendered import visible_name
 from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
@@ -251,9 +251,8 @@ def cut(plan: Plan, step: Step) -> Plan:
     number, stroke = stroke_of(plan, step)
     if "start" not in step and "end" not in step:
         raise malformed(step, "start", "a place, as start or as end")
-    start = place_of(plan, step, "start") if "start" in step else None
-    end = place_of(plan, step, "end") if "end" in step else None
-    return with_stroke(plan, number, stroke.cut(start, end))
+    ends = [place_of(plan, step, end) if end in step else None for end in ("start", "end")]
+    return with_stroke(plan, number, stroke.cut(*ends))
 
 
 def join(plan: Plan, step: Step) -> Plan:
@@ -360,10 +359,22 @@ def leave(plan: Plan, step: Step) -> Plan:
 def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
     """The place for a marker: the mark drawn within `snap` [px] of the click, else the click."""
     reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
-    place = place_of(plan, step, name)
-    if plan.source.slice_path is not None:
-        place = snapped(plan.source.image, place, reach_px)
-    return tuple(place.tolist())
+    place = tuple(place_of(plan, step, name).tolist())
+    if reach_px and plan.source.slice_path is not None:
+        mark = find_marks.find_mark(plan.source.image.rgb, "", place, reach_px)
+        if mark is not None:
+            return mark.position_px
+    return place
+
+
+def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
+    """The positions of a marker that a step gives: on the slice, and in front of the robot."""
+    positions: dict[str, Any] = {}
+    if step.get(name) is not None:
+        positions["place"] = mark_place(plan, step, name)
+    if step.get("target_m") is not None:
+        positions["target_m"] = numbers_of(step, "target_m", 3)
+    return positions
 
 
 def with_marker(plan: Plan, step: Step, **changes: Any) -> Plan:
@@ -374,24 +385,17 @@ def with_marker(plan: Plan, step: Step, **changes: Any) -> Plan:
 
 def move_marker(plan: Plan, step: Step) -> Plan:
     """Move a marker on the slice, or give it another place in front of the robot."""
-    changes: dict[str, Any] = {}
-    if "to" in step:
-        changes["place"] = mark_place(plan, step, "to")
-    if "target_m" in step:
-        changes["target_m"] = numbers_of(step, "target_m", 3)
-    if not changes:
+    positions = positions_of(plan, step, "to")
+    if not positions:
         raise malformed(step, "to", "a place, or target_m")
-    return with_marker(plan, step, **changes)
+    return with_marker(plan, step, **positions)
 
 
 def add_marker(plan: Plan, step: Step) -> Plan:
     """Add a marker; the registration uses it once both of its positions are known."""
-    fit = plan.fit
-    label = label_of(step, "label")
+    fit, label = plan.fit, label_of(step, "label")
     fit.refuse_label(label)
-    place = None if step.get("at") is None else mark_place(plan, step, "at")
-    target = None if step.get("target_m") is None else numbers_of(step, "target_m", 3)
-    markers = (*fit.markers, Marker(label, place, target))
+    markers = (*fit.markers, Marker(label, **positions_of(plan, step, "at")))
     return replace(plan, fit=fit.with_markers(markers))
 
 

@@ -44,15 +44,20 @@ const CONTROLS = {
   robust: "its box in the table",
   "seen-from": "The slice is seen from",
 };
+// The same with what the plan says.
+const NAMES = { ...CONTROLS, "max-residual": "the plan", "max-tre": "the plan" };
 const OPTION = /--([a-z][a-z-]*)/g;
 
-// A text of the program in the words of the page. Advice to open the page, or to use an option for
-// which it has no control, is left out; another command stays as it is.
+// Advice within a sentence that names an option: in brackets, or after ", or".
+const ADVICE = / \([^()]*--[^()]*\)|, or [^,.;]*--[^,.;]*/g;
+
+// A text of the program in the words of the page. What `vfplan review` and `vfplan rectify` do, the
+// page does. Advice to use an option for which it has no control is left out, be it a sentence or a
+// part of one; any other command stays as it is.
 export function inPageWords(text) {
-  let plain = text.replace(/--max-(residual|tre) allows/g, "the plan allows");
-  plain = plain.replace(/ with vfplan rectify| \(delete its row, and give --common\)/g, "");
-  plain = plain.replace(/, or [^,.;]*--([a-z-]+)[^,.;]*/g, (clause, name) => (name in CONTROLS ? clause : ""));
-  const sentences = plain.split(/(?<=\.) /).filter((words, k) => k === 0 || isOfPage(words));
+  const plain = text.replaceAll(" with vfplan rectify", "");
+  const ofPage = plain.replace(ADVICE, (advice) => (isOfPage(advice, CONTROLS) ? advice : ""));
+  const sentences = ofPage.split(/(?<=\.) /).filter((words, k) => k === 0 || isOfPage(words, NAMES));
   return sentences.map((words) => (isCommand(words) ? words : words.replace(OPTION, nameOf))).join(" ");
 }
 
@@ -60,13 +65,13 @@ function isCommand(words) {
   return words.includes("vfplan ");
 }
 
-function isOfPage(words) {
+function isOfPage(words, names) {
   if (words.includes("vfplan review")) return false;
-  return isCommand(words) || [...words.matchAll(OPTION)].every(([, name]) => name in CONTROLS);
+  return isCommand(words) || [...words.matchAll(OPTION)].every(([, name]) => name in names);
 }
 
 function nameOf(_, option) {
-  return CONTROLS[option] || option.replaceAll("-", " ");
+  return NAMES[option] || option.replaceAll("-", " ");
 }
 
 // Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands

@@ -75,7 +75,7 @@ export class Findings {
     if (!finding) return;
     this.app.select({ kind: "finding", key: k });
     if (finding.place_px) this.view.goTo(finding.place_px);
-    this.app.say(`Finding ${k + 1} of ${this.app.state.findings.length}. ${finding.text}`);
+    this.app.say(`Finding ${k + 1} of ${this.app.state.findings.length}. ${inPageWords(finding.text)}`);
     byId("findings").children[k]?.scrollIntoView({ block: "nearest" });
   }
 

@@ -150,7 +150,7 @@ function withPlanOf(before, quick) {
     state.findings = before.findings;
     state.why_not = before.why_not;
     if (!quick.candidates.length) state.refusal = before.refusal;
-    if (before.at_angle && !quick.image.is_flat) state.at_angle = true;
+    state.at_angle = before.at_angle && !quick.image.is_flat;
   }
   state.approvable = false;
   return state;
