@@ -124,8 +124,6 @@ class Governor:
         )
         # The smallest `force_step_n` that is passive with the other settings [N].
         self.least_passive_step_n = limits.least_passive_step
-        # The smallest that is also passive when the force turns round at its largest [N].
-        self.least_reversing_step_n = limits.least_reversing_step
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
                            torque_step="nm", torque_max="nm"):  # fmt: skip
             # Checks nothing; for a loop in Python at full speed.
