@@ -144,6 +144,8 @@ def test_positions_that_are_bad_again_and_again_stop_the_loop(controller):
 
 
 def test_a_request_before_the_loop_begins_is_not_forgotten(controller):
+    controller.reset([20, -8000, 0])
+    assert controller.step(ABOVE).stopping == Status.BAD_HIP, "a reset to no place begins nothing"
     controller.request_stop()
     controller.reset(ABOVE)
     out = controller.step(ABOVE)
@@ -241,7 +243,8 @@ def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path)
         least.set_stiffness(most)
         with pytest.raises(SettingError, match="the bundle's"):
             least.set_stiffness(most + 1)
-    controller = Controller(stored(tmp_path / "f.h5"), max_stiffness_n_per_m=2500, **ANY)
+    path = stored(tmp_path / "f.h5")
+    controller = Controller(path, max_stiffness_n_per_m=2500, **ANY)
     forces = [press(controller).force]
     controller.set_stiffness(2500)
     forces += [controller.step(DEEP).force for _ in range(1000)]
@@ -251,6 +254,9 @@ def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path)
     assert steps.max() <= 2500 * 5e-3 / 256 * (1 + 1e-9)
     with pytest.raises(SettingError):
         controller.set_stiffness(1e6)
+    for change in (controller.set_stiffness, lambda _, which: controller.exchange(path, which)):
+        with pytest.raises(SettingError, match=r"which is 3\. Give .* at most 0 "):
+            change(500, 3)
     seconds = []
     for rate_hz in (1000, 8000):
         governor = vfplan.Governor(
@@ -278,7 +284,8 @@ def test_a_reset_after_an_exchange_or_past_the_line_is_told(tmp_path):
         assert controller.step(places[-1]).stopping == Status.CROSSED
         (tmp_path / "f.h5").unlink()
         controller.reset(np.multiply(places[-1], 1e4))
-        assert controller.step(places[-1]).stopping == Status.CROSSED, "a reset to no place"
+        stopping = controller.step(places[-1]).stopping
+        assert stopping == Status.CROSSED | Status.BAD_HIP, "a reset to no place"
 
 
 def test_an_arm_that_takes_torques_is_let_go_when_its_jacobian_stays_away(controller):

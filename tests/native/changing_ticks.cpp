@@ -3,6 +3,7 @@
 //   changing_ticks move IN OUT      rows t, hip from IN, poses among them; proxy, force, status out
 //   changing_ticks exchange N       N engines put under a loop that runs
 //   changing_ticks edit N           N points taken away from a cloud under a loop, and put back
+//   changing_ticks make N           two threads make the first engines and step them N times
 //
 // Meanwhile the loop may not allocate, the force may not change by more than it may, and nothing
 // may be read while it is written (built with ThreadSanitizer). Exit status 1 names the first
@@ -153,6 +154,22 @@ void edit(long n) {
     std::printf("edited %ld ticks %ld changing %ld\n", n, loop.tick, loop.changing);
 }
 
+/// Nothing has chosen the loops over points before.
+void make(long n) {
+    const auto work = [n] {
+        vfplan::Parameters p;
+        p.band = 5e-5;
+        vfplan::Engine engine = sheet_engine(20, 0, p);
+        Loop loop{engine, 1000, 5e-3, 0, 0, 0, {}, {}};
+        while (loop.tick < n) loop.step(std::min(1e-5 * double(loop.tick) - 6e-3, 2e-3));
+        if (!(loop.last.force[2] > 0)) fail("no force", loop.tick, loop.last.force[2]);
+    };
+    std::thread other(work);
+    work();
+    other.join();
+    std::printf("made by two threads: %ld ticks each\n", n);
+}
+
 /// A row: kind 0: stamp, x y z, w x y z; kind 1: t, hip.
 void move(const char* in, const char* out) {
     vfplan::Parameters p;
@@ -185,5 +202,6 @@ int main(int argc, char** argv) {
     if (argc == 4 && !std::strcmp(argv[1], "move")) return move(argv[2], argv[3]), 0;
     if (argc == 3 && !std::strcmp(argv[1], "exchange")) return exchange(std::atol(argv[2])), 0;
     if (argc == 3 && !std::strcmp(argv[1], "edit")) return edit(std::atol(argv[2])), 0;
+    if (argc == 3 && !std::strcmp(argv[1], "make")) return make(std::atol(argv[2])), 0;
     return 2;
 }

@@ -65,10 +65,12 @@ int main() {
     vfplan::Engine given(point, 1, vfplan::Parameters{}), taken = std::move(given);
     given.reset(a);
     assert(given.step(a).status == vfplan::Status::bad_hip && given.step(a).force == Vec3{});
-    const auto refused = [](const auto& act) {
+    std::string why;
+    const auto refused = [&](const auto& act) {
         try {
             act();
-        } catch (const std::exception&) {
+        } catch (const std::exception& error) {
+            why = error.what();
             return true;
         }
         return false;
@@ -79,7 +81,7 @@ int main() {
     vfplan::bundle::Fixture wall;
     wall.points = {0, 0, 0};
     wall.frame = "robot_base";
-    wall.rendering = {{1000, 1000, 1000}, 5e-3, 1e-5, 0, {}, {}};
+    wall.rendering.emplace();  // 1000 N/m, 5 mm, a band of 10 um
     vfplan::Controller moved(wall), holds = std::move(moved);
     moved.reset(a);
     assert(holds.size() == 1 && moved.size() == 0 && moved.step(a).stop);
@@ -93,12 +95,30 @@ int main() {
         });
     };
     assert(!with([](auto& s) { s.stop_at |= vfplan::Status::inside; }));
-    for (const int bits : {0, 1, 64, 255}) assert(with([&](auto& s) { s.stop_at = bits; }));
+    for (const int bits : {0, 1, 64, 255}) {
+        assert(with([&](auto& s) { s.stop_at = bits; }));
+        assert((why.find("capped") != why.npos) == (bits == 255));
+        assert(why.find("Give") != why.npos);
+    }
     for (const double value : {-1.0, 1e9, vfplan::infinity}) {
         assert(with([&](auto& s) { s.max_hip_step = value; }));
         assert(with([&](auto& s) { s.governor.force_step = value; }));
     }
     assert(refused([&] { holds.set_stiffness(1001); }) && holds.set_stiffness(900));
+    const auto has_no_fixture_3 = [&](const auto& act) {
+        return refused(act) &&
+               why.find("which is 3. Give a value of at least 0 and at most 0") == 8;
+    };
+    assert(has_no_fixture_3([&] { holds.contact_radius(3); }) &&
+           has_no_fixture_3([&] { holds.rule(3); }) && has_no_fixture_3([&] { holds.region(3); }) &&
+           has_no_fixture_3([&] { holds.set_stiffness(1, 3); }) &&
+           has_no_fixture_3([&] { holds.exchange(wall, 3); }));
+    // The next good tick does not begin a loop whose reset was nowhere.
+    vfplan::Controller unplaced(wall);
+    unplaced.reset(Vec3(std::nan(""), 0, 0));
+    assert(unplaced.step(a).stopping == vfplan::Status::bad_hip && unplaced.step(a).stop);
+    unplaced.reset(a);
+    assert(unplaced.step(a).stopping == 0);
     // Whatever changes a fixture keeps to the governor's bound on K, and one that is spent is none.
     vfplan::bundle::Fixture stiff = wall, soft = wall;
     stiff.rendering->stiffness = {3000, 3000, 3000};

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -123,8 +124,6 @@ class Governor:
         )
         # The smallest `force_step_n` that is passive with the other settings [N].
         self.least_passive_step_n = limits.least_passive_step
-        # The smallest that is also passive when the force turns round at its largest [N].
-        self.least_reversing_step_n = limits.least_reversing_step
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",
                            torque_step="nm", torque_max="nm"):  # fmt: skip
             # Checks nothing; for a loop in Python at full speed.
@@ -144,29 +143,22 @@ class Governor:
         SettingError
             A robot file without the limits, or limits that are not passive with this stiffness.
         """
-        if robot.force_limit_n is None or robot.force_step_limit_n is None:
-            raise SettingError(
-                f"robot {robot.name!r} has no force_limit_n and force_step_limit_n. Add both to "
-                "the robot file: a governor needs them."
-            )
-        torque_max, torque_step = None, None
-        if torques:
-            if robot.torque_limit_nm is None or robot.torque_step_limit_nm is None:
+        limits: dict[str, Any] = {}
+        for quantity, unit in (("force", "n"), ("torque", "nm"))[: 1 + torques]:
+            names = f"{quantity}_limit_{unit}", f"{quantity}_step_limit_{unit}"
+            largest, step = (getattr(robot, name) for name in names)
+            if largest is None or step is None:
                 raise SettingError(
-                    f"robot {robot.name!r} has no torque_limit_nm and torque_step_limit_nm. Add "
-                    "both to the robot file: a governor of torques needs them."
+                    f"robot {robot.name!r} has no {' and '.join(names)}. Add both to the robot "
+                    f"file: a governor of {quantity}s needs them."
                 )
-            torque_max = robot.torque_limit_nm
-            torque_step = HEADROOM * np.asarray(robot.torque_step_limit_nm)
+            limits |= {f"{quantity}_max_{unit}": largest, f"{quantity}_step_{unit}": step}
+        if torques:
+            limits["torque_step_nm"] = HEADROOM * np.asarray(limits["torque_step_nm"])
         return cls(
-            force_step_n=robot.force_step_limit_n,
-            force_max_n=robot.force_limit_n,
-            torque_step_nm=torque_step,
-            torque_max_nm=torque_max,
-            stiffness_n_per_m=stiffness_n_per_m,
-            mass_kg=robot.mass_kg,
+            **limits, stiffness_n_per_m=stiffness_n_per_m, mass_kg=robot.mass_kg,
             rate_hz=robot.rate_hz,
-        )
+        )  # fmt: skip
 
     def reset(self) -> None:
         """Begin anew: no force, no torque, no energy given."""
@@ -226,10 +218,9 @@ class Governor:
                 f"jacobians has shape {matrices.shape}. Give one for each force: ({ticks}, 3, n)."
             )
         shape = matrices.shape[1:]
-        allowed, wanted = range(1, _core.most_joints + 1), f"1 to {_core.most_joints}"
-        if self._joints is not None:
-            allowed, wanted = [self._joints], str(self._joints)
-        if len(shape) != 2 or shape[0] != 3 or shape[1] not in allowed:
+        wanted = str(self._joints or f"1 to {_core.most_joints}")
+        is_allowed = len(shape) == 2 and shape[0] == 3 and 1 <= shape[1] <= _core.most_joints
+        if not is_allowed or self._joints not in (None, shape[1]):
             raise SceneError(f"jacobian has shape {shape}. Give one of shape (3, n), n {wanted}.")
         return matrices
 

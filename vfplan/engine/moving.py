@@ -142,11 +142,6 @@ class MovingFrame:
         """
         return self.native.stale
 
-    @property
-    def age_s(self) -> float:
-        """Age of the youngest pose at the last tick [s]; infinite before the first pose."""
-        return self.native.age
-
     def lag_m(self, place: ArrayLike) -> float:
         """How far the fixture still has to go at `place`, to where its youngest pose puts it [m].
 

@@ -35,11 +35,9 @@ nb::tuple arrays_of(const Make& make) {
         nb::gil_scoped_release release;
         made = make();
     }
-    auto points = array<double>(made.points.size() / 3, 3);
-    std::copy(made.points.begin(), made.points.end(), points.data());
-    auto triangles = array<std::int32_t>(made.triangles.size() / 3, 3);
-    std::copy(made.triangles.begin(), made.triangles.end(), triangles.data());
-    return nb::make_tuple(points, triangles);
+    const std::size_t n = made.points.size() / 3, k = made.triangles.size() / 3;
+    return nb::make_tuple(array(std::move(made.points), {n, 3}),
+                          array(std::move(made.triangles), {k, 3}));
 }
 
 // What is made of lines and arcs, or of a mesh: `shape` makes one of `names`.
@@ -93,10 +91,10 @@ nb::object each(const Rows& points, F&& number) {
 
 // Distances (T,) of points (T, 3) from lines and arcs, across an axis.
 nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
-                              const Flags& closed, const Row& axis, const Rows& points) {
+                              const Flags& closed, const vfplan::Vec3& axis, const Rows& points) {
     const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
     vfplan::check(all);
-    const vfplan::Slice space(vec(axis));
+    const vfplan::Slice space(axis);
     const vfplan::curve::Curve curve(all, space, 1);
     return each(points, [&](const vfplan::Vec3& x) { return curve.distance(space.project(x)); });
 }
@@ -128,48 +126,22 @@ NB_MODULE(_core, m) {
     nb::register_exception_translator(translate, out_of_range.ptr());
     m.attr("__version__") = VFPLAN_VERSION;
 
-    nb::enum_<vfplan::Rule>(m, "Rule")
-        .value("robust", vfplan::Rule::robust)
-        .value("paper", vfplan::Rule::paper)
-        .value("exact", vfplan::Rule::exact);
-    nb::enum_<vfplan::Search>(m, "Search")
-        .value("auto", vfplan::Search::automatic)
-        .value("grid", vfplan::Search::grid)
-        .value("brute", vfplan::Search::brute)
-        .value("editable", vfplan::Search::editable);
-
     const Parameters usual;
     nb::class_<Parameters>(m, "Parameters", "Table I, SI")
-        .def(
-            "__init__",
-            [](Parameters* self, double contact_radius, double band, double point_radius,
-               double outer_radius, double gain, const std::optional<Row>& stiffness,
-               const std::optional<Row>& ignore_axis, const nb::str& rule, const nb::str& search,
-               int max_iterations, double max_hip_step) {
-                new (self) Parameters{contact_radius,
-                                      band,
-                                      point_radius,
-                                      outer_radius,
-                                      gain,
-                                      vec(stiffness).value_or(Parameters{}.stiffness),
-                                      vec(ignore_axis),
-                                      named<vfplan::Rule>(rule),
-                                      named<vfplan::Search>(search),
-                                      max_iterations,
-                                      max_hip_step};
-            },
-            nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
-            "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
-            "gain"_a = usual.gain, "stiffness"_a = nb::none(), "ignore_axis"_a = nb::none(),
-            "rule"_a = "robust", "search"_a = "auto", "max_iterations"_a = usual.max_iterations,
-            "max_hip_step"_a = 0.0)
+        .def(nb::init<double, double, double, double, double, vfplan::Vec3,
+                      std::optional<vfplan::Vec3>, vfplan::Rule, vfplan::Search, int, double>(),
+             nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
+             "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
+             "gain"_a = usual.gain, "stiffness"_a = usual.stiffness, "ignore_axis"_a = nb::none(),
+             "rule"_a = usual.rule, "search"_a = usual.search,
+             "max_iterations"_a = usual.max_iterations, "max_hip_step"_a = 0.0)
         .def(
             "__init__",
             [](Parameters* self, const Parameters& other, const std::optional<double>& band,
-               const std::optional<nb::str>& search) {
+               const std::optional<vfplan::Search>& search) {
                 new (self) Parameters(other);
                 self->band = band.value_or(other.band);
-                if (search) self->search = named<vfplan::Search>(*search);
+                self->search = search.value_or(other.search);
             },
             "other"_a, nb::kw_only(), "band"_a = nb::none(), "search"_a = nb::none(),
             "as others, but for the band or the search")
@@ -180,22 +152,11 @@ NB_MODULE(_core, m) {
         .def_ro("gain", &Parameters::gain, "xi of eq. (5)")
         .def_ro("max_iterations", &Parameters::max_iterations, "of rule robust, a tick")
         .def_ro("max_hip_step", &Parameters::max_hip_step, "of a HIP, from the last [m]; 0: any")
-        .def_prop_ro(
-            "rule", [](const Parameters& p) { return name_of(p.rule); },
-            nb::sig("def rule(self) -> str"))
-        .def_prop_ro(
-            "search", [](const Parameters& p) { return name_of(p.search); },
-            nb::sig("def search(self) -> str"))
-        .def_prop_ro(
-            "stiffness", [](const Parameters& p) { return fixed_row(p.stiffness); },
-            nb::sig("def stiffness(self) -> numpy.typing.NDArray"), "(3,) the diagonal of K [N/m]")
-        .def_prop_ro(
-            "ignore_axis",
-            [](const Parameters& p) {
-                return p.ignore_axis ? fixed_row(*p.ignore_axis) : nb::none();
-            },
-            nb::sig("def ignore_axis(self) -> numpy.typing.NDArray | None"),
-            "(3,) unit vector along which the fixture is infinite; None in space")
+        .def_ro("rule", &Parameters::rule)
+        .def_ro("search", &Parameters::search)
+        .def_ro("stiffness", &Parameters::stiffness, "(3,) the diagonal of K [N/m]")
+        .def_ro("ignore_axis", &Parameters::ignore_axis,
+                "(3,) unit vector along which the fixture is infinite; None in space")
         .def_prop_ro("r1", &Parameters::r1, "r_c - band [m]")
         .def_prop_ro("r2", &Parameters::r2, "r_c + band [m]")
         .def_prop_ro("R", &Parameters::R, "r_c + r_v, where the proxy rests on a point [m]");

@@ -19,16 +19,6 @@ vb::View view(const nb::bytes& data) {
 
 nb::bytes to_bytes(vb::View data) { return nb::bytes(data.data(), data.size()); }
 
-/// A table as an array that owns the vector's memory.
-template <class T>
-nb::object array(std::vector<T>&& values, const std::vector<std::size_t>& shape) {
-    auto kept = std::make_unique<std::vector<T>>(std::move(values));
-    T* data = kept->data();
-    nb::capsule owner(kept.release(),
-                      [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-    return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
-}
-
 nb::object to_python(vb::Value&& value) {
     return value.visit([&]<class T>(std::vector<T>& all) -> nb::object {
         if (value.shape.empty()) return nb::cast(all[0]);
@@ -82,13 +72,13 @@ void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
 
 /// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
 /// back, and the points around the largest opening.
-nb::tuple certificate(const Rows& points, const std::optional<Row>& axis, double reach,
+nb::tuple certificate(const Rows& points, const std::optional<vfplan::Vec3>& axis, double reach,
                       const std::optional<Ids>& stroke, const std::optional<Flags>& closed,
                       const std::optional<Triples>& triangles,
                       std::optional<double> sample_radius) {
     vb::detail::CertifiedShape shape;
     shape.points = {points.data(), points.size()};
-    if (axis) shape.axis = vec(*axis);
+    shape.axis = axis.value_or(shape.axis);
     shape.stroke = values(stroke);
     shape.closed = values(closed);
     shape.triangles = values(triangles);

@@ -33,11 +33,11 @@ nb::tuple answer(const vfplan::Command& c) {
                           c.stop);
 }
 
-nb::tuple step(Controller& c, const Row& tip, std::optional<double> time,
+nb::tuple step(Controller& c, const vfplan::Vec3& tip, std::optional<double> time,
                const std::optional<Jacobian>& jacobian) {
     const ExclusiveUse turn(c.busy, "Controller", "controller");
-    if (!jacobian) return answer(c.step(vec(tip), time));
-    return answer(c.step(vec(tip), time, jacobian->data(), int(jacobian->shape(1))));
+    if (!jacobian) return answer(c.step(tip, time));
+    return answer(c.step(tip, time, jacobian->data(), int(jacobian->shape(1))));
 }
 
 }  // namespace
@@ -50,7 +50,7 @@ void bind_controller(nb::module_& m) {
             [](Controller* self, const nb::bytes& data, bool accept_unreviewed, bool accept_doubts,
                const std::optional<std::string>& tool, const vfplan::GovernorLimits& governor,
                double max_hip_step, double hold_time, double max_stiffness,
-               const std::optional<Row>& moving) {
+               const std::optional<vfplan::Vec3>& moving) {
                 vfplan::Demand demand;
                 demand.accept_unreviewed = accept_unreviewed;
                 demand.accept_doubts = accept_doubts;
@@ -60,7 +60,7 @@ void bind_controller(nb::module_& m) {
                 settings.max_hip_step = max_hip_step;
                 settings.hold_time = hold_time;
                 settings.max_stiffness = max_stiffness;
-                if (moving) settings.moving = {(*moving)(0), (*moving)(1), (*moving)(2), {}};
+                if (moving) settings.moving = {(*moving)[0], (*moving)[1], (*moving)[2], {}};
                 new (self) Controller(fixture_of(data, demand), demand, settings);
                 self->demand = demand;
             },
@@ -72,7 +72,7 @@ void bind_controller(nb::module_& m) {
              [](Controller& c, const nb::bytes& data, std::size_t which) {
                  return c.exchange(fixture_of(data, c.demand), which);
              })
-        .def("reset", [](Controller& c, const Row& tip) { c.reset(vec(tip)); })
+        .def("reset", &Controller::reset)
         .def("step", &step, "tip"_a, "time_s"_a.none(), "jacobian"_a.none())
         .def("pose",
              [](Controller& c, double stamp,
@@ -88,8 +88,6 @@ void bind_controller(nb::module_& m) {
         .def("set_stiffness", &Controller::set_stiffness, "stiffness"_a, "which"_a)
         .def_prop_ro("stiffness", &Controller::stiffness)
         .def_prop_ro("contact_radius", [](const Controller& c) { return c.contact_radius(); })
-        .def_prop_ro(
-            "rule", [](const Controller& c) { return name_of(c.rule()); },
-            nb::sig("def rule(self) -> str"))
+        .def_prop_ro("rule", [](const Controller& c) { return c.rule(); })
         .def_prop_ro("size", &Controller::size);
 }

@@ -51,8 +51,7 @@ void bind_governor(nb::module_& m) {
             },
             nb::kw_only(), "force_step"_a, "force_max"_a, "stiffness"_a, "mass"_a, "period"_a,
             "torque_step"_a, "torque_max"_a)
-        .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step)
-        .def_prop_ro("least_reversing_step", &GovernorLimits::least_reversing_step);
+        .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step);
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())
         .def("reset", &Governor::reset)

@@ -22,38 +22,18 @@ nb::object at(const Guide& guide, std::size_t strand, const std::vector<double>&
 nb::object tight_bend(const Guide& guide) {
     const vfplan::TubeObstacle n = vfplan::tight_bend(guide.path(), guide.parameters().radius);
     if (!n.found) return nb::none();
-    const vfplan::Vec3 place = n.at + guide.along_axis();
-    return nb::make_tuple(n.strand, n.arc, nb::make_tuple(place[0], place[1], place[2]));
+    return nb::make_tuple(n.strand, n.arc, n.at + guide.along_axis());
 }
 
 }  // namespace
 
 void bind_guide(nb::module_& m) {
     using vfplan::GuideParameters;
-    nb::enum_<vfplan::Ends>(m, "Ends")
-        .value("stop", vfplan::Ends::stop)
-        .value("open", vfplan::Ends::open);
-    nb::enum_<vfplan::Hold>(m, "Hold")
-        .value("at_once", vfplan::Hold::at_once)
-        .value("on_entry", vfplan::Hold::on_entry);
     nb::class_<GuideParameters>(m, "GuideParameters", "How a guide holds the tip, SI")
-        .def(
-            "__init__",
-            [](GuideParameters* self, double radius, double stiffness, const nb::str& ends,
-               const nb::str& hold, bool cut_bends, const std::optional<Row>& ignore_axis,
-               double lead_force, double lead_speed, double period) {
-                new (self) GuideParameters{radius,
-                                           stiffness,
-                                           named<vfplan::Ends>(ends),
-                                           named<vfplan::Hold>(hold),
-                                           cut_bends,
-                                           vec(ignore_axis),
-                                           lead_force,
-                                           lead_speed,
-                                           period};
-            },
-            nb::kw_only(), "radius"_a, "stiffness"_a, "ends"_a, "hold"_a, "cut_bends"_a,
-            "ignore_axis"_a.none(), "lead_force"_a, "lead_speed"_a, "period"_a);
+        .def(nb::init<double, double, vfplan::Ends, vfplan::Hold, bool, std::optional<vfplan::Vec3>,
+                      double, double, double>(),
+             nb::kw_only(), "radius"_a, "stiffness"_a, "ends"_a, "hold"_a, "cut_bends"_a,
+             "ignore_axis"_a.none(), "lead_force"_a, "lead_speed"_a, "period"_a);
     nb::class_<Guide>(m, "Guide")
         .def(
             "__init__",

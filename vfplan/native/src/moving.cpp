@@ -41,15 +41,15 @@ void bind_moving(nb::module_& m) {
     nb::class_<MovingFrame>(m, "MovingFrame", "the frame of a tracked fixture")
         .def(
             "__init__",
-            [](MovingFrame* self, double age, double speed, double turn, const Row& pivot) {
-                new (self) MovingFrame({age, speed, turn, vec(pivot)});
+            [](MovingFrame* self, double age, double speed, double turn, const Vec3& pivot) {
+                new (self) MovingFrame({age, speed, turn, pivot});
             },
             "max_age"_a, "max_speed"_a, "max_turn"_a, "pivot"_a)
         .def("pose", [](MovingFrame& f, double stamp,
                         const Matrix& m) { return f.pose(stamp, Pose::of_rows(m.data())); })
         .def("pose",
-             [](MovingFrame& f, double stamp, const Row& place, const Quaternion& q) {
-                 return f.pose(stamp, {vec(place), q(0), {{q(1), q(2), q(3)}}});
+             [](MovingFrame& f, double stamp, const Vec3& place, const Quaternion& q) {
+                 return f.pose(stamp, {place, q(0), {{q(1), q(2), q(3)}}});
              })
         .def("reset", &MovingFrame::reset)
         .def("at",
@@ -60,8 +60,7 @@ void bind_moving(nb::module_& m) {
              })
         .def("run", &run_in_frame<Engine>)
         .def("run", &run_in_frame<Guide>)
-        .def("lag", [](const MovingFrame& f, const Row& place) { return f.lag(vec(place)); })
+        .def("lag", &MovingFrame::lag)
         .def_prop_ro("stale", &MovingFrame::stale)
-        .def_prop_ro("age", &MovingFrame::age)
         .def_prop_ro("refused", &MovingFrame::refused);
 }

@@ -11,7 +11,7 @@
 #include <cstring>
 #include <stdexcept>
 
-#include "vfplan/base/vec.hpp"
+#include "vfplan/guide.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -33,12 +33,16 @@ nb::ndarray<nb::numpy, T> array(std::size_t rows, std::size_t columns) {
     return nb::ndarray<nb::numpy, T>(data, columns == 1 ? 1 : 2, shape, owner);
 }
 
-inline vfplan::Vec3 vec(const Row& r) { return {{r(0), r(1), r(2)}}; }
-
 inline vfplan::Vec2 place(const Places& rows, std::size_t i) { return {rows(i, 0), rows(i, 1)}; }
 
-inline std::optional<vfplan::Vec3> vec(const std::optional<Row>& r) {
-    return r ? std::optional(vec(*r)) : std::nullopt;
+// A table as an array that owns the vector's memory.
+template <class T>
+nb::object array(std::vector<T>&& values, const std::vector<std::size_t>& shape) {
+    auto kept = std::make_unique<std::vector<T>>(std::move(values));
+    T* data = kept->data();
+    nb::capsule owner(kept.release(),
+                      [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
 }
 
 // How NumPy holds a member of a row.
@@ -82,25 +86,57 @@ nb::tuple table(std::size_t n, F&& row, V T::*... member) {
     return std::apply([](auto&... arrays) { return nb::make_tuple(arrays...); }, columns);
 }
 
-// A position or direction (3,) that Python reads and cannot change.
-inline nb::object fixed_row(const vfplan::Vec3& x) {
-    auto row = array<double>(3, 1);
-    std::memcpy(row.data(), x.c, sizeof x.c);
-    nb::object out = nb::cast(row);
-    out.attr("flags").attr("writeable") = false;
-    return out;
-}
+namespace nanobind::detail {
 
-// The member of a bound enumeration that has this name.
-template <class E>
-E named(const nb::str& name) {
-    return nb::cast<E>(nb::type<E>().attr(name));
-}
+inline constexpr std::array rules{"robust", "paper", "exact"};
+inline constexpr std::array searches{"auto", "grid", "brute", "editable"};
+inline constexpr std::array ends{"stop", "open"};
+inline constexpr std::array holds{"at_once", "on_entry"};
 
-template <class E>
-nb::object name_of(E member) {
-    return nb::cast(member).attr("name");
-}
+// An enumeration whose members Python knows by their names, here in order.
+template <class E, const auto& names>
+struct by_name {
+    NB_TYPE_CASTER(E, const_name("str"))
+    bool from_python(handle given, std::uint8_t, cleanup_list*) noexcept {
+        const char* text = PyUnicode_AsUTF8(given.ptr());
+        if (text == nullptr) return PyErr_Clear(), false;
+        const auto* found = std::find(names.begin(), names.end(), std::string_view(text));
+        value = static_cast<E>(found - names.begin());
+        return found != names.end();
+    }
+    static handle from_cpp(E member, rv_policy, cleanup_list*) noexcept {
+        return PyUnicode_FromString(names[static_cast<std::size_t>(member)]);
+    }
+};
+template <>
+struct type_caster<vfplan::Rule> : by_name<vfplan::Rule, rules> {};
+template <>
+struct type_caster<vfplan::Search> : by_name<vfplan::Search, searches> {};
+template <>
+struct type_caster<vfplan::Ends> : by_name<vfplan::Ends, ends> {};
+template <>
+struct type_caster<vfplan::Hold> : by_name<vfplan::Hold, holds> {};
+
+// A position or direction (3,); Python cannot change what it reads.
+template <>
+struct type_caster<vfplan::Vec3> {
+    NB_TYPE_CASTER(vfplan::Vec3, const_name("numpy.typing.NDArray"))
+    bool from_python(handle given, std::uint8_t flags, cleanup_list* cleanup) noexcept {
+        make_caster<Row> row;
+        const bool is_row = row.from_python(given, flags, cleanup);
+        if (is_row) std::copy_n(row.value.data(), 3, value.c);
+        return is_row;
+    }
+    static handle from_cpp(const vfplan::Vec3& x, rv_policy, cleanup_list*) noexcept {
+        auto row = array<double>(3, 1);
+        std::copy_n(x.c, 3, row.data());
+        object made = cast(row);
+        made.attr("flags").attr("writeable") = false;
+        return made.release();
+    }
+};
+
+}  // namespace nanobind::detail
 
 /// Holds what one thread serves; a call while another is under way is refused.
 class ExclusiveUse {

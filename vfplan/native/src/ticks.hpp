@@ -8,20 +8,15 @@
 #include "numpy.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/governor.hpp"
-#include "vfplan/guide.hpp"
 
-struct Engine : vfplan::Engine {
-    using vfplan::Engine::Engine;
+template <class T>
+struct Flagged : T {
+    using T::T;
     std::atomic_flag busy = ATOMIC_FLAG_INIT, edited = ATOMIC_FLAG_INIT;
 };
-struct Guide : vfplan::Guide {
-    using vfplan::Guide::Guide;
-    std::atomic_flag busy = ATOMIC_FLAG_INIT;
-};
-struct Governor : vfplan::Governor {
-    using vfplan::Governor::Governor;
-    std::atomic_flag busy = ATOMIC_FLAG_INIT;
-};
+using Engine = Flagged<vfplan::Engine>;
+using Guide = Flagged<vfplan::Guide>;
+using Governor = Flagged<vfplan::Governor>;
 
 // A call while another is under way is refused.
 struct Use : ExclusiveUse {
@@ -63,9 +58,9 @@ nb::tuple answers(const Rows& hips, F&& tick) {
 }
 
 template <class T>
-void reset(T& rendered, const Row& hip) {
+void reset(T& rendered, const vfplan::Vec3& hip) {
     const Use turn(rendered);
-    rendered.reset(vec(hip));
+    rendered.reset(hip);
 }
 
 template <class T>

@@ -105,7 +105,8 @@ class Controller {
 
     /// The loop begins, or goes on after a stop, with the tip here [m]. With a wall between this
     /// place and the last one of the proxy, the first tick says `other_side`; where the tool may be
-    /// there, reset once more.
+    /// there, reset once more. At a place that is not finite, or beyond 100 m, nothing begins: the
+    /// loop stops (`bad_hip`) until it is reset at a good one.
     void reset(const Vec3& tip) noexcept;
     /// One tick of an arm that takes forces, at a time of its clock [s]: needed for a fixture that
     /// moves, else ticks are one period apart.
@@ -145,14 +146,16 @@ class Controller {
 
     /// K of all springs together, at most [N/m].
     double stiffness() const noexcept;
-    /// r_c of a fixture [m].
+    // Of a fixture by its number, from 0 as they were added; throws OutOfRange for another one.
+
+    /// r_c [m].
     double contact_radius(std::size_t which = 0) const;
-    /// By which a fixture's proxy moves.
+    /// By which its proxy moves.
     Rule rule(std::size_t which = 0) const;
+    /// Its engine, to look at it; null where it only guides.
+    const Engine* region(std::size_t which = 0) const;
     /// Number of different fixtures.
     std::size_t size() const noexcept;
-    /// The engine of a fixture, to look at it; null where it only guides.
-    const Engine* region(std::size_t which = 0) const;
     /// The frame of a fixture that moves, or null.
     const MovingFrame* frame() const noexcept;
     const Governor& governor() const;

@@ -67,15 +67,9 @@ class Rendered {
     Rendered(const bundle::Fixture& fixture, const Parameters& p, Use use)
         : parameters(p), fixture_(fixture) {
         if (use == Use::real_time) bundle::check_work(fixture, p);
-        if (!fixture.guidance) {
-            region.emplace(bundle::make_engine(fixture, p, Use::replay));
-            return;
-        }
-        if (p.rule == Rule::exact)
-            region.emplace(fixture.pieces_of(false), p);
-        else if (const std::vector<double> points = fixture.forbidden(); !points.empty())
-            region.emplace(points.data(), points.size() / 3, p);
-        guide.emplace(bundle::make_guide(fixture, p.period));
+        const bool forbids = !fixture.guidance || fixture.guidance->stroke;
+        if (forbids || p.rule == Rule::exact) region.emplace(bundle::region_of(fixture, p));
+        if (fixture.guidance) guide.emplace(bundle::make_guide(fixture, p.period));
     }
 
     /// Of both springs together, at most [N/m].
@@ -84,7 +78,7 @@ class Rendered {
     }
     /// The bundle's K, which was reviewed and signed, where it is least [N/m].
     double stiffness_of_bundle() const noexcept {
-        return *std::ranges::min_element(fixture_.rendering->stiffness);
+        return *std::ranges::min_element(fixture_.rendering->stiffness.c);
     }
     /// Renders what another one renders, whose engine takes the place of this one's; false where
     /// too many changes wait.
@@ -222,10 +216,13 @@ struct ControllerImpl {
         if (settings.max_stiffness != 0)
             check_above("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
         check_hip_step(settings.max_hip_step);
-        if ((settings.stop_at & no_position) != no_position || settings.stop_at & Status::capped)
+        if ((settings.stop_at & no_position) != no_position)
             reject(
-                "stop_at lacks bad_hip or jumped, at which every loop stops, or has capped, at "
-                "which none does");
+                "stop_at lacks bad_hip or jumped. Give both: a loop that has lost the tip stops.");
+        if (settings.stop_at & Status::capped)
+            reject(
+                "stop_at has capped. Give it without: the loop itself looks for that bit in "
+                "Command::status.");
         return settings;
     }
     Parameters parameters(const bundle::Fixture& fixture) const {
@@ -248,17 +245,23 @@ struct ControllerImpl {
         governor = governor_of(stiffness() + made.stiffness());
         all.parts.push_back(std::move(made));
     }
+    /// Throws OutOfRange for a number that no fixture has.
+    Rendered& part(std::size_t which) {
+        check_from("which", double(which), 0, double(all.parts.size() - 1), "",
+                   "fixtures are numbered from 0 as they were added");
+        return all.parts[which];
+    }
     Engine& region(std::size_t which) {
-        auto& region = all.parts.at(which).region;
+        auto& region = part(which).region;
         if (!region) reject("the fixture guides, and has no region to change.");
         return *region;
     }
     bool exchange(Rendered&& made, std::size_t which) {
-        Rendered& part = all.parts.at(which);
-        if (made.guide || part.guide)
+        Rendered& old = part(which);
+        if (made.guide || old.guide)
             reject("a fixture that guides cannot be exchanged. Make a controller of each.");
-        governor_of(stiffness() - part.stiffness() + made.stiffness());
-        return part.exchange(std::move(made));
+        governor_of(stiffness() - old.stiffness() + made.stiffness());
+        return old.exchange(std::move(made));
     }
     /// Throws std::invalid_argument where it would not be passive.
     Governor governor_of(double stiffness) const {
@@ -277,7 +280,10 @@ struct ControllerImpl {
     }
     void reset(const Vec3& given) noexcept {
         const Vec3 tip = checked(given);
-        if (!is_within_range(tip)) return;  // what stopped has not begun anew
+        if (!is_within_range(tip)) {
+            stopping |= Status::bad_hip;  // nothing begins anew, and a loop would not know it
+            return;
+        }
         waiting.reset(tip);
         has_waited = false;
         if (frame)
@@ -439,7 +445,7 @@ VFPLAN_COMPILED_ONCE bool Controller::remake(std::size_t which) {
 }
 VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
-    detail::Rendered& part = impl().all.parts.at(which);
+    detail::Rendered& part = impl().part(which);
     check_stiffness(k);
     check_from("stiffness", stiffness, 0,
                std::max(part.stiffness_of_bundle(), impl_->settings.max_stiffness), " N/m",
@@ -453,16 +459,16 @@ VFPLAN_COMPILED_ONCE double Controller::stiffness() const noexcept {
     return impl_ ? impl_->stiffness() : 0;
 }
 VFPLAN_COMPILED_ONCE double Controller::contact_radius(std::size_t which) const {
-    return impl().all.parts.at(which).parameters.contact_radius;
+    return impl().part(which).parameters.contact_radius;
 }
 VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const {
-    return impl().all.parts.at(which).parameters.rule;
+    return impl().part(which).parameters.rule;
 }
 VFPLAN_COMPILED_ONCE std::size_t Controller::size() const noexcept {
     return impl_ ? impl_->all.parts.size() : 0;
 }
 VFPLAN_COMPILED_ONCE const Engine* Controller::region(std::size_t which) const {
-    const auto& region = impl().all.parts.at(which).region;
+    const auto& region = impl().part(which).region;
     return region ? &*region : nullptr;
 }
 VFPLAN_COMPILED_ONCE const MovingFrame* Controller::frame() const noexcept {

@@ -44,8 +44,6 @@ struct GovernorLimits {
     double least_passive_step() const noexcept {
         return 0.5 * force_max * period * std::sqrt(stiffness / mass);
     }
-    /// The same of a force that turns round at force_max, and has twice the way to go.
-    double least_reversing_step() const noexcept { return 2 * least_passive_step(); }
 };
 
 /// What a tick of the governor has to say; bits, 0 when all is well.

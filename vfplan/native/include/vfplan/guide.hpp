@@ -39,6 +39,8 @@ struct GuideParameters {
     double lead_force = 0;            ///< pull along the curve [N]; below 0: towards its beginning
     double lead_speed = 0.02;         ///< at which the pull has fallen to 0 [m/s]
     double period = 1e-3;             ///< of a tick, for that speed [s]
+
+    bool operator==(const GuideParameters&) const = default;
 };
 
 struct GuideStep {

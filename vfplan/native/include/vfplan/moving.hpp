@@ -88,7 +88,31 @@ struct MovingLimits {
     Vec3 pivot;               ///< in the fixture's frame, near where the tool works [m]
 };
 
-class MovingFrame {
+namespace detail {
+
+/// What a MovingFrame keeps from pose to pose and from tick to tick.
+struct FrameState {
+    // Of the tracker's thread.
+    bool has_given_ = false;
+    double youngest_ = 0;    // stamp of the last pose given [s]
+    int older_ = 0;          // poses in order, each older than that
+    double last_older_ = 0;  // stamp of the last of them [s]
+    // Of the loop.
+    Pose now_, goal_;
+    double t_ = -infinity;           // latest [s]
+    double stepped_at_ = -infinity;  // t_ at the last step [s]
+    double stamp_ = 0;               // of goal_ [s]
+    double arrives_at_ = 0;          // goal_, where the next pose is due [s]
+    bool is_placed_ = false;
+    bool may_go_back_ = false;            // the clock, at the next tick
+    bool is_clock_ahead_ = false;         // the tracker's
+    bool is_clock_bad_ = false;           // the loop's
+    std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
+};
+
+}  // namespace detail
+
+class MovingFrame : private detail::FrameState {
   public:
     /// Number of poses that may wait for the loop.
     static constexpr std::size_t most_waiting = 64;
@@ -170,12 +194,7 @@ class MovingFrame {
     void reset() noexcept {
         while (poses_.front()) poses_.pop();
         refused_ = 0;
-        taken_ = seen_ = 0;
-        older_ = 0;
-        has_given_ = is_placed_ = is_clock_ahead_ = is_clock_bad_ = false;
-        t_ = stepped_at_ = -infinity;
-        now_ = goal_ = {};
-        stamp_ = arrives_at_ = 0;
+        static_cast<detail::FrameState&>(*this) = {};
     }
     /// Whether there is no pose yet, or only one older than max_age, or the tracker's clock is that
     /// much ahead, or the last t of the loop was not later than the one before.
@@ -285,22 +304,6 @@ class MovingFrame {
     MovingLimits limits_;
     SpscQueue<Stamped> poses_;
     std::atomic<std::uint64_t> refused_{0};
-    // What the tracker's thread keeps.
-    bool has_given_ = false;
-    double youngest_ = 0;    // stamp of the last pose given [s]
-    int older_ = 0;          // poses in order, each older than that
-    double last_older_ = 0;  // stamp of the last of them [s]
-    // What the loop keeps.
-    Pose now_, goal_;
-    double t_ = -infinity;           // latest [s]
-    double stepped_at_ = -infinity;  // t_ at the last step [s]
-    double stamp_ = 0;               // of goal_ [s]
-    double arrives_at_ = 0;          // goal_, where the next pose is due [s]
-    bool is_placed_ = false;
-    bool may_go_back_ = false;            // the clock, at the next tick
-    bool is_clock_ahead_ = false;         // the tracker's
-    bool is_clock_bad_ = false;           // the loop's
-    std::uint64_t taken_ = 0, seen_ = 0;  // number of poses
 };
 
 }  // namespace vfplan::inline v1

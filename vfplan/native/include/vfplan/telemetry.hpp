@@ -85,7 +85,13 @@ class Telemetry {
     std::uint64_t unsent() const noexcept { return unsent_.load(std::memory_order_relaxed); }
 
   private:
-    static_assert(sizeof(TelemetryRecord) == tick_bytes);
+    /// Of a datagram.
+    struct Header {
+        char magic[4];
+        std::uint16_t version, ticks;
+        std::uint64_t datagram, dropped;
+    };
+    static_assert(sizeof(TelemetryRecord) == tick_bytes && sizeof(Header) == header_bytes);
 
     void send_all() noexcept {
         const auto pause = std::chrono::duration<double>(period_);
@@ -104,13 +110,8 @@ class Telemetry {
             std::memcpy(bytes.data() + header_bytes + count * tick_bytes, queue_.front(),
                         tick_bytes);
         if (count == 0) return false;
-        const std::uint16_t version = 1;
-        const std::uint64_t lost = dropped();
-        std::memcpy(bytes.data(), "VFPT", 4);
-        std::memcpy(bytes.data() + 4, &version, 2);
-        std::memcpy(bytes.data() + 6, &count, 2);
-        std::memcpy(bytes.data() + 8, &sent_, 8);
-        std::memcpy(bytes.data() + 16, &lost, 8);
+        const Header header{{'V', 'F', 'P', 'T'}, 1, count, sent_, dropped()};
+        std::memcpy(bytes.data(), &header, header_bytes);
         const std::size_t size = header_bytes + count * tick_bytes;
         const auto* to = reinterpret_cast<const sockaddr*>(&to_);
         if (::sendto(socket_, bytes.data(), size, MSG_NOSIGNAL, to, sizeof to_) != ssize_t(size))

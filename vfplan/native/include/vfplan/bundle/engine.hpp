@@ -36,15 +36,9 @@ inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) 
     if (!fixture.rendering)
         reject("the fixture is in frame " + fixture.frame +
                " and without rendering parameters. Make a fixture of a curve: vfplan register");
-    const Rendering& r = *fixture.rendering;
-    Parameters p;
-    p.contact_radius = r.contact_radius;
-    p.band = rule == Rule::paper ? p.band : r.band;
-    p.point_radius = r.point_radius;
-    p.outer_radius = 2 * r.contact_radius;
-    p.stiffness = r.stiffness;
-    if (r.ignore_axis) p.ignore_axis = Vec3(*r.ignore_axis);
-    if (r.max_iterations) p.max_iterations = *r.max_iterations;
+    Parameters p = *fixture.rendering;
+    if (rule == Rule::paper) p.band = Parameters{}.band;
+    p.outer_radius = 2 * p.contact_radius;
     p.rule = rule;
     return p;
 }
@@ -68,22 +62,24 @@ inline void check_work(const Fixture& fixture, const Parameters& p) {
            "there, or Use::replay.");
 }
 
-/// By its lines and arcs, its triangles, or its points, of a mesh samples. One that guides is no
-/// forbidden region, or not all of it: std::invalid_argument.
+/// The forbidden region: by its lines and arcs, its triangles, or its points, of a mesh samples.
+inline Engine region_of(const Fixture& fixture, const Parameters& p) {
+    if (p.rule == Rule::exact && !fixture.mesh.empty()) return {fixture.surface(), p};
+    if (p.rule == Rule::exact) return {fixture.pieces_of(false), p};
+    const std::vector<double> points = fixture.forbidden();
+    Engine engine(points.data(), points.size() / 3, p);
+    if (!fixture.mesh.empty()) engine.set_skin(fixture.surface());
+    return engine;
+}
+
+/// The same of a fixture that is nothing else. One that guides is not: std::invalid_argument.
 inline Engine make_engine(const Fixture& fixture, const Parameters& p, Use use) {
     if (fixture.guidance)
         reject(
             "the fixture guides. Make its guide with make_guide, and an engine of what forbidden() "
             "gives.");
     if (use == Use::real_time) check_work(fixture, p);
-    if (p.rule != Rule::exact) {
-        const std::vector<double> points = fixture.forbidden();
-        Engine engine(points.data(), points.size() / 3, p);
-        if (!fixture.mesh.empty()) engine.set_skin(fixture.surface());
-        return engine;
-    }
-    if (!fixture.mesh.empty()) return {fixture.surface(), p};
-    return {fixture.pieces, p};
+    return region_of(fixture, p);
 }
 
 /// The guide of a fixture with guidance, which takes hold once the tip is in its tube. Throws
@@ -92,25 +88,16 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
     if (!fixture.guidance)
         reject(
             "the fixture has no guidance. Plan one with a guide, or make an Engine of this one.");
-    const Guidance& g = *fixture.guidance;
-    GuideParameters p;
-    p.radius = g.radius;
-    p.stiffness = g.stiffness;
-    p.ends = g.open ? Ends::open : Ends::stop;
-    p.hold = Hold::on_entry;
-    p.cut_bends = true;  // who planned it was told
-    p.lead_force = g.lead_force;
-    p.lead_speed = g.lead_speed;
+    Guidance p = *fixture.guidance;
     p.period = period;
-    if (fixture.rendering && fixture.rendering->ignore_axis)
-        p.ignore_axis = Vec3(*fixture.rendering->ignore_axis);
+    if (fixture.rendering) p.ignore_axis = fixture.rendering->ignore_axis;
     if (p.ignore_axis && !fixture.pieces.empty()) return {fixture.pieces_of(true), p};
     std::size_t first = 0;
     std::vector<std::size_t> counts;
     std::vector<bool> closed;
     for (std::size_t i = 0; i < fixture.strokes.size(); ++i) {
         const StrokeRange& s = fixture.strokes[i];
-        if (g.stroke && static_cast<std::size_t>(*g.stroke) != i) continue;
+        if (p.stroke && static_cast<std::size_t>(*p.stroke) != i) continue;
         if (counts.empty()) first = s.first;
         counts.push_back(s.count);
         closed.push_back(s.closed);

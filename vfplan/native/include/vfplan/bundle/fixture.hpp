@@ -10,6 +10,7 @@
 
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/seal.hpp"
+#include "vfplan/guide.hpp"
 #include "vfplan/mesh/triangles.hpp"
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 #include "vfplan/bundle/checks.hpp"
@@ -17,23 +18,18 @@
 
 namespace vfplan::bundle {
 
-/// How the robot shall render the fixture; SI units.
-struct Rendering {
-    std::array<double, 3> stiffness{};                      // N/m
-    double contact_radius = 0, band = 0, point_radius = 0;  // m
-    std::optional<std::array<double, 3>> ignore_axis;       // unit vector
-    std::optional<int> max_iterations;                      // of a tick; else the engine's own
-};
+/// How the robot shall render the fixture: the bundle has stiffness, radii, band, ignored axis and
+/// iterations. vfplan/bundle/engine.hpp completes it for a rule.
+using Rendering = Parameters;
 
-/// The strokes that guide; SI units. vfplan/bundle/engine.hpp makes a vfplan::Guide of it.
-struct Guidance {
-    double radius = 0;          // of the tube [m]
-    double stiffness = 0;       // beyond it [N/m]
-    bool open = false;          // the tip goes free at the ends of open strokes
-    double lead_force = 0;      // pull along the curve [N]
-    double lead_speed = 0.02;   // at which it has fallen to 0 [m/s]
+/// The strokes that guide, and how. vfplan/bundle/engine.hpp makes a vfplan::Guide of it.
+struct Guidance : GuideParameters {
     std::optional<int> stroke;  // the only one that guides, the others are forbidden; else all do
 
+    Guidance() {
+        hold = Hold::on_entry;
+        cut_bends = true;  // who planned it was told
+    }
     bool operator==(const Guidance&) const = default;
 };
 
@@ -167,29 +163,26 @@ inline void check_what_is_signed(const Seal& seal, const Content& content, Findi
 }
 
 inline Guidance guidance_of(const Content& content) {
-    const Guidance plain;
-    return {.radius = content.number("/guidance@radius_m"),
-            .stiffness = content.number("/guidance@stiffness_n_per_m"),
-            .open = content.at("/guidance@ends").string() == "open",
-            .lead_force = content.number("/guidance@lead_force_n", plain.lead_force),
-            .lead_speed = content.number("/guidance@lead_speed_m_s", plain.lead_speed),
-            .stroke = content.integer("/guidance@stroke")};
-}
-
-inline std::array<double, 3> three(const Value& value) {
-    return {value.f8[0], value.f8[1], value.f8[2]};
+    Guidance g;
+    g.radius = content.number("/guidance@radius_m");
+    g.stiffness = content.number("/guidance@stiffness_n_per_m");
+    if (content.at("/guidance@ends").string() == "open") g.ends = Ends::open;
+    g.lead_force = content.number("/guidance@lead_force_n", g.lead_force);
+    g.lead_speed = content.number("/guidance@lead_speed_m_s", g.lead_speed);
+    g.stroke = content.integer("/guidance@stroke");
+    return g;
 }
 
 inline Rendering rendering_of(const Content& content) {
-    Rendering rendering{.stiffness = three(content.at("/rendering/stiffness")),
-                        .contact_radius = content.number("/rendering@contact_radius_m"),
-                        .band = content.number("/rendering@band_m"),
-                        .point_radius = content.number("/rendering@point_radius_m"),
-                        .ignore_axis = {},
-                        .max_iterations = content.integer("/rendering@max_iterations")};
+    Rendering r;
+    r.stiffness = point_at(content.at("/rendering/stiffness").f8.data(), 0);
+    r.contact_radius = content.number("/rendering@contact_radius_m");
+    r.band = content.number("/rendering@band_m");
+    r.point_radius = content.number("/rendering@point_radius_m");
+    r.max_iterations = content.integer("/rendering@max_iterations").value_or(r.max_iterations);
     if (const Value* axis = content.find("/rendering/ignore_axis"))
-        rendering.ignore_axis = three(*axis);
-    return rendering;
+        r.ignore_axis = point_at(axis->f8.data(), 0);
+    return r;
 }
 
 }  // namespace detail

@@ -70,8 +70,11 @@ Kernels<D> kernels_of([[maybe_unused]] Width width) noexcept {
 
 VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept {
     width = std::min(width, widest());
-    kernels<2> = detail::kernels_of<2>(width);
-    kernels<3> = detail::kernels_of<3>(width);
+    // By name: g++'s ThreadSanitizer does not see what a call writes into its result.
+    const Kernels<2> in_plane = detail::kernels_of<2>(width);
+    const Kernels<3> in_space = detail::kernels_of<3>(width);
+    kernels<2> = in_plane;
+    kernels<3> = in_space;
 }
 VFPLAN_COMPILED_ONCE void choose_kernels() noexcept {
     [[maybe_unused]] static const bool once = [] {
