@@ -206,10 +206,21 @@ def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
     camera = read_camera(path)
     assert np.array_equal(camera.camera_matrix, CAMERA.camera_matrix)
     assert np.array_equal(camera.distortion_coefficients, CAMERA.distortion_coefficients)
-    path.write_text("image_width: 640")
-    with refuses(InputError, "calibration-file") as refused:
-        read_camera(path)
-    assert "image_height, camera_matrix" in str(refused.value)
+    matrix = {"rows": 3, "cols": 3, "data": [[1, 2], [3]]}
+    for text, said in (
+        ("image_width: 640", "it is no JSON file"),
+        ("[" * 100000, "it is no JSON file"),
+        ("[]", "image_width is missing"),
+        (json.dumps(nested | {"image_height": 1e999}), "image_height is missing or wrong"),
+        (json.dumps(nested | {"camera_matrix": matrix}), "camera_matrix is missing or wrong"),
+        (json.dumps(nested | {"camera_matrix": {"data": {}}}), "camera_matrix is missing or wrong"),
+        (json.dumps(nested | {"distortion_coefficients": [0] * 3}), "distortion_coefficients is"),
+    ):
+        path.write_text(text)
+        with refuses(InputError, "calibration-file") as refused:
+            read_camera(path)
+        assert f"is no calibration: {said}" in str(refused.value)
+        assert "image_height, camera_matrix" in str(refused.value)
 
 
 def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
