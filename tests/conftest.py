@@ -102,6 +102,13 @@ def missing_package(package: str, what: str) -> NoReturn:
     missing(f"needs apt package {package} ({what} not found)")
 
 
+def free_port(kind=socket.SOCK_DGRAM):
+    """A port of this machine that nobody uses yet."""
+    with socket.socket(socket.AF_INET, kind) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
 def need_program(program: str, package: str) -> str:
     """The program's path; skips the test, naming the apt package, where it is absent."""
     return shutil.which(program) or missing_package(package, program)

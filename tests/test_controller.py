@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import vfplan
-from vfplan import Controller, Status
+from vfplan import Controller, Status, Trust, read_keys
 from vfplan.bundle.seal import keygen, sign
 from vfplan.conformance import fixtures
 from vfplan.controller import ASKED
@@ -77,6 +77,10 @@ def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
         (signed, {"keys": key, "case": "C2"}, "signature"),
         (signed, {"keys": key, "robot_serial": "R8"}, "signature"),
         (signed, {"keys": other, **unsigned}, "signature"),
+        (signed, {"keys": Trust(read_keys(key), "C1", "R7", 3600)}, None),
+        (signed, {"keys": Trust(read_keys(other), "C1")}, "signature"),
+        (signed, {"keys": Trust(read_keys(key), "C2")}, "signature"),
+        (signed, {"keys": Trust({}, "C1"), **unsigned}, "signature.missing"),
         (plain, {"keys": key}, "signature"),
         (plain, {}, "signature.missing"),
         (plain, {**unsigned, "case": "C1"}, "signature.missing"),
@@ -99,6 +103,8 @@ def test_a_bundle_is_what_is_demanded_or_refused(tmp_path):
             Controller(path, **demand)
         assert refused.value.code == code, (path, demand)
         assert str(path) in str(refused.value)
+    with pytest.raises(SettingError, match="A Trust holds the case"):
+        Controller(signed, Trust(read_keys(key)), case="C1")
 
 
 BAD = {Status.BAD_HIP: [np.nan, 0, 0], Status.JUMPED: [1.0, 0, 0]}

@@ -19,7 +19,7 @@ from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.moving import check_rigid, check_time
 from vfplan.engine.parameters import Vector, core_errors, core_settings, real_array, real_number
 from vfplan.engine.proxy import TOO_MANY_CHANGES, Status, check_hip
-from vfplan.errors import SceneError, SignatureError
+from vfplan.errors import SceneError, SettingError, SignatureError
 
 # In `Command.stopping`: `request_stop` was called.
 ASKED = 1 << 15
@@ -70,7 +70,8 @@ class Controller(_core.Controller):
     path
         The bundle, in the frame robot_base.
     keys
-        A file of public keys, several, or what `read_keys` returns: one must have signed it.
+        A file of public keys, several, or what `read_keys` returns: one must have signed it. Or a
+        `Trust`, which also holds the case, the robot and the age.
     case, robot_serial, max_age_s
         For which case and robot it was signed, and how long ago at most [s].
     tool
@@ -99,7 +100,7 @@ class Controller(_core.Controller):
     def __init__(
         self,
         path: str | Path,
-        keys: str | Path | Sequence[str | Path] | Mapping[bytes, Any] | None = None,
+        keys: str | Path | Sequence[str | Path] | Mapping[bytes, Any] | Trust | None = None,
         case: str | None = None,
         robot_serial: str | None = None,
         max_age_s: float | None = None,
@@ -114,11 +115,17 @@ class Controller(_core.Controller):
         hold_time_s: float = 0.02,
         max_stiffness_n_per_m: float = 0.0,
     ) -> None:
+        demands = (case, robot_serial, max_age_s)
+        if isinstance(keys, Trust):
+            if demands != (None, None, None):
+                raise SettingError(
+                    "A Trust holds the case, the robot and the age. Give them there."
+                )
+            demands, keys = (keys.case, keys.robot_serial, keys.max_age), keys.keys
         if isinstance(keys, str | Path):
             keys = [keys]
         if keys is not None and not isinstance(keys, Mapping):
             keys = {name: key for file in keys for name, key in read_keys(file).items()}
-        demands = (case, robot_serial, max_age_s)
         self._trust = Trust(dict(keys), *demands) if keys else None
         if not keys and (demands != (None, None, None) or not accept_unsigned):
             raise SignatureError(

@@ -19,9 +19,9 @@ import numpy as np
 import pytest
 from camera_scene import CAMERA
 from chromium import Page
-from conftest import need_program
+from conftest import free_port, need_program
 from refusals import refuses
-from replays import fixture_of
+from replays import fixture_of, write_session
 
 from vfplan.bundle.write import write_fixture
 from vfplan.camera.overlay import Overlay
@@ -39,6 +39,7 @@ from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.plan import Plan
 from vfplan.session.bags import TICK
+from vfplan.session.session import Session
 
 T = np.linspace(0, 1, 300)
 LINE = np.column_stack([0.5 + 0.14 * T, 0.1 + 0.05 * np.sin(5 * T), np.full(300, 0.02)])
@@ -46,6 +47,16 @@ FIXTURE = fixture_of(LINE)
 PLAN = plan_of(FIXTURE)
 TAGS = printed_tags(PLAN)
 PLACES = PLAN.place(LINE)
+
+
+SESSION = Session(T, LINE + np.array([0, 0.003, 0]))
+
+
+def write_film(path, frames):
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 5, scene.SIZE)
+    for frame in frames:
+        film.write(frame)
+    film.release()
 
 
 def printed(fixture):
@@ -117,16 +128,11 @@ def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(page):
     frames = {}
     for measured_mm in (None, 100.0):
         rng = np.random.default_rng(0)
-        T_true = scene.pose(rng)
-        frames[measured_mm] = scene.photograph(page, T_true, rng)
+        frames[measured_mm] = scene.photograph(page, scene.pose(rng), rng)
         Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(frames[measured_mm], 0.0)
     heads = {key: frame[:30].reshape(-1, 3) for key, frame in frames.items()}
     is_red = {key: (head[:, 0] > head[:, 2].astype(int) + 50).any() for key, head in heads.items()}
     assert is_red == {None: True, 100.0: False}
-    # A print of 97 % at 97 % of the distance gives the same picture.
-    turn, shift = cv2.Rodrigues(T_true[:3, :3])[0].ravel(), T_true[:3, 3]
-    near, far = (CAMERA.project(s * PLACES, np.hstack([turn, s * shift]))[0] for s in (0.97, 1.0))
-    assert np.allclose(near, far, atol=1e-9)
 
 
 def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli):
@@ -165,14 +171,10 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
     assert np.allclose(found["camera_matrix"], CAMERA.camera_matrix, atol=1.0)
 
     write_fixture(FIXTURE, tmp_path / "plan.h5")
-    hand = np.column_stack([T, LINE + np.array([0, 0.003, 0])])
-    np.savetxt(tmp_path / "s.csv", hand, "%.9f", ",", header="t,x,y,z", comments="")
-    code = cv2.VideoWriter.fourcc(*"MJPG")
-    film = cv2.VideoWriter(str(tmp_path / "film.avi"), code, 5, scene.SIZE)
-    for _ in range(4):
-        frame = scene.photograph(page, scene.pose(rng), rng)
-        film.write(frame)
-    film.release()
+    write_session(tmp_path / "s.csv", SESSION)
+    frames = [scene.photograph(page, scene.pose(rng), rng) for _ in range(4)]
+    frame = frames[-1]
+    write_film(tmp_path / "film.avi", frames)
     cv2.imwrite(str(tmp_path / "photo.png"), frame)
     more = "--camera", "calib.json", "--session", "s.csv", "--measured-mm", 100, "-o"
     for source, out, frames in (("photo.png", "wall.png", 1), ("film.avi", "wall.mp4", 4)):
@@ -183,9 +185,7 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
         made = cv2.VideoCapture(str(tmp_path / out))
         assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
     cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frame, 128))
-    blank = cv2.VideoWriter(str(tmp_path / "blank.avi"), code, 5, scene.SIZE)
-    blank.write(np.full_like(frame, 128))
-    blank.release()
+    write_film(tmp_path / "blank.avi", [np.full_like(frame, 128)])
     for source, out in (("grey.png", "no.png"), ("blank.avi", "no.mp4")):
         told = run("plan.h5", source, *more, out).fails(1).json
         assert (told["refused"], told["output"]) == ("no-tag", None)
@@ -206,10 +206,21 @@ def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
     camera = read_camera(path)
     assert np.array_equal(camera.camera_matrix, CAMERA.camera_matrix)
     assert np.array_equal(camera.distortion_coefficients, CAMERA.distortion_coefficients)
-    path.write_text("image_width: 640")
-    with refuses(InputError, "calibration-file") as refused:
-        read_camera(path)
-    assert "image_height, camera_matrix" in str(refused.value)
+    matrix = {"rows": 3, "cols": 3, "data": [[1, 2], [3]]}
+    for text, said in (
+        ("image_width: 640", "it is no JSON file"),
+        ("[" * 100000, "it is no JSON file"),
+        ("[]", "image_width is missing"),
+        (json.dumps(nested | {"image_height": 1e999}), "image_height is missing or wrong"),
+        (json.dumps(nested | {"camera_matrix": matrix}), "camera_matrix is missing or wrong"),
+        (json.dumps(nested | {"camera_matrix": {"data": {}}}), "camera_matrix is missing or wrong"),
+        (json.dumps(nested | {"distortion_coefficients": [0] * 3}), "distortion_coefficients is"),
+    ):
+        path.write_text(text)
+        with refuses(InputError, "calibration-file") as refused:
+            read_camera(path)
+        assert f"is no calibration: {said}" in str(refused.value)
+        assert "image_height, camera_matrix" in str(refused.value)
 
 
 def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
@@ -217,8 +228,7 @@ def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
 ):
     write_fixture(FIXTURE, tmp_path / "plan.h5")
     (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
-    hand = np.column_stack([T, LINE + np.array([0, 0.003, 0])])
-    np.savetxt(tmp_path / "s.csv", hand, "%.9f", ",", header="t,x,y,z", comments="")
+    write_session(tmp_path / "s.csv", SESSION)
     rng = np.random.default_rng(0)
     cv2.imwrite(str(tmp_path / "a.png"), scene.photograph(page, scene.pose(rng), rng)[..., ::-1])
 
@@ -234,9 +244,7 @@ def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
     assert (after[30:] == plain[30:]).all()
     is_red = after[:30, :, 2] > after[:30, :, 0] + 50
     assert is_red.any()
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     silent, said = run("--live", f"udp://127.0.0.1:{port}")
     assert silent.code == 1
     assert f"no tick of udp://127.0.0.1:{port} came" in silent.stderr
@@ -263,18 +271,11 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
     write_fixture(FIXTURE, tmp_path / "plan.h5")
     (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
     rng = np.random.default_rng(3)
-    frame = scene.photograph(page, scene.pose(rng), rng)
-    code = cv2.VideoWriter.fourcc(*"MJPG")
-    film = cv2.VideoWriter(str(tmp_path / "film.avi"), code, 5, scene.SIZE)
-    for _ in range(600):
-        film.write(frame)
-    film.release()
+    write_film(tmp_path / "film.avi", 600 * [scene.photograph(page, scene.pose(rng), rng)])
     tick = np.zeros(1, TICK)
     tick["hip"], tick["proxy"] = LINE[150] + [0, 0.003, 0], LINE[150] + [0, 0.006, 0]
     tick["normal"], tick["force"] = [0, 1, 0], [0, 3, 0]
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     words = f"ar plan.h5 film.avi --camera calib.json --live udp://127.0.0.1:{port} --window"
     words = f"{words} --no-browser -o wall.png --json".split()
     run = subprocess.Popen([sys.executable, "-P", "-m", "vfplan", *words], cwd=tmp_path,

@@ -100,23 +100,6 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     assert len(everything.json["strokes"]) == 2
 
 
-def test_bad_input_is_exit_3_and_usage_exit_2(vfplan_cli, image, tmp_path):
-    out = tmp_path / "c.h5"
-    for code, says, *words in (
-        (3, "", tmp_path / "absent.png"), (3, "", tmp_path), (3, "not a file", "/dev/zero"),
-        (2, "", image, "--colour", "grey"), (2, "", image, "--roi", "1,2"),
-        (2, "whole", image, "--roi", "0.4,0,100,100"), (2, "", image, "--stroke", "some"),
-        (2, "", image, "--method", "magic"),
-    ):  # fmt: skip
-        vfplan_cli("extract", *words, "-o", out).fails(code, says)
-    nan = vfplan_cli("extract", image, "-o", out, "--roi", "nan,0,100,100").fails(2)
-    assert "positive" not in nan.error_line
-    assert not out.exists()
-    out.write_text("mine")
-    assert vfplan_cli("extract", image, "-o", out).code == 2
-    assert out.read_text() == "mine"
-
-
 def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image, tmp_path):
     for out in ("/proc/curve.h5", tmp_path / ("x" * 300 + ".h5")):
         done = vfplan_cli("extract", image, "-o", out, "--json", "-q").fails(2)

@@ -16,7 +16,7 @@ IMAGE, PIXELS, ROBOT = ELBOW
 REGISTER_KEYS = {
     "model", "markers", "T_robot_image", "fre_rms_m", "loo_rms_m", "tre_rms_m", "residuals",
     "outliers", "condition", "scale_m_per_px", "points", "spacing_m",
-    "sampling_error_m", "left_out", "elapsed_s",
+    "sampling_error_m", "left_out", "elapsed_s", "fle_rms_m", "shear", "anisotropy", "tre",
 }  # fmt: skip
 EXTRACT_KEYS = {
     "image", "mask_pixels", "strokes", "points", "spacing_mm", "density_per_mm", "elapsed_s",
@@ -28,9 +28,16 @@ def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--pixel-spacing", 0.5,
                      "--json").sound  # fmt: skip
     assert set(run.json["extract"]) >= EXTRACT_KEYS
-    assert set(run.json["register"]) >= REGISTER_KEYS
+    report = run.json["register"]
+    assert set(report) >= REGISTER_KEYS
+    assert {"label", "residual_m", "leverage", "loo_m", "f"} <= set(report["residuals"][0])
+    assert report["tre_rms_m"] < report["tre"]["bound95_max_m"] < report["tre"]["curve95_max_m"]
     fixture = vfplan.read_fixture(path)
-    assert fixture.points.shape == (run.json["register"]["points"], 3)
+    record = fixture.registration
+    assert record.covariance.shape == (9, 9)
+    np.testing.assert_allclose(record.T_robot_image, report["T_robot_image"], rtol=1e-12)
+    np.testing.assert_allclose(record.tre_rms_m, report["tre_rms_m"], rtol=0.02)
+    assert fixture.points.shape == (report["points"], 3)
     assert fixture.frame == "robot_base"
     assert fixture.stiffness.tolist() == [1000.0] * 3
     assert sorted(tmp_path.iterdir()) == [tmp_path / "f-sheet.png", path]
@@ -112,6 +119,8 @@ BAD = {
     (("--stiffness", "10,1e300,10"), "stiffness is 1e+300 N/m. Give 0 to 1e+06 N/m"),
     (("--seen-from", "left"), "Type above, below"),
     (("--roi", "1e300,0,1,1"), "holds a number that no image's pixels reach"),
+    (("--roi", "0.4,0,100,100"), "whole"), (("--roi", "nan,0,100,100"), "roi"),
+    (("--roi", "1,2"), "roi"), (("--colour", "grey"), "colour"), (("--method", "magic"), "magic"),
     (("--stiffness", "1,2"), "Type 1 or 3"), (("--pixel-spacing", "a"), "is no number"),
     (("--tolerance", "0.01", "--density", "2"), "exclude each other"),
     (("--ignore-axis", "w"), "'w' is not one of"), (("--ignore-axis", "x"), "collapse the curve"),

@@ -46,27 +46,6 @@ def scaled(folder, factor):
     return changed(folder, lambda label, *xyz: [label, *(factor * float(x) for x in xyz)])
 
 
-def test_report_names_everything(vfplan_cli, curve, tmp_path):
-    report = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", tmp_path / "f.h5",
-                        "--json").sound.json  # fmt: skip
-    assert (report["model"], report["markers"]) == ("affine", 9)
-    assert np.shape(report["T_robot_image"]) == (3, 3)
-    for key in (
-        "fre_rms_m", "fle_rms_m", "loo_rms_m", "tre_rms_m", "condition", "scale_m_per_px",
-        "shear", "anisotropy", "elapsed_s", "sampling_error_m", "spacing_m",
-    ):  # fmt: skip
-        assert isinstance(report[key], float), key
-    assert {"label", "residual_m", "leverage", "loo_m", "f"} <= set(report["residuals"][0])
-    tre = report["tre"]
-    assert report["tre_rms_m"] < tre["bound95_max_m"] < tre["curve95_max_m"]
-    assert len(tre["worst_source"]) == 2
-    assert len(tre["worst_target_m"]) == 3
-    record = vfplan.read_fixture(tmp_path / "f.h5").registration
-    assert record.covariance.shape == (9, 9)
-    np.testing.assert_allclose(record.T_robot_image, report["T_robot_image"], rtol=1e-12)
-    np.testing.assert_allclose(record.tre_rms_m, report["tre_rms_m"], rtol=0.02)
-
-
 @pytest.mark.parametrize(
     ("spacing", "severity"), [((), "doubt"), (("--pixel-spacing", 0.5), "note")]
 )

@@ -13,6 +13,7 @@ from meshes import sphere
 from replays import fixture_of, line, meshed, probing, write_session
 
 import vfplan
+from vfplan.bundle.seal import keygen, sign
 from vfplan.findings import doubt
 
 NATIVE: tuple[str, ...] = ()
@@ -52,16 +53,6 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
     assert force.max() == pytest.approx(found["force_max_n"], rel=1e-12)
     assert len(table.read_text().splitlines()) == 3001
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
-
-
-@pytest.mark.parametrize("rate", [(), ("--rate", 1000)])
-def test_the_verdict_names_what_a_gap_leaves_open(vfplan_cli, files, tmp_path, rate):
-    rows = files[1].read_text().splitlines()
-    (tmp_path / "gap.csv").write_text("\n".join(rows[:1000] + rows[2000:]))
-    words = ("replay", files[0], tmp_path / "gap.csv", *rate, "--at-most", "force_max_n=1e3")
-    assert "nothing is known of 1 s without samples" in vfplan_cli(*words).sound.stdout
-    name = "session.recorded.gaps" if rate else "session.gaps"
-    assert vfplan_cli(*words, "--at-most", f"{name}=0").code == 1
 
 
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
@@ -118,12 +109,8 @@ def test_report_folder(vfplan_cli, files, tmp_path):
 
 
 def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
-    pytest.importorskip("cryptography")
-    key, signed = tmp_path / "key.pem", tmp_path / "signed.h5"
-    assert vfplan_cli("keygen", "-o", key, "--json").sound
-    (public,) = (path for path in tmp_path.iterdir() if path != key)
-    how = ("--key", key, "--case", "C1", "--despite-findings")
-    assert vfplan_cli("sign", files[0], *how, "-o", signed).code == 0
+    signed, (public, _) = tmp_path / "signed.h5", keygen(tmp_path / "key")
+    sign(files[0], signed, tmp_path / "key", case="C1", despite_findings=True)
     demand = ("--require-signature", public)
     assert vfplan_cli("replay", files[0], files[1], *demand).code == 4
     assert vfplan_cli("replay", signed, files[1], *demand, "--case", "C2").code == 4

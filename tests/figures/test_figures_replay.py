@@ -15,8 +15,8 @@ from vfplan.errors import InputError
 from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
-from vfplan.fixture import Fixture, Guidance, Provenance, RegistrationRecord
-from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay, thinned
+from vfplan.fixture import Guidance, Provenance, RegistrationRecord
+from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
 from vfplan.session.session import Session
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
@@ -93,14 +93,11 @@ def test_depth_along_the_curve(pressed):
 def on_image(pressed, sha):
     uv = np.stack([np.linspace(20, 180, len(line())), np.full(len(line()), 60.0)], axis=1)
     points = uv @ T_ROBOT_IMAGE[:, :2].T + T_ROBOT_IMAGE[:, 2]
-    old = pressed.fixture
     record = RegistrationRecord("affine", "image", T_ROBOT_IMAGE, ("a",), uv[:1], points[:1],
                                 np.zeros(1), 0.0)  # fmt: skip
     born = Provenance("2026-01-01T00:00:00Z", "vfplan 0", {"image": sha})
-    fixture = Fixture("robot_base", points, born, curve=old.curve, rendering=old.rendering,
-                      registration=record)  # fmt: skip
-    changed = type(pressed)(pressed.rule, pressed.engine, pressed.ticks, pressed.metrics, fixture)
-    return changed, uv
+    fixture = replace(pressed.fixture, points=points, provenance=born, registration=record)
+    return replace(pressed, fixture=fixture), uv
 
 
 def test_depth_is_carried_back_to_the_slice(pressed):
@@ -120,9 +117,7 @@ def test_overview_keeps_the_deepest_of_each_stretch(pressed):
     ticks = pressed.ticks
     overview = ThinnedTicks(500)
     for start in range(0, 3000, 250):
-        part = thinned(ticks, 1)
-        block = type(part)(**{n: getattr(part, n)[start : start + 250] for n in vars(part)})
-        overview.update(block)
+        overview.update(ticks[start : start + 250])
     kept = overview.ticks
     assert 250 < len(kept) <= 500
     assert kept.penetration.max() == ticks.penetration.max()

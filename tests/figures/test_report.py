@@ -51,11 +51,8 @@ def test_page_opens_with_verdict_slice_and_force_and_ends_with_the_hashes(writte
     text = written.read_text()
     titles = re.findall("<h2>(.*?)</h2>", text)
     assert text.index('class="verdict') < text.index("<h2>")
-    assert titles[1] == "Over time"
-    assert titles[0] in ("On the slice", "In space")
+    assert titles[:2] == ["In space", "Over time"]
     assert titles[-2:] == ["What was replayed", "About this page"]
-    first_digest = re.search(r"<code class=.?digest", text)
-    assert first_digest is None or first_digest.start() > text.index("What was replayed")
 
 
 def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
@@ -127,11 +124,7 @@ def test_the_page_has_an_engine_where_that_made_the_ticks_alone(pressed):
 def test_text_from_outside_cannot_become_markup(pressed):
     evil = "</script><b onload=alert(1)>"
     session = {**pressed.metrics["session"], "name": evil}
-    changed = type(pressed)(
-        pressed.rule, pressed.engine, pressed.ticks, {**pressed.metrics, "session": session},
-        pressed.fixture,
-    )  # fmt: skip
-    assert evil not in page(changed)
+    assert evil not in page(replace(pressed, metrics=pressed.metrics | {"session": session}))
 
 
 def test_the_same_replay_gives_the_same_page(pressed, written):

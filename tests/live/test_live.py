@@ -18,7 +18,7 @@ import bundles
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT, need_header, need_program, output
+from conftest import ROOT, free_port, need_header, need_program, output
 from motion import turned
 from refusals import refuses
 from replays import write_session
@@ -50,12 +50,6 @@ def made(count):
             ticks[name][:, i] = (k + 1) / (3 * v + i + 3)
     ticks["state"], ticks["status"] = k % 4 - 1, k % 8
     return ticks
-
-
-def free_port(kind=socket.SOCK_DGRAM):
-    with socket.socket(socket.AF_INET, kind) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 @pytest.fixture(scope="module")

@@ -180,11 +180,10 @@ def test_planned_slices(shared_data, name):
 
 
 def test_plan_compares_without_an_option(vfplan_cli, tmp_path):
+    wrong, robot, out = tmp_path / "u.csv", SAMPLES / "elbow_markers_robot.csv", tmp_path / "f.h5"
     head, *rows = (SAMPLES / "elbow_markers_image.csv").read_text().split()
-    read = [(label, float(u), float(v)) for label, u, v in (row.split(",") for row in rows)]
-    wrong = tmp_path / "below.csv"
-    wrong.write_text("\n".join([head, *(f"{label},{u},{785 - v}" for label, u, v in read)]))
-    robot, out = SAMPLES / "elbow_markers_robot.csv", tmp_path / "f.h5"
+    flipped = [f"{label},{u},{785 - float(v)}" for label, u, v in (row.split(",") for row in rows)]
+    wrong.write_text("\n".join([head, *flipped]))
     common = ("plan", SAMPLES / "elbow.png", wrong, robot, "-o", out, "--json")
     run = vfplan_cli(*common)
     assert (run.code, run.json["error"]["code"]) == (1, "markers-meet-no-marks")

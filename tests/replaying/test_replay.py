@@ -131,24 +131,16 @@ def test_blocks_do_not_change_the_numbers(pressed):
             assert mine[name] == pytest.approx(theirs[name], rel=1e-9, abs=1e-15), name
 
 
-def test_gaps_repeats_and_jumps_are_reported():
+def test_repeats_and_jumps_are_reported():
     session = probing()
-    keep = np.ones(3000, bool)
-    keep[1000:1010] = False
     hip = session.hip.copy()
     hip[200:204] = hip[199]
     hip[2000] += [10.0, 0, 0]
-    found = replay(fixture_of(line()), Session(session.time[keep], hip[keep]), **PAPER)
+    found = replay(fixture_of(line()), Session(session.time, hip), **PAPER)
     seen = found.metrics["session"]
-    assert seen["gaps"] == 1
-    assert seen["missing_samples"] == 10
-    assert seen["gap_s"] == pytest.approx(11e-3)
-    assert seen["gap_list"][0]["length_s"] == pytest.approx(11e-3)
     assert (seen["repeats"], seen["repeats_longest"]) == (4, 4)
-    assert seen["jumps"] == 2
-    assert seen["jump_ticks"] == [1990, 1991]
-    assert {"session-gap", "session-jump"} <= codes_of(found)
-    assert "0.011 s" in open_words(found.metrics)
+    assert (seen["jumps"], seen["jump_ticks"]) == (2, [2000, 2001])
+    assert "session-jump" in codes_of(found)
 
 
 def test_doubtful_time_units_and_held_positions_are_named():
@@ -197,6 +189,7 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
         seen = seen["recorded"]
     assert (seen["gaps"], seen["missing_samples"]) == (2, 507)
     assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
+    assert [gap["length_s"] for gap in seen["gap_list"]] == pytest.approx([0.501, 0.008])
     assert "session-gap" in codes_of(found)
     assert "0.509 s" in open_words(found.metrics)
     whole = replay(fixture_of(line()), session, **PAPER, limits=LIMITS)

@@ -25,6 +25,11 @@ Picture = NDArray[np.uint8]
 # Bytes of a calibration at most; one has a few hundred.
 MAX_CALIBRATION_BYTES = 1 << 20
 
+# The fields of a calibration file, and the shapes of their numbers.
+SHAPES = {
+    "image_width": (), "image_height": (), "camera_matrix": (3, 3), "distortion_coefficients": (-1,)
+}  # fmt: skip
+
 # Fewest tags of a pose: two of another sheet agree by chance once in a million.
 MIN_TAGS = 2
 
@@ -84,20 +89,23 @@ def read_camera(path: Path | None) -> Camera:
         how = "vfplan ar --board-out BOARD.pdf, then vfplan ar --calibrate PICTURES -o CALIB.json"
         message = f"A camera without a calibration shows no wall. Make one: {how}"
         raise InputError(message, code="camera-uncalibrated")
+    lens, problem = [], "it is no JSON file"
     try:
         data = json.loads(read_text(path, MAX_CALIBRATION_BYTES, InputError)[0])
-        # ROS puts each matrix into a table of its own, under `data`.
-        names = ("camera_matrix", "distortion_coefficients")
-        lens = [data[name]["data"] if isinstance(data[name], dict) else data[name]
-                for name in names]  # fmt: skip
-        matrix = np.array(lens[0], float).reshape(3, 3)
-        distortion = np.array(lens[1], float).ravel()
-        camera = Camera(data["image_width"], data["image_height"], matrix, distortion)
-        if not np.isfinite(camera.project(np.eye(3), np.ones(6))[0]).all():
-            raise ValueError("it has no finite numbers")
-    except (KeyError, TypeError, ValueError, cv2.error) as error:
+        for name, shape in SHAPES.items():
+            problem = f"{name} is missing or wrong"
+            # ROS puts each matrix into a table of its own, under `data`.
+            numbers = data[name]["data"] if isinstance(data[name], dict) else data[name]
+            lens.append(np.array(numbers, float).reshape(shape))
+            if not np.isfinite(lens[-1]).all():
+                raise ValueError(problem)
+        width, height, matrix, distortion = lens
+        camera = Camera(int(width), int(height), matrix, distortion)
+        # OpenCV takes certain numbers of coefficients.
+        camera.project(np.eye(3), np.ones(6))
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, cv2.error):
         message = (
-            f"is no calibration: {error}. vfplan ar --calibrate writes one; of another program's "
+            f"is no calibration: {problem}. vfplan ar --calibrate writes one; of another program's "
             "write a JSON file with image_width, image_height, camera_matrix and "
             "distortion_coefficients"
         )

@@ -45,8 +45,9 @@ def timeline(replayed: Replay) -> Figure:
     bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
     bottom.set_xlabel("time [s]")
     bottom.margins(x=0)
-    for axes in (top, middle, bottom):
-        shade_episodes(axes, replayed)
+    for episode in replayed.metrics["episodes"]:
+        for axes in (top, middle, bottom):
+            axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
@@ -54,12 +55,6 @@ def timeline(replayed: Replay) -> Figure:
     rule = replayed.rule if replayed.rule != "both" else "robust"
     top.set_title(f"{episodes}, rule {rule}", loc="left")
     return figure
-
-
-def shade_episodes(axes: Axes, replayed: Replay) -> None:
-    """Mark the spans of contact."""
-    for episode in replayed.metrics["episodes"]:
-        axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
 
 
 def scene(replayed: Replay) -> Figure:

@@ -189,28 +189,25 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
     Raises SessionError: not HDF5, a dataset missing, wrong shapes or types, or an attribute of the
         root, of `hip` or of `time` that names other units or another frame
     """
-    lengths, times = said_by_call(units, frame), {"units": "s", "unit": "s"}
     with opened_hdf5(stream) as file:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
             message = "is a fixture and no recording. Give the fixture first, and then a recording"
             raise SessionError(message, code="fixture-as-session")
         time, hip = plain_datasets(file, NAMES)
         check_arrays({"time": time, "hip": hip}, ROWS)
-        for place, wanted in ((file, lengths), (hip, lengths), (time, times)):
-            check_said(place.attrs, wanted, f"attribute {{}} of {place.name}")
+        for place, *wanted in ((file, units, frame), (hip, units, frame), (time, "s", None)):
+            check_said(place.attrs, f"attribute {{}} of {place.name}", *wanted)
         yield from portions(time, hip)
 
 
-def said_by_call(units: str, frame: str) -> dict[str, str]:
-    """What the call says of the positions, by the names under which a file may say it too."""
-    return {"units": units, "unit": units, "frame": frame}
-
-
-def check_said(values: Mapping[str, Any], wanted: dict[str, str], what: str) -> None:
+def check_said(values: Mapping[str, Any], what: str, units: str, frame: str | None) -> None:
     """Raise `SessionError` where a file says other units or another frame than the call.
 
     Neither overrules the other. what: where the file says it, with {} for the name
     """
+    wanted = {"units": units, "unit": units}
+    if frame is not None:
+        wanted["frame"] = frame
     for name, expected in wanted.items():
         value = str(plain_attribute(values.get(name, expected)))
         if value != expected:
@@ -229,7 +226,7 @@ def read_npz(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
         with np.load(stream) as archive:
             require_names(archive.files, NAMES)
             time, hip = (archive[name] for name in NAMES)
-            check_said(archive, said_by_call(units, frame), "array {}")
+            check_said(archive, "array {}", units, frame)
         # A member without a header is bytes, which have no shape.
         check_arrays({"time": time, "hip": hip}, ROWS)
     except SessionError:
