@@ -36,8 +36,9 @@ def judge(drawn, **options):
         found = vfplan.extract_curve(drawn.image, **options)
     except CurveError as error:
         return Verdict("falsely refused" if drawn.clear else "refused", str(error))
-    # That the line leaves the picture is true of the slice, and tells no fault of the curve.
-    told = "; ".join(f.text for f in found.findings if f.code != "leaves-picture")
+    # That the line leaves the picture is true of the slice, and that a gap is bridged of every lift;
+    # neither tells a fault of the curve.
+    told = "; ".join(f.text for f in found.findings if f.code not in ("leaves-picture", "bridge"))
     wrong, rms, ends = _wrong(found, drawn)
     if wrong:
         listed = _listed(found, drawn)

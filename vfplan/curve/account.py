@@ -33,7 +33,7 @@ NAMED = 3
 
 # Share of a stroke that lies beyond a gap, below which it may be a leader line or a letter. People
 # lift the pen along the whole of a line, so that a larger share would ask at most lifts.
-NEAR_END_SHARE = 0.25
+NEAR_END_SHARE = 0.2
 
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
@@ -538,13 +538,15 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
         carried = f"the curve is carried across a gap of {length} px."
+        if reason == "hidden":
+            carried = f"another colour hides {length} px of the curve."
         is_long = length > tuned.LONG_STRETCH_PX
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
         is_near_end &= length > tuned.FLANK_PX
         if reason == "hidden" and is_long:
-            text = f"another colour hides {length} px of the curve. Does it run as drawn here?"
+            text = f"{carried} Does it run as drawn here?"
             findings.append(finding_at(place, "stretch-hidden", text))
         elif reason == "hidden" and not curve.bridged[run].any():
             continue

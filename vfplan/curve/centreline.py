@@ -99,22 +99,23 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
         inward = np.minimum(at - at[0], at[-1] - at)
         sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x. The
-    # tips of the pen on both sides belong to it, because a tip shows a part of the line's width.
+    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
     curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
     tip, points = int(line.width / 2), spline(at)
     for run in runs(bridged, line.closed):
+        sigma[run] = np.hypot(sigma[run], sway(curvature, len(run)))
+        # A corner may lie in a gap that turns otherwise than its sides foretell. The tips of the
+        # pen on both sides belong to it, because a tip shows a part of the line's width.
         gap = run[0] - tip + np.arange(len(run) + 2 * tip)
         gap = gap % len(at) if line.closed else gap[(gap >= 0) & (gap < len(at))]
-        x = np.arange(len(gap)) + 0.5
-        aside = beside_bridge(points, gap, line.closed)
-        unknown = np.hypot(curvature * x * (len(gap) - x) / 2, aside / 2)
-        sigma[gap] = np.hypot(sigma[gap], unknown)
+        corner = np.hypot(sway(curvature, len(gap)), beside_bridge(points, gap, line.closed) / 2)
+        share = corner_share(points, gap, line.closed, curvature)
+        sigma[gap] = np.hypot(sigma[gap], share * corner)
     # Another colour at the edge may hide a part of the line that nobody sees; what lacks there
     # moves the centre by half of it.
     lacking = np.abs(1 - profiles.mass.clip(0, 2)) * line.width / 2
     beside = np.hypot(tuned.OTHER_SIGMA_NOISY_PX if noisy else tuned.OTHER_SIGMA_PX, lacking)
-    sigma = np.hypot(sigma, np.where(profiles.has_other, beside, 0.0)[nearest])
+    sigma = np.hypot(sigma, np.where(profiles.has_other & valid, beside, 0.0)[nearest])
     # Half of what was added for a side that another colour hides may be wrong.
     sigma = np.hypot(sigma, profiles.covered[nearest] / 4)
     if not line.closed:
@@ -139,6 +140,35 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         path=smooth,
         whole=whole,
     )
+
+
+def sway(curvature: float, length: int) -> Array:
+    """(L,) how far an unknown curvature [1/px] moves the points of a gap with known ends [px]."""
+    x = np.arange(length) + 0.5
+    return curvature * x * (length - x) / 2
+
+
+def corner_share(points: NDArray, gap: NDArray, closed: bool, curvature: float) -> float:
+    """How sure it is that a corner lies in a bridge: 0 where its sides foretell the turn, up to 1.
+
+    Each side is carried on, as it bends, to the middle of the bridge. Where the pen drew a smooth
+    arc, both arrive there in the direction of the bridge.
+
+    points, gap: as `beside_bridge` takes them
+    curvature: a usual one [1/px], whose turn across the gap is expected
+    """
+    # The spline rounds a corner, so that its points closest to the gap show no direction.
+    reach, mode = 2 + np.arange(tuned.TANGENT_PX), "wrap" if closed else "clip"
+    at = np.concatenate([gap[0] - reach[::-1], gap[-1] + reach])
+    steps = np.take(points, at + 1, 0, mode=mode) - np.take(points, at - 1, 0, mode=mode)
+    steps = np.insert(steps, len(reach), points[gap[-1]] - points[gap[0]], axis=0)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    heading -= heading[len(reach)]
+    middle = (len(gap) - 1) / 2
+    arriving = np.polyval(np.polyfit(-reach[::-1], heading[: len(reach)], 1), middle)
+    leaving = np.polyval(np.polyfit(reach, heading[len(reach) + 1 :], 1), -middle)
+    turn = max(abs(heading[-1] - heading[0]), curvature * len(gap), 1e-9)
+    return float(np.interp((abs(arriving) + abs(leaving)) / turn, tuned.CORNER_SHARES, (0, 1)))
 
 
 def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
