@@ -421,7 +421,8 @@ def join_findings(
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
         touching = np.array([other.nearest for other in leftover if other.touches])
         across = np.hypot(*(touching - piece.nearest).T) if piece.touches else np.zeros(0)
-        if np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
+        is_open = np.isfinite(piece.end_distance)
+        if is_open and np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
             text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
