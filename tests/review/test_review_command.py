@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 from refusals import refuses
-from review_slices import MARKERS, SLICE, fork, photographed, two_candidates
+from review_slices import MARKERS, SLICE, fork, two_candidates
 from slicer_files import mrk
 from tab import Tab
 from vector_files import RING_MM, slicer
@@ -230,24 +230,6 @@ def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
     assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr
-
-
-@pytest.mark.parametrize("count", [5, 9])
-def test_a_photograph_is_made_flat_by_the_command_that_its_refusal_names(
-    count, vfplan_cli, tmp_path, monkeypatch
-):
-    monkeypatch.chdir(tmp_path)
-    photo, places, _ = photographed(tmp_path)
-    files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
-    for file, known in zip(files, (places, MARKERS[1]), strict=True):
-        file.write_text("\n".join(known.read_text().split()[: 1 + count]))
-    refused = vfplan_cli("plan", photo, *files, "-o", tmp_path / "o.h5")
-    assert refused.code == 1
-    assert f"vfplan review {photo} {files[0]} {files[1]} -o" in refused.stderr
-    rectify = shlex.split(refused.error_line[refused.error_line.rindex("vfplan ") :])
-    assert vfplan_cli(*rectify[1:]).code == 0
-    planned = vfplan_cli(*following(vfplan_cli(*rectify[1:-1], tmp_path / "2.png")))
-    assert planned.code == 0
 
 
 def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tmp_path):

@@ -455,7 +455,7 @@ def test_exchanged_labels_are_refused_without_an_option_that_the_page_has_not(tm
     refusal = Session.open(SLICE, *files).state()["refusal"]
     assert refusal["code"] == "labels-mistaken"
     assert "--" not in refusal["text"]
-    text = "The labels a and b seem exchanged. With them exchanged, all markers fit to "
+    text = "The labels a and b seem exchanged. In the other order all markers fit to "
     assert refusal["text"].startswith(text)
 
 
