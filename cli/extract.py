@@ -119,9 +119,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
                 message = message.removesuffix(".")
             error.message = message.replace(general, page_command(*files, **options))
         elif TO_RECTIFY in error.message:
-            ways = (
-                f"on a page: {page_command(*files, **options)} or here: {rectify_command(*files)}"
-            )
+            page, here = page_command(*files, **options), rectify_command(*files, **options)
+            ways = f"(on a page: {page}) or here: {here}"
             error.message = error.message.replace(TO_RECTIFY, ways)
         elif error.code in MENDED_ON_PAGE:
             page = page_command(*files, **options)

@@ -27,7 +27,7 @@ def vfplan_info(fixture) -> CommandResult:
     data = describe(fixture, work=True)
     verdict = f"sound, {or_not(data['seal']['signed'], 'signed')}"
     next_step = approval_command(
-        fixture, data["seal"], is_reviewed=data["reviewed"] is not None,
+        fixture, data["seal"], case=data.get("/@case"), is_reviewed=data["reviewed"] is not None,
         has_image=any(path.startswith("/image@") for path in data),
         has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
     )  # fmt: skip

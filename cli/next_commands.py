@@ -113,18 +113,20 @@ def public_key_beside(fixture: Path, key_id: str) -> Path | str:
 
 
 def approval_command(
-    fixture: Path, seal: dict[str, Any], *, is_reviewed: bool, has_image: bool, has_page: bool
-) -> str:
+    fixture: Path, seal: dict[str, Any], *, case: str | None, is_reviewed: bool, has_image: bool,
+    has_page: bool,
+) -> str:  # fmt: skip
     """The command that is open on a sound bundle's way to the robot: review, sign or verify.
 
     seal: as `Seal.describe` gives it
+    case: what the bundle is for, where it says so
     has_image: whether it was drawn on a slice
     has_page: as `review_command` takes it
     """
     if seal["signed"]:
         return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), seal)
     if is_reviewed:
-        return sign_command(fixture, seal)
+        return sign_command(fixture, {"case": case})
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
@@ -134,29 +136,89 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
     words = ["review", *(file for file in files if file is not None)]
-    return command_of(*words, *typed_options("review", overwrites=overwrites), "-o", output)
+    typed = typed_options("review", overwrites=overwrites)
+    names = {word.partition("=")[0] for word in typed}
+    if "--case" in names and "--key" not in names:
+        # The page gives a plan its case by a signature.
+        typed += ["--key", "KEY"]
+    return command_of(*words, *typed, "-o", output)
 
 
-def rectify_command(image: Path, *markers: Path | None) -> str:
-    """The command that makes a photograph flat by its markers, with the same options."""
-    words = ["rectify", image, *(file for file in markers if file is not None)]
-    words += typed_options("rectify", overwrites=False)
-    return command_of(*words, "-o", file_beside(Path(image.name), "flat", ".png"))
+def rectify_command(
+    image: Path, markers: Path, markers2: Path | None = None, *, output: Path,
+    overwrites: bool = True,
+) -> str:  # fmt: skip
+    """The two commands that make a photograph flat and plan on it, with the same options.
+
+    output, overwrites: of the plan, as `page_command` takes them
+    """
+    from vfplan.markers.correspondences import read_markers
+
+    flat = file_beside(Path(image.name), "flat", ".png")
+    files = [file for file in (image, markers, markers2) if file is not None]
+    words = ["rectify", *files, *typed_options("rectify", overwrites=False), "-o", flat]
+    pairs = read_markers(markers, markers2, common=True)
+    has_targets = pairs.target_frame == "robot_base"
+    plan = plan_flat_command(
+        flat, None if has_targets else markers2, output=output, overwrites=overwrites
+    )
+    return f"{command_of(*words)} && {plan}"
 
 
-def typed_options(name: str, *, overwrites: bool, leaving_out: Sequence[str] = ()) -> list[str]:
+# Options of `plan` that say something of a photograph, and not of the flat picture.
+OF_PHOTOGRAPH = ("--frame", "--pixels", "--find-markers", "--pixel-spacing", "--imager-spacing")
+
+# Options of `plan` that name places on a photograph: what stands for those on the flat picture.
+PLACES = {
+    "--roi": "U,V,W,H", "--exclude": "U,V,W,H", "--start": "U,V", "--end": "U,V",
+    "--curve": "CURVE",
+}  # fmt: skip
+
+
+def plan_flat_command(
+    flat: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
+) -> str:
+    """The command that plans on the flat picture of a photograph, with the same options.
+
+    markers2: the markers' other side, where the table beside the flat picture does not hold it
+    """
+    words, leaving_out = ["plan", flat, flat_markers(flat)], [*OF_PHOTOGRAPH, "-o", "--output"]
+    if markers2 is not None:
+        words.append(markers2)
+    else:
+        leaving_out.append("--common")
+    typed = typed_options("plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True)
+    for number, word in enumerate(typed):
+        name, has_value, _ = word.partition("=")
+        if name in PLACES and has_value:
+            typed[number] = f"{name}={PLACES[name]}"
+        elif number and typed[number - 1] in PLACES:
+            typed[number] = PLACES[typed[number - 1]]
+    return command_of(*words, *typed, "-o", output)
+
+
+def flat_markers(flat: Path) -> Path:
+    """Where the places of the markers on a flat picture stand."""
+    return flat.with_name(f"{flat.stem}_markers.csv")
+
+
+def typed_options(
+    name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False
+) -> list[str]:
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
     overwrites: as `page_command` takes it
     leaving_out: options that mean something else to the other command
+    all_outputs: whether the other command writes the pictures that were asked for too
     """
+    others = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
     named = cli.get_command(click.Context(cli), name)
     takes_value = {
         opt: not (parameter.is_flag or parameter.count)
         for parameter in named.params
         if isinstance(parameter, click.Option)
-        and not parameter.name.endswith(("as_json", "_out", "output", "paper"))
+        and not parameter.name.endswith(others)
         for opt in parameter.opts if opt not in leaving_out
     }  # fmt: skip
     words = []

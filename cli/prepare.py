@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.next_commands import file_beside, typed_options
+from vfplan.cli.next_commands import file_beside, flat_markers, plan_flat_command
 from vfplan.cli.options import (
     FILE,
     MM,
@@ -25,7 +25,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import command_of, count, millimetres, quoted, wrote
+from vfplan.display import count, millimetres, quoted, wrote
 from vfplan.errors import InputError
 from vfplan.findings import doubt
 from vfplan.geometry import UNIT_ROUNDED
@@ -62,7 +62,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
     from vfplan.planning.match import find_drawn
     from vfplan.registration.rectify import flattening
 
-    markers_path = output.with_name(f"{output.stem}_markers.csv")
+    markers_path = flat_markers(output)
     refuse_outputs(output, markers_path)
     reading = settings_from_options(ExtractSettings, arguments)
     settings = FixtureSettings(**options.given_settings(FixtureSettings, arguments))
@@ -90,15 +90,10 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
     spacing = f"{flat.pixel_spacing_mm:g}"
-    words = ["plan", output, markers_path]
-    # What was said of the photograph's file and of its marks does not hold for the flat picture.
-    of_photograph = ["--frame", "--pixels", "--find-markers"]
-    if pairs.target_frame == "robot_base":
-        of_photograph.append("--common")
-    else:
-        words.append(markers2)
-    words += typed_options("plan", overwrites=False, leaving_out=of_photograph)
-    words += ["--pixel-spacing", spacing, "-o", file_beside(output, "plan")]
+    next_step = plan_flat_command(
+        output, None if pairs.target_frame == "robot_base" else markers2,
+        output=file_beside(output, "plan"),
+    )  # fmt: skip
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
          "homography": flat.homography, "residual_rms_m": flat.residual_rms_m,
@@ -107,7 +102,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         f"{len(rows)} markers fit a homography to {millimetres(flat.residual_rms_m)} rms; a marker "
         f"is off by {millimetres(flat.error_m)}\n{flat.width_px} x {flat.height_px} px of "
         f"{spacing} mm\n{wrote(output)} and {quoted(markers_path)}",
-        findings=findings, verdict="made flat", next_step=command_of(*words),
+        findings=findings, verdict="made flat", next_step=next_step,
     )  # fmt: skip
 
 

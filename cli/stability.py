@@ -108,7 +108,7 @@ def vfplan_stability(
             next_step = f"judge it with your own robot: {again} {robot_words}"
         else:
             next_step = approval_command(
-                fixture, seal, is_reviewed=judged.reviewed is not None,
+                fixture, seal, case=judged.case, is_reviewed=judged.reviewed is not None,
                 has_image=judged.image is not None, has_page=judged.curve is not None,
             )  # fmt: skip
     if not judgement.stable:

@@ -86,8 +86,8 @@ TABLES = {
          "LPS or RAS, units; status: points that are not *defined* are left out", "",
          "other versions of the format", "Slicer's formats 3, 4 and 5"),
         ("HDF5, `.npz`", "sessions: `time` (T,) and `hip` (T, 3)",
-         "HDF5: the attributes `units` and `frame`", "`--units`, `--frame`",
-         "attributes that differ from the options", "h5py, NumPy"),
+         "the attributes (`.npz`: arrays) `units` and `frame`", "`--units`, `--frame`",
+         "those that differ from the options", "h5py, NumPy"),
         ("MCAP, ROS 1 and ROS 2 bags",
          "sessions: what `vfplan live --mcap` wrote; topics with poses, transforms, points or "
          "Franka states", "the frame and the time of each message",

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from refusals import refuses
 from replays import fixture_of, write_session
 
 from vfplan.bundle.write import write_fixture
+from vfplan.camera.command import ticks_to_show
 from vfplan.camera.overlay import Overlay
 from vfplan.camera.pose import Camera, find_tags, locate, make_finder, read_camera
 from vfplan.camera.sheet import (
@@ -233,22 +235,30 @@ def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
     cv2.imwrite(str(tmp_path / "a.png"), scene.photograph(page, scene.pose(rng), rng)[..., ::-1])
 
     def run(*words):
-        usual = "--camera", "calib.json", "--measured-mm", 100, "--overwrite", "-o", "out.png"
-        found = vfplan_cli("ar", "plan.h5", "a.png", *usual, *words, cwd=tmp_path)
-        return found, cv2.imread(str(tmp_path / "out.png")).astype(int)
+        usual = "--camera", "calib.json", "--measured-mm", 100, "-o", "out.png"
+        (tmp_path / "out.png").unlink(missing_ok=True)
+        return vfplan_cli("ar", "plan.h5", "a.png", *usual, *words, cwd=tmp_path)
 
-    _, plain = run()
-    _, during = run("--session", "s.csv", "--session-start", 0.5)
-    _, after = run("--session", "s.csv", "--session-start", 1.01)
+    def drawn(*words):
+        assert run(*words).code == 0
+        return cv2.imread(str(tmp_path / "out.png")).astype(int)
+
+    plain = drawn()
+    during = drawn("--session", "s.csv", "--session-start", 0.5)
+    after = drawn("--session", "s.csv", "--session-start", 1.01)
     assert (during[30:] != plain[30:]).any()
     assert (after[30:] == plain[30:]).all()
     is_red = after[:30, :, 2] > after[:30, :, 0] + 50
     assert is_red.any()
-    port = free_port()
-    silent, said = run("--live", f"udp://127.0.0.1:{port}")
+    source = f"udp://127.0.0.1:{free_port()}"
+    silent = run("--live", source)
     assert silent.code == 1
-    assert f"no tick of udp://127.0.0.1:{port} came" in silent.stderr
-    assert (said[:30, :, 2] > said[:30, :, 0] + 50).any()
+    assert f"no tick of {source} came" in silent.stderr
+    assert "next: then try again: vfplan ar" in silent.stdout
+    assert not (tmp_path / "out.png").exists()
+    with ExitStack() as stack:
+        newest = ticks_to_show(stack, FIXTURE, "", {"session": None, "live_source": source})
+        assert newest(0.0) == (None, f"No tick comes from {source}")
 
 
 @pytest.mark.parametrize("words", [

@@ -42,6 +42,26 @@ def refuse(path, *_how):
     raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
 
+def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
+    path.write_bytes(path.read_bytes()[:-100])
+    run = vfplan_cli("info", path)
+    assert (run.code, run.stdout) == (4, "")
+    assert str(path) in run.error_line
+
+
+def test_the_next_step_of_an_approved_bundle_signs_it_for_its_case(vfplan_cli, tmp_path):
+    fixture = replace(bundles.whole(), findings=(), reviewed=None, case="K9")
+    vfplan.write_fixture(fixture, tmp_path / "b.h5")
+    words = ("accept", tmp_path / "b.h5", "--by", "A", "--answer-all", "--digest")
+    sheet = vfplan_cli("review", tmp_path / "b.h5", "--sheet-out", tmp_path / "s.png")
+    digest = sheet.stdout.split("digest ")[1].split()[0]
+    approved = tmp_path / "approved.h5"
+    assert vfplan_cli(*words, digest, "-o", approved).code == 0
+    for command in (("info",), ("stability", "--part=closed-loop", "--robot=franka")):
+        run = vfplan_cli(*command, approved)
+        assert "--key KEY --case K9 -o" in run.stdout
+
+
 @pytest.mark.parametrize("from_slice", [True, False])
 def test_the_next_step_shows_the_slice_that_a_bundle_came_from(vfplan_cli, from_slice, tmp_path):
     fixture = replace(bundles.whole(), reviewed=None)

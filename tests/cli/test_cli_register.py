@@ -162,7 +162,7 @@ def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_
         # Of five markers too the refusal names the whole command.
         some = write(tmp_path / "five.csv", rows(marks)[0], rows(marks)[1][::2]) if seed else marks
         refused = vfplan_cli("plan", photo, some, ROBOT, "--common", cwd=tmp_path)
-        words = refused.error_line[refused.error_line.rindex("vfplan rectify") :]
+        words = refused.error_line[refused.error_line.rindex("vfplan rectify") :].split(" && ")[0]
         assert (refused.code, "on a page: vfplan review" in refused.error_line) == (1, True)
         made = vfplan_cli(*shlex.split(words)[1:], "--json", cwd=tmp_path).sound.json
         out = tmp_path / f"my photo {seed}-flat.png"
@@ -177,12 +177,37 @@ def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_
         assert miss(measured, seen) < 0.3
 
 
+def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
+    vfplan_cli, tmp_path
+):
+    photo, marks, _ = photographed(tmp_path)
+    typed = ["--contact-radius=4", "--guide", "1", "--case", "K1", "--colour", "red", "--no-sheet"]
+    typed += ["--picture-out", "seen.png", "--max-residual", "0.9"]
+    refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, "-o", "x.h5", cwd=tmp_path)
+    page, here = refused.error_line.split("Make it flat (on a page: ")[1].split(") or here: ")
+    assert page.endswith("--case K1 --colour red --max-residual 0.9 --key KEY -o x.h5")
+    for command in here.split(" && "):
+        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).code == 0
+    fixture = vfplan.read_fixture(tmp_path / "x.h5")
+    assert (fixture.contact_radius, fixture.guidance.radius, fixture.case) == (4e-3, 1e-3, "K1")
+    assert (tmp_path / "seen.png").exists()
+    assert not (tmp_path / "x-sheet.png").exists()
+    assert fixture.image.pixel_spacing_mm[0] > 0
+
+    # A place on the photograph is another one on the flat picture.
+    whole = ["--roi", "0,0,871,786", "--exclude=0,0,1,1", "--pixel-spacing", "0.6"]
+    refused = vfplan_cli("plan", photo, marks, ROBOT, *whole, cwd=tmp_path)
+    assert "_markers.csv --roi U,V,W,H --exclude=U,V,W,H -o " in refused.error_line
+
+
 def test_a_marker_that_spoils_a_photograph_is_named_before_it_is_made_flat(vfplan_cli, tmp_path):
     photo, marks, _ = photographed(tmp_path)
     head, lines = rows(marks)
     lines[3] = [lines[3][0], float(lines[3][1]) + 6, float(lines[3][2]) - 4]
     words = (photo, write(tmp_path / "off.csv", head, lines), ROBOT, "--json")
     vfplan_cli("plan", *words, cwd=tmp_path).fails(1, f"without {lines[3][0]}")
+    flat = tmp_path / "flat.png"
+    vfplan_cli("rectify", *words, "-o", flat).fails(1, f"Without {lines[3][0]} it leaves")
 
 
 def test_a_strong_angle_is_told_and_a_spoilt_word_of_it_is_refused(vfplan_cli, tmp_path):

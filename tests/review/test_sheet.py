@@ -39,6 +39,7 @@ from vfplan.review.paper import (
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import check_slice
+from vfplan.review.session import Session
 from vfplan.review.sheet import ZOOM, draw_sheet, verdict_of
 
 RED = (255, 0, 0)
@@ -297,6 +298,18 @@ def test_a_number_that_rounds_to_zero_has_no_sign():
     assert "(0.0000, 0.0000, 1.0000)" in words
     assert "x 0.00 to" in words
     assert three_digits(-0.0) == "0"
+
+
+def test_sheet_page_and_report_say_one_bound_and_the_margin_that_was_added(tmp_path):
+    planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95+0.2"))
+    bound_m = planned.registered.report["tre"]["curve95_max_m"]
+    vfplan.write_fixture(planned.fixture, tmp_path / "f.h5")
+    fixture = vfplan.read_fixture(tmp_path / "f.h5")
+    shown = Plan.of(fixture, "f.h5", planned.extracted.image)
+    page = Session.open(tmp_path / "f.h5", slice=SLICE).state()["tre95_m"]
+    told = (shown.bound95_m, page, shown.margin_m - 2e-4)
+    assert told == pytest.approx([bound_m] * 3, abs=2e-9)
+    assert fixture.point_radius == pytest.approx(shown.margin_m, abs=1e-12)
 
 
 def test_open_line_has_both_ends_and_each_bridge_enlarged():

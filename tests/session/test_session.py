@@ -246,6 +246,22 @@ def test_a_file_may_state_its_frame_and_units(tmp_path):
             read_session(tmp_path / name, units="mm", frame="patient_lps")
 
 
+@pytest.mark.parametrize(
+    "said", [{"frame": np.arange(500)}, {"units": ["m"]}, {"frame": [b"robot_base"]}]
+)
+def test_what_is_no_single_text_names_no_frame_and_one_element_is_a_text(tmp_path, said):
+    np.savez(tmp_path / "s.npz", **THREE, **said)
+    with h5py.File(tmp_path / "s.h5", "w") as file:
+        file.update(THREE)
+        file.attrs.update(said)
+    for name in ("s.h5", "s.npz"):
+        assert len(read_session(tmp_path / name).time) == 3
+        if "units" in said:
+            with refuses(SessionError, "units-or-frame-differ") as refused:
+                read_session(tmp_path / name, units="mm")
+            assert "is 'm', and" in str(refused.value)
+
+
 def test_missing_file_directory_and_unknown_unit(tmp_path):
     for read, error in ((read_session, SessionError), (read_result, InputError)):
         with refuses(error, "file-missing"):

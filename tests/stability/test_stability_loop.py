@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bundles import whole
 
 from vfplan import Status, Step
 from vfplan.robot import Robot
@@ -15,7 +16,7 @@ from vfplan.stability.closed_loop import (
     press,
     strike,
 )
-from vfplan.stability.contacts import patch
+from vfplan.stability.contacts import contacts_along, patch
 from vfplan.stability.loop import FlatWall, SimulatedHand, exact_bound, simulate
 
 ROBOT, NONE = Robot("test", 1.0, 5.0, 1000.0), SimulatedHand(np.zeros(3))
@@ -152,3 +153,13 @@ def test_press_is_the_second_order_step_response():
     )
     assert found["rest_s"] == pytest.approx(np.log(20) / (zeta * np.sqrt(1000.0)), rel=0.1)
     assert found["limit_cycle_m"] < 2e-6
+
+
+def test_along_presses_on_both_sides_of_a_planar_curve():
+    elbow = whole()
+    places = list(contacts_along(elbow, 3))
+    assert len(places) >= 4
+    for place in places:
+        clear = np.linalg.norm(elbow.points - place.touch, axis=1).min()
+        assert clear == pytest.approx(5e-3, abs=1e-4)
+        assert abs(place.normals[0] @ elbow.ignore_axis) < 1e-9

@@ -188,14 +188,22 @@ def show_wall(
             if is_stopped() or time_s >= end_s:
                 break
         film.close()
+        source, missing = arguments["live_source"], ""
+        if shown is not None and source is not None and not overlay.tools_shown:
+            # A command that fails leaves no file.
+            missing = f"no tick of {source} came. Start what sends them, and check the address"
+            if path is not None:
+                path.unlink()
+                output = None
 
     # Of a video the last frame with a wall speaks for all, or the last one.
     latencies_ms = [] if window is None else window.latencies_ms
     result = shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
-    source = arguments["live_source"]
-    if source is not None and not overlay.tools_shown and not result.exit_code:
-        missing = f"no tick of {source} came. Start what sends them, and check the address"
-        return replace(result, failed=missing, exit_code=1, verdict="no tool: no tick came")
+    if missing:
+        again = f"then try again: {command_line()}"
+        return replace(
+            result, failed=missing, exit_code=1, verdict="no tool: no tick came", next_step=again
+        )
     return result
 
 

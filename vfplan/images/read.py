@@ -207,6 +207,9 @@ def read_image(
     orientation = 1 if pixels == "as-stored" else header.orientation(index)
     with naming_place(where):
         findings = raster_findings(header, index, len(data), orientation)
+    told = header.made_flat.split()
+    if pixel_spacing_mm is None and len(told) == 3:
+        pixel_spacing_mm = (float(told[2]), float(told[2]))
     used_bits = int(rgb.max()).bit_length()
     if rgb.dtype == np.uint16 and 0 < used_bits < 16:
         rgb = rgb << (16 - used_bits)
@@ -376,11 +379,11 @@ def flat_findings(text: str) -> list[Finding]:
     """What a person should know of a plan on a picture that was made flat.
 
     text: RMS residual of the markers [mm], and how much larger than a pixel of the photograph a
-        pixel of the flat picture is shown at most
-    Raises ImageError: the text holds no two such numbers
+        pixel of the flat picture is shown at most; then the flat picture's pixel spacing [mm]
+    Raises ImageError: the text does not begin with two numbers
     """
     try:
-        residual_mm, enlargement = map(parse_decimal, text.split())
+        residual_mm, enlargement, *_ = map(parse_decimal, text.split())
     except ValueError:
         message = f"says that it was made flat by {text[:40]!r}. Make it flat again: vfplan rectify"
         raise ImageError(message, code="made-flat-invalid") from None

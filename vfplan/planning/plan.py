@@ -30,7 +30,13 @@ from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
-from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length, overridden
+from vfplan.planning.settings import (
+    CURVE95,
+    ExtractSettings,
+    FixtureSettings,
+    margin_length,
+    overridden,
+)
 from vfplan.planning.tolerance import (
     BAND_SHARE,
     CarriedPoints,
@@ -234,6 +240,8 @@ def register(
     error = target_error(registration, curve.points, own_bound(strokes, px))
     if touched is None:
         record.findings += error_findings(error)
+    # Up to the next nanometre: an id must not depend on a processor's last bit.
+    record.settings[CURVE95] = float(np.ceil(error.curve95_m.max() * 1e9) / 1e9)
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(error, settings.max_tre_length_m, taken_from)

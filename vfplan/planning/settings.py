@@ -20,6 +20,9 @@ DEFAULT_ARCS_M = 1e-6
 # Speed [m/s] at which a guide's pull has fallen to 0, unless it is given.
 LEAD_SPEED_M_S = 0.02
 
+# Setting of a recipe: the 95 % bound of the error over the whole curve that `register` found [m].
+CURVE95 = "curve95_max_m"
+
 AXES = ("normal", "x", "y", "z", "none")
 
 

@@ -296,7 +296,7 @@ class LabelMistake:
         if len(moved) == 2:
             names = " and ".join(moved)
         return (
-            f"The labels {names} seem {self.action}. With them {self.action}, all markers fit to "
+            f"The labels {names} seem {self.action}. In the other order all markers fit to "
             f"{_mm(self.fre_rms_m)}"
         )
 

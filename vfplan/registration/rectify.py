@@ -21,6 +21,7 @@ from vfplan.registration.checks import (
     homography_rows,
     label_mistake,
     mapped_by_homography,
+    perspective_test,
 )
 from vfplan.registration.models import GOOD_SET_PROBABILITY
 from vfplan.registration.registration import fit_registration
@@ -80,7 +81,8 @@ class Flattening:
     @property
     def told(self) -> str:
         """As `vfplan.images.read.flat_findings` takes it, and the flat PNG keeps it."""
-        return f"{1e3 * self.residual_rms_m:.3g} {self.enlargement:.3g}"
+        residual_mm = 1e3 * self.residual_rms_m
+        return f"{residual_mm:.3g} {self.enlargement:.3g} {self.pixel_spacing_mm:g}"
 
 
 def projected(homography: Array, places: Array) -> Array:
@@ -138,12 +140,23 @@ def flattening(
         text = "the markers determine no homography: too many lie on one line. Add one off it"
         raise MarkerError(text, code="homography-undetermined")
     if is_off:
-        worst = pairs.labels[int(residuals.argmax())]
         allowed = "any" if max_error_m is None else f"{1e3 * max_error_m:g} mm"
+        # The marker that `vfplan plan` names, if it names one.
+        test = perspective_test(registration, fewest=MIN_FOR_HOMOGRAPHY)
+        if test is not None and test.outlier is not None:
+            index, others_m = test.outlier
+            advice = (
+                f"Without {pairs.labels[index]} it leaves {1e3 * others_m:.2f} mm: touch that "
+                "again, or delete its row and give --common"
+            )
+        else:
+            advice = (
+                f"{pairs.labels[int(residuals.argmax())]} is off most. Look for mistaken labels, "
+                "a bent sheet or a lens that bends straight lines"
+            )
         raise CheckFailed(
             f"no homography fits the markers: each is off by {1e3 * error_m:.2f} mm (rms), and "
-            f"--max-residual allows {allowed}; {worst} is off most. Look for mistaken labels, a "
-            "bent sheet or a lens that bends straight lines",
+            f"--max-residual allows {allowed}. {advice}",
             code="residual-large", numbers={"error_m": error_m, "max_residual_m": max_error_m},
         )  # fmt: skip
 

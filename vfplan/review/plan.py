@@ -46,9 +46,9 @@ from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import (
+    CURVE95,
     ExtractSettings,
     FixtureSettings,
-    margin_length,
     overridden,
 )
 from vfplan.registration.checks import perspective_test
@@ -436,12 +436,24 @@ class Plan:
         points = value_as(tuple[tuple[float, float], ...], recipe.get(SLICER_POINTS, ""))
         return np.array(() if points is MISFIT else points).reshape(-1, 2)
 
-    @cached_property
+    @property
+    def bound95_m(self) -> float | None:
+        """The 95 % bound over the whole line, as its planning found it [m]; `None` if unknown.
+
+        Earlier bundles do not hold it, so it is computed of the lines on their slice.
+        """
+        kept = self.fixture.provenance.settings.get(CURVE95)
+        if kept is None and self.tre95_m is not None:
+            return float(self.tre95_m.max())
+        return kept
+
+    @property
     def margin_m(self) -> float | None:
         """What the plan added to the radius around each point; `None` where it added nothing."""
-        margin = self.fixture.provenance.settings.get("margin")
-        bound_m = None if self.tre95_m is None else float(self.tre95_m.max())
-        return margin_length(margin, bound_m)
+        recipe = self.fixture.provenance.settings
+        if "margin" not in recipe or self.fixture.rendering is None:
+            return None
+        return self.fixture.point_radius - float(recipe.get("point_radius", 0.0))
 
     @cached_property
     def markers(self) -> tuple[Marker, ...]:

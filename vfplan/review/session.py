@@ -151,6 +151,8 @@ class Session:
         state |= {"rendered": None, "described": [], "outline_px": []}
         if plan.fixture is not None:
             lines = [line for outline in plan.outlines for line in outline.lines]
+            if plan.bound95_m is not None:
+                state["tre95_m"] = plan.bound95_m
             state["rendered"] = rendered_in_json(plan.fixture)
             state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]

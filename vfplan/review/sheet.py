@@ -158,8 +158,8 @@ def error_in_words(plan: Plan) -> str:
         return "not registered yet"
     if fixture.registration is None:
         return ""
-    if plan.tre95_m is not None:
-        bound = float(plan.tre95_m.max())
+    bound = plan.bound95_m
+    if bound is not None:
         pixels = f" ({bound / plan.metres_per_px:.1f} px)" if plan.metres_per_px else ""
         return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
     if fixture.registration.tre_m is None:
@@ -368,7 +368,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         points = np.concatenate([stroke.points for stroke in plan.strokes])
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
-            bound_m, note = plan.tre95_m, f"95 %: ±{MM * float(plan.tre95_m.max()):.2f} mm"
+            bound_m, note = plan.tre95_m, f"95 %: ±{MM * plan.bound95_m:.2f} mm"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]

@@ -209,9 +209,12 @@ def check_said(values: Mapping[str, Any], what: str, units: str, frame: str | No
     if frame is not None:
         wanted["frame"] = frame
     for name, expected in wanted.items():
-        value = str(plain_attribute(values.get(name, expected)))
+        said = np.ravel(values.get(name, expected))
+        if said.size != 1 or said.dtype.kind not in "USO":
+            continue  # It counts frames, or holds something else than one text.
+        value = str(plain_attribute(said[0]))
         if value != expected:
-            found = f"{what.format(name)} is {value!r}"
+            found = f"{what.format(name)} is {value[:40]!r}"
             message = f"{found}, and the call says {expected!r}. Correct one of them"
             raise SessionError(message, code="units-or-frame-differ")
 
