@@ -36,8 +36,8 @@ def judge(drawn, **options):
         found = vfplan.extract_curve(drawn.image, **options)
     except CurveError as error:
         return Verdict("falsely refused" if drawn.clear else "refused", str(error))
-    # That the line leaves the picture is true of the slice, and that a gap is bridged of every lift;
-    # neither tells a fault of the curve.
+    # That the line leaves the picture is true of the slice, and that a gap is bridged is true of
+    # every lift. Neither tells a fault of the curve.
     told = "; ".join(f.text for f in found.findings if f.code not in ("leaves-picture", "bridge"))
     wrong, rms, ends = _wrong(found, drawn)
     if wrong:
