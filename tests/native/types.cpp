@@ -148,7 +148,10 @@ int main() {
     assert(differs_in("in period.", [](D&, S& s) { s.governor.period = 5e-4; }));
     assert(differs_in("in max_stiffness.", [](D&, S& s) { s.max_stiffness = 1001; }));
     assert(differs_in("in search.", [](D&, S& s) { s.search = vfplan::Search::automatic; }));
-    vfplan::Controller both(wall, demand, edits), unsigned_one(wall, {.accept_unsigned = true});
+    vfplan::Controller both(wall, demand, edits);
+    vfplan::Demand anybody;
+    anybody.accept_unsigned = true;
+    vfplan::Controller unsigned_one(wall, anybody);
     both.add(soft);
     assert(refused([&] { strict.exchange(std::move(both)); }) && both.size() == 2);
     assert(refused([&] { holds.exchange(std::move(unsigned_one)); }));
