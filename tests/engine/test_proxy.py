@@ -24,14 +24,21 @@ def press_and_slide(ticks=2000):
     return hip
 
 
+@pytest.fixture
+def use_width():
+    """Sets the width of all engines, until the test ends or fails."""
+    yield _core.use_width
+    _core.use_width(8)
+
+
 @pytest.mark.parametrize("rule", ["paper", "robust"])
 @pytest.mark.parametrize("axis", [None, "z", (1, 2, 3)], ids=str)
-def test_widths_and_searches_give_the_same_path(rule, axis):
+def test_widths_and_searches_give_the_same_path(rule, axis, use_width):
     cloud, hips = dust(4000), press_and_slide(800)
     make = partial(vfplan.ProxyEngine, cloud, rule=rule, ignore_axis=axis)
     trace, microseconds = make().run_timed(hips)
     for width in (2, 4, 8):
-        _core.use_width(width)
+        use_width(width)
         rows = _core.Engine(cloud, make().parameters).run(hips)
         same(trace, vfplan.Trace(*rows[:5]))
     assert microseconds.shape == (800,)

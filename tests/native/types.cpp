@@ -3,6 +3,7 @@
 // What converts to and from Vec3, poses by rows and by columns, and a status through the governor.
 #include <array>
 #include <cassert>
+#include <cstring>
 #include <vector>
 
 #include "vfplan/bundle/engine.hpp"
@@ -132,6 +133,50 @@ int main() {
     assert(bounded.exchange(std::move(other)) && bounded.stiffness() == 500);
     assert(refused([&] { bounded.set_stiffness(501); }));
     assert(refused([&] { bounded.exchange(std::move(other)); }));
+    // A controller that is given in exchange has met the same demands, and is told where it has
+    // not.
+    vfplan::Demand demand;
+    demand.keys = {"a.pub", "b.pub"};
+    demand.case_id = demand.robot_serial = demand.tool = "1";
+    demand.max_age_s = 60;
+    edits.max_stiffness = 1000;
+    edits.governor.force_step = 5;
+    vfplan::Controller strict(wall, demand, edits);
+    const auto differs_in = [&](const char* what, const auto& change) {
+        vfplan::Demand has = demand;
+        vfplan::ControllerSettings settings = edits;
+        change(has, settings);
+        vfplan::Controller weak(wall, has, settings);
+        try {
+            return strict.exchange(std::move(weak)) && !*what;
+        } catch (const std::invalid_argument& error) {
+            return std::strstr(error.what(), what) && weak.size() == 1 &&
+                   weak.rule() == strict.rule();
+        }
+    };
+    using D = vfplan::Demand;
+    using S = vfplan::ControllerSettings;
+    assert(differs_in("in keys.", [](D& d, S&) { d.keys.clear(); }));
+    assert(differs_in("in keys.", [](D& d, S&) { d.keys.push_back("c.pub"); }));
+    assert(differs_in("in case_id.", [](D& d, S&) { d.case_id = "2"; }));
+    assert(differs_in("in robot_serial.", [](D& d, S&) { d.robot_serial.reset(); }));
+    assert(differs_in("in max_age_s.", [](D& d, S&) { d.max_age_s = 61; }));
+    assert(differs_in("in tool.", [](D& d, S&) { d.tool.reset(); }));
+    assert(differs_in("in accept_unreviewed.", [](D& d, S&) { d.accept_unreviewed = true; }));
+    assert(differs_in("in accept_doubts.", [](D& d, S&) { d.accept_doubts = true; }));
+    assert(differs_in("in any_tick_time.", [](D&, S& s) { s.any_tick_time = true; }));
+    assert(differs_in("in period.", [](D&, S& s) { s.governor.period = 5e-4; }));
+    assert(differs_in("in max_stiffness.", [](D&, S& s) { s.max_stiffness = 1001; }));
+    assert(differs_in("in search.", [](D&, S& s) { s.search = vfplan::Search::automatic; }));
+    vfplan::Controller both(wall, demand, edits);
+    vfplan::Demand anybody;
+    anybody.accept_unsigned = true;
+    vfplan::Controller unsigned_one(wall, anybody);
+    both.add(soft);
+    assert(refused([&] { strict.exchange(std::move(both)); }) && both.size() == 2);
+    assert(refused([&] { holds.exchange(std::move(unsigned_one)); }));
+    assert(differs_in("", [](D& d, S&) { d.keys.pop_back(), d.max_age_s = 59; }));
+    strict.collect();
     const double more[3] = {0, 0, 0.1};
     assert(refused([&] { bounded.edit(nullptr, 0, more, 1); }));
     assert(edited.edit(nullptr, 0, more, 1) && edited.remake());

@@ -69,7 +69,9 @@ class Step:
     Parameters
     ----------
     proxy, normal, force
-        (3,) proxy position [m], unit normal (0 when there is none), force on the hand [N].
+        (3,) proxy position [m], unit normal (0 when there is none), force on the hand [N]. After a
+        proxy has come out of a mesh, and while the status has `INSIDE`, the normal is that of the
+        end of its way.
     state
         -1 no neighbour, 0 free motion, 1 in contact, 2 entrenched.
     status

@@ -216,7 +216,9 @@ NB_MODULE(_core, m) {
         "samples of a mesh, no place of it farther from one [m], and triangles between them");
     m.def(
         "use_width", [](int width) { vfplan::use_width(static_cast<vfplan::Width>(width)); },
-        "width"_a, "for tests: float64 in a register, 2, 4 or 8, or the most that there are");
+        "width"_a,
+        "for tests, which set 8 again at their end: float64 in a register of all engines, 2, 4 or "
+        "8, or the most that there are");
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;

@@ -54,8 +54,19 @@ void bind_governor(nb::module_& m) {
         .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step);
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())
-        .def("reset", &Governor::reset)
+        .def("reset",
+             [](Governor& g) {
+                 const Use turn(g);
+                 g.reset();
+             })
         .def("run", &govern, "forces"_a, "jacobians"_a = nb::none())
-        .def_prop_ro("energy_given", &Governor::energy_given)
-        .def_prop_ro("energy_stored", &Governor::energy_stored);
+        .def_prop_ro("energy_given",
+                     [](Governor& g) {
+                         const Use turn(g);
+                         return g.energy_given();
+                     })
+        .def_prop_ro("energy_stored", [](Governor& g) {
+            const Use turn(g);
+            return g.energy_stored();
+        });
 }

@@ -132,13 +132,18 @@ class Controller {
     /// too many changes wait. Throws as the constructor does.
     bool exchange(const std::filesystem::path& fixture, std::size_t which = 0);
     bool exchange(const bundle::Fixture& fixture, std::size_t which = 0);
-    /// Exchanges it for the first fixture of a controller that was made before, and is then spent.
+    /// Exchanges it for the only fixture of a controller that was made before, and is then spent.
+    /// Throws std::invalid_argument for one that was made under weaker demands, or with
+    /// any_tick_time, another period, a larger max_stiffness, or not Search::editable where this
+    /// one has it. Its age was checked when it was made.
     bool exchange(Controller&& other, std::size_t which = 0);
     /// Takes points of a region away and adds others, as Engine::edit and Engine::remake; of
     /// settings with Search::editable.
     bool edit(const std::uint32_t* remove, std::size_t n, const double* add, std::size_t m,
               std::size_t which = 0);
     bool remake(std::size_t which = 0);
+    /// Frees the memory of a region's replaced engines, as the changes above do too.
+    void collect(std::size_t which = 0);
     /// Changes K of a region [N/m]; false where too many changes wait. Throws std::invalid_argument
     /// for one that is out of range, that is larger than the bundle's and than max_stiffness, or
     /// with which the governor would not be passive.

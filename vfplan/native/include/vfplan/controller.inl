@@ -263,6 +263,39 @@ struct ControllerImpl {
         governor_of(stiffness() - old.stiffness() + made.stiffness());
         return old.exchange(std::move(made));
     }
+    /// Throws std::invalid_argument unless the only fixture of this controller has met all that
+    /// another one demands of it.
+    void check_meets(const ControllerImpl& other) const {
+        const auto require = [](bool meets, const char* what) {
+            if (!meets)
+                reject("exchange for a controller that differs in " + std::string(what) +
+                       ". Make it with the demands and settings of the one that takes it.");
+        };
+        const auto is_as_demanded = [](const auto& has, const auto& demanded) {
+            return !demanded || has == demanded;
+        };
+        const auto is_taken = [&](const auto& key) {
+            return std::ranges::find(other.demand.keys, key) != other.demand.keys.end();
+        };
+        const Demand &has = demand, &demanded = other.demand;
+        const bool is_signed = !has.keys.empty();
+        require(demanded.keys.empty() || (is_signed && std::ranges::all_of(has.keys, is_taken)),
+                "keys");
+        require(is_signed || !has.accept_unsigned || demanded.accept_unsigned, "accept_unsigned");
+        require(is_as_demanded(has.case_id, demanded.case_id), "case_id");
+        require(is_as_demanded(has.robot_serial, demanded.robot_serial), "robot_serial");
+        require(!demanded.max_age_s || (has.max_age_s && *has.max_age_s <= *demanded.max_age_s),
+                "max_age_s");
+        require(is_as_demanded(has.tool, demanded.tool), "tool");
+        require(!has.accept_unreviewed || demanded.accept_unreviewed, "accept_unreviewed");
+        require(!has.accept_doubts || demanded.accept_doubts, "accept_doubts");
+        require(!settings.any_tick_time || other.settings.any_tick_time, "any_tick_time");
+        require(settings.governor.period == other.settings.governor.period, "period");
+        require(settings.max_stiffness <= other.settings.max_stiffness, "max_stiffness");
+        require(other.settings.search != Search::editable || settings.search == Search::editable,
+                "search");
+        require(all.parts.size() == 1, "size: it has more fixtures than one");
+    }
     /// Throws std::invalid_argument where it would not be passive.
     Governor governor_of(double stiffness) const {
         GovernorLimits limits = settings.governor;
@@ -434,6 +467,7 @@ VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, s
 }
 VFPLAN_COMPILED_ONCE bool Controller::exchange(Controller&& other, std::size_t which) {
     if (this == &other) reject("exchange of a fixture for itself. Make another controller.");
+    other.impl().check_meets(impl());
     return impl().exchange(std::move(other.impl().all.parts[0]), which);
 }
 VFPLAN_COMPILED_ONCE bool Controller::edit(const std::uint32_t* remove, std::size_t n,
@@ -443,6 +477,7 @@ VFPLAN_COMPILED_ONCE bool Controller::edit(const std::uint32_t* remove, std::siz
 VFPLAN_COMPILED_ONCE bool Controller::remake(std::size_t which) {
     return impl().region(which).remake();
 }
+VFPLAN_COMPILED_ONCE void Controller::collect(std::size_t which) { impl().region(which).collect(); }
 VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
     detail::Rendered& part = impl().part(which);

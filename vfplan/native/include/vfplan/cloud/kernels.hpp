@@ -120,8 +120,8 @@ template <int D>
 inline Kernels<D> kernels{};
 /// Takes the widest loops, where there are none yet; who makes an index of points calls it.
 VFPLAN_COMPILED_ONCE void choose_kernels() noexcept;
-/// For tests, before any tick: takes the loops of another width, or the widest where the processor
-/// lacks it.
+/// For tests, before any tick: takes the loops of another width for all engines of the program, or
+/// the widest where the processor lacks it. Who calls it sets `widest()` again.
 VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept;
 
 }  // namespace vfplan::inline v1
