@@ -11,7 +11,7 @@ from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
 
-from vfplan.figures.replay import MM, plane_basis, shade_episodes
+from vfplan.figures.replay import EPISODE, MM, plane_basis
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.replay import Replay, contact_marks
@@ -93,7 +93,8 @@ def draw_experiment(replayed: Replay, numbers: dict[str, Any], path: Path) -> No
 
     ticks = replayed.ticks
     trial = max(replayed.metrics["episodes"], key=lambda episode: episode["penetration_max_m"])
-    shade_episodes(force, replayed)
+    for episode in replayed.metrics["episodes"]:
+        force.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
     force.axvspan(trial["start_s"], trial["end_s"], color=TRIAL_COLOUR, lw=0, zorder=0)
     for axis, name in enumerate("xyz"):
         force.plot(ticks.time, ticks.force[:, axis], lw=0.8, label=f"$F_{name}$")

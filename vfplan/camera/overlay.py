@@ -30,7 +30,7 @@ from vfplan.io.writing import write_whole
 from vfplan.report.page import document, part
 from vfplan.review import paper
 from vfplan.review.markers import bound95_m
-from vfplan.review.picture import RENDERED_COLOUR
+from vfplan.review.picture import RENDERED
 from vfplan.review.rendered import registration_again, strokes_on_slice
 from vfplan.review.server import HEADERS
 
@@ -117,7 +117,7 @@ class Overlay:
         lines, fixture = self.plan.lines(), self.plan.fixture
         whole = np.vstack(lines or [self.plan.place(fixture.points)])
         self.places = whole[:: -(-len(whole) // BOUND_PLACES)]
-        outlines = [(RENDERED_COLOUR[kind], line) for kind, line in self.plan.outlines()]
+        outlines = [(RENDERED[kind][1], line) for kind, line in self.plan.outlines()]
         self.drawn = [(paper.WHITE, 4, line) for _, line in outlines]
         self.drawn += [(colour, 2, line) for colour, line in outlines]
         self.drawn += [(paper.LINE_COLOUR, 2, line) for line in lines]
