@@ -88,15 +88,6 @@ BEYOND = {False: "edge", True: "wrap"}
 PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
 
 
-def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
-    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
-    from scipy.ndimage import median_filter
-
-    nearby = np.full(len(width), usual)
-    nearby[has_ink] = median_filter(width[has_ink], size=NEARBY_POINTS, mode="nearest")
-    return np.maximum(nearby, usual)
-
-
 def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     from scipy.ndimage import distance_transform_edt
@@ -129,19 +120,6 @@ def past_branches(
             points[run] = CubicSpline(known, points[known])(run)
             passed[run] = True
     return passed
-
-
-def between_branches(joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where other ink joins a ring, with what lies between two such places.
-
-    Where the ends of a ring cross, they enclose a small hole. The ink nearest to the path may be
-    that of either of its sides.
-    """
-    between = joined.copy()
-    for run in runs(~joined, True):
-        if len(run) <= MAX_BRANCH_PX / 2:
-            between[run] = True
-    return between
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,11 +223,18 @@ class SliceInk:
                 has_ink, mass = has_ink & profiles.valid, profiles.mass
                 width = usual * mass
                 offset = profiles.offset(self.found, points, normal, noisy)
+            # A pressed pen grows wide slowly, a branch at once.
+            nearby = np.full(len(width), usual)
+            if has_ink.any():
+                nearby[has_ink] = running_median(width[has_ink], NEARBY_POINTS, "edge")
             # The edges of a branch pull the centre before the width shows it.
-            wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
+            wide = width > tuned.WIDE * np.maximum(nearby, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
-            if closed:
-                joined = between_branches(joined)
+            # Where the ends of a ring cross, they enclose a small hole. The ink nearest to the path
+            # may be that of either of its sides.
+            for run in runs(~joined, True) if closed else ():
+                if len(run) <= MAX_BRANCH_PX / 2:
+                    joined[run] = True
             alone = has_ink & ~joined
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
@@ -281,9 +266,6 @@ class SliceInk:
         """
         normal, places = normals(ring, True), self.bones[0]
         farthest = np.zeros(len(which))
-        if len(which):
-            low, high = ring[which].min(axis=0) - reach_px, ring[which].max(axis=0) + reach_px
-            places = places[((places >= low) & (places <= high)).all(axis=1)]
         for k, number in enumerate(which):
             away = places - ring[number]
             across = np.abs(away @ normal[number])
@@ -421,10 +403,12 @@ class MendedStroke(Stroke):
         arc = arc_lengths(points, False)
         share = np.ones(len(points))
         if middle > 0:
-            share[: middle + 1] = eased(arc[: middle + 1] / arc[middle])
+            share[: middle + 1] = arc[: middle + 1] / arc[middle]
         if middle < len(points) - 1:
             behind = arc[middle:] - arc[middle]
-            share[middle:] = eased(1.0 - behind / behind[-1])
+            share[middle:] = 1.0 - behind / behind[-1]
+        # The quintic smooth step has no slope and no bend at either end.
+        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         drawn = points + share[:, None] * (to - self.points[moved])
         return self._with_stretch(before, after, drawn, ink, knot_at=drawn[middle])
 
@@ -658,8 +642,3 @@ def spread_knots(
     is_knot = np.zeros(len(points), bool)
     is_knot[np.clip(index, 0, len(points) - 1)] = True
     return is_knot
-
-
-def eased(share: NDArray) -> NDArray[np.float64]:
-    """From 0 to 1 with no slope and no bend at either end (the quintic smooth step)."""
-    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
