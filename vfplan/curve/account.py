@@ -297,13 +297,10 @@ def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[F
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
     reach = tuned.END_REACH_GAPS * max_gap_px
     dots = [p for p in leftover if p.is_dot and not p.touches and p.end_distance <= reach]
-    at_end, touching = [], []
-    for piece in leftover:
-        # One dot carries no line on, while several are dashes, or a pen that ran dry.
-        if piece.is_at_end(max_gap_px) or (len(dots) > 1 and piece in dots):
-            at_end.append(piece)
-        elif piece.touches:
-            touching.append(piece)
+    # One dot carries no line on, while several are dashes, or a pen that ran dry.
+    dashes = dots if len(dots) > 1 else []
+    at_end = [p for p in leftover if p.is_at_end(max_gap_px) or p in dashes]
+    touching = [p for p in leftover if p.touches and p not in at_end]
     findings = []
     for piece in at_end[:NAMED]:
         text = (
@@ -343,15 +340,13 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
         if is_around and other.pieces is not line.pieces:
             pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
-            text = (
-                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
-                f"--stroke {number}."
-            )
-            found = finding_at(other.middle, "ink-outweighs", text)
+            way = f"--stroke {number}"
             if len(other.junctions):  # No number takes a line that forks.
-                page = found.text.replace(f"--stroke {number}", "vfplan review IMAGE")
-                found = replace(found, text=page)
-            doubts.append(found)
+                way = "vfplan review IMAGE"
+            text = (
+                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: {way}."
+            )
+            doubts.append(finding_at(other.middle, "ink-outweighs", text))
     share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"

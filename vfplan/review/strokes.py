@@ -401,12 +401,8 @@ class MendedStroke(Stroke):
         points = self.points[run]
         middle = (moved - before) % len(self.points)
         arc = arc_lengths(points, False)
-        share = np.ones(len(points))
-        if middle > 0:
-            share[: middle + 1] = arc[: middle + 1] / arc[middle]
-        if middle < len(points) - 1:
-            behind = arc[middle:] - arc[middle]
-            share[middle:] = 1.0 - behind / behind[-1]
+        ends = middle == 0, 1, middle == len(points) - 1
+        share = np.interp(arc, arc[[0, middle, -1]], ends)
         # The quintic smooth step has no slope and no bend at either end.
         share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         drawn = points + share[:, None] * (to - self.points[moved])
@@ -477,9 +473,7 @@ class MendedStroke(Stroke):
 
     def _near(self, drawn: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Which points of a path lie on the stroke, and which of its points is nearest to each."""
-        from scipy.spatial import cKDTree
-
-        distance, index = cKDTree(self.points).query(drawn)
+        distance, index = _core.nearest(self.points, drawn)
         return distance <= JOIN_PX, index
 
     def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
