@@ -64,6 +64,8 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     assert len(extraction.account) == 1
 
 
+BOXED = picture()
+BOXED[:, 190:230] = 128  # A quarter of the curve lies beyond.
 ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
 
 
@@ -71,11 +73,12 @@ ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
     ("image", "found", "place", "within"),
     [
         (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[580], 4),
+        (BOXED, ["ink-at-end"], (256, 161), 3),
         (picture((CURVE[200:212], 6.0)), ["width-changes"], CURVE[206], 2.8),
         (painted((ALONG_BORDER, 3.0)), ["curve-on-border", "leaves-picture"], (337, 205), 6),
         (picture()[:, 100:], ["leaves-picture"], (0, 166), 1),
     ],
-    ids=["a short line beyond a long gap", "a wider stretch", "along the border", "on the border"],
+    ids=["beyond a long gap", "beyond a box", "a wider stretch", "along the border", "on it"],
 )
 def test_a_finding_lies_where_its_cause_is_seen(image, found, place, within):
     extraction = extract_curve(image)
@@ -93,19 +96,10 @@ def test_dots_in_a_row_from_an_end_are_asked_about():
 
 def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():
     aside = CURVE[-1] + [34.0, 36.0]
-    extraction = extract_curve(picture(([aside, np.add(aside, (12, 38))], 3.0)))
-    assert (codes(extraction), len(extraction.account)) == ([], 1)
     frame = [(8, 8), (331, 8), (331, 291), (8, 291), (8, 8)]
-    extraction = extract_curve(picture((frame, 3.0)))
-    assert (codes(extraction), len(extraction.account)) == ([], 1)
-
-
-def test_a_line_beyond_a_grey_box_is_asked_about():
-    image = picture()
-    image[:, 190:230] = 128  # A quarter of the curve lies beyond.
-    extraction = extract_curve(image)
-    assert codes(extraction) == ["ink-at-end"]
-    assert extraction.findings[0].place_px == pytest.approx((256, 161), abs=3)
+    for other in ([aside, np.add(aside, (12, 38))], frame):
+        extraction = extract_curve(picture((other, 3.0)))
+        assert (codes(extraction), len(extraction.account)) == ([], 1)
 
 
 def test_ink_that_touches_the_line_is_asked_about():

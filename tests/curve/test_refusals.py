@@ -232,11 +232,8 @@ def test_start_and_end_cut_and_turn_the_curve():
 
 
 def test_places_that_no_line_passes_by_are_refused():
-    for places, distance_px in (
-        ({"start": (170, 120)}, 40),
-        ({"start": (40, 80), "end": (300, 220)}, 140),
-    ):
-        error = refusal(TWO_LINES, **places)
+    for start, end, distance_px in (((170, 120), None, 40), ((40, 80), (300, 220), 140)):
+        error = refusal(TWO_LINES, start=start, end=end)
         assert error.code == "place-off-curve"
         assert error.numbers["distance_px"] == pytest.approx(distance_px, abs=1)
     assert refusal(TWO_LINES * 0, start=(40, 80)).code == "image-grey"

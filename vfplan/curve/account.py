@@ -568,10 +568,8 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
     is_line = np.ones(len(ratio), bool)
-    if not curve.closed:
-        first_end, last_end = curve.ends
-        at_profile = np.arange(len(ratio))
-        is_line = (at_profile >= first_end.place) & (at_profile <= last_end.place)
+    for end, inward in zip(curve.ends, (1, -1), strict=False):
+        is_line &= inward * (np.arange(len(ratio)) - end.place) >= 0
     wide, thin = (
         min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
         for flags in (is_wide, ~is_wide & is_line)

@@ -20,18 +20,17 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import tuned
+from vfplan.curve.candidates import box_of, path_through
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import (
-    Array,
     arc_lengths,
     evenly,
     gaussian,
     normals,
-    ring_of,
     running_median,
     runs,
     values_at,
@@ -152,12 +151,12 @@ class SliceInk:
     @cached_property
     def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The pixels (N, 2) of the ink's skeleton, and how wide the ink is at each [px]."""
-        mask = self.found.mask.view(np.uint8)
-        left, top, width, height = cv2.boundingRect(mask)
-        part = np.pad(mask[top : top + height, left : left + width], 1)
-        v, u = np.nonzero(_core.thinned(part.view(bool)))
-        to_paper = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[v, u]
-        return np.column_stack([u + left - 1.0, v + top - 1.0]), 2.0 * to_paper - 0.25
+        if not len(self.found.pixels):
+            return np.zeros((0, 2)), np.zeros(0)
+        box, corner = box_of(self.found.pixels, 1)
+        v, u = np.nonzero(_core.thinned(box))
+        to_paper = cv2.distanceTransform(box.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.column_stack([u, v]) + corner.astype(float), 2.0 * to_paper[v, u] - 0.25
 
     def nearest(
         self, path: NDArray, closed: bool, reach_px: float
@@ -330,26 +329,6 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
     return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
-
-
-def path_through(clicks: NDArray, closed: bool) -> Array:
-    """The cubic spline through places, at about one point a pixel.
-
-    Its parameter is the length of the polygon through the places, as clicks lie unevenly; two
-    places give a straight line.
-    """
-    from scipy.interpolate import CubicSpline
-
-    clicks = np.asarray(clicks, float)
-    if len(clicks) == 2:
-        return evenly(clicks, False)
-    arc = arc_lengths(clicks, closed)
-    ends = "natural" if len(clicks) == 3 else "not-a-knot"
-    if closed:
-        ends = "periodic"
-    spline = CubicSpline(arc, ring_of(clicks, closed), bc_type=ends)
-    dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
-    return evenly(dense[: len(dense) - closed], closed)
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
