@@ -64,10 +64,26 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     assert len(extraction.account) == 1
 
 
-def test_a_short_line_beyond_a_gap_of_more_than_twice_its_length_is_asked_about():
-    extraction = extract_curve(painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)))
-    assert codes(extraction) == ["ink-at-end"]
-    assert extraction.findings[0].place_px == pytest.approx(CURVE[580], abs=4)
+BOXED = picture()
+BOXED[:, 190:230] = 128  # A quarter of the curve lies beyond.
+ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
+
+
+@pytest.mark.parametrize(
+    ("image", "found", "place", "within"),
+    [
+        (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[580], 4),
+        (BOXED, ["ink-at-end"], (256, 161), 3),
+        (picture((CURVE[200:212], 6.0)), ["width-changes"], CURVE[206], 2.8),
+        (painted((ALONG_BORDER, 3.0)), ["curve-on-border", "leaves-picture"], (337, 205), 6),
+        (picture()[:, 100:], ["leaves-picture"], (0, 166), 1),
+    ],
+    ids=["beyond a long gap", "beyond a box", "a wider stretch", "along the border", "on it"],
+)
+def test_a_finding_lies_where_its_cause_is_seen(image, found, place, within):
+    extraction = extract_curve(image)
+    assert codes(extraction) == found
+    assert extraction.findings[0].place_px == pytest.approx(place, abs=within)
 
 
 def test_dots_in_a_row_from_an_end_are_asked_about():
@@ -80,19 +96,10 @@ def test_dots_in_a_row_from_an_end_are_asked_about():
 
 def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():
     aside = CURVE[-1] + [34.0, 36.0]
-    extraction = extract_curve(picture(([aside, np.add(aside, (12, 38))], 3.0)))
-    assert (codes(extraction), len(extraction.account)) == ([], 1)
     frame = [(8, 8), (331, 8), (331, 291), (8, 291), (8, 8)]
-    extraction = extract_curve(picture((frame, 3.0)))
-    assert (codes(extraction), len(extraction.account)) == ([], 1)
-
-
-def test_a_line_beyond_a_grey_box_is_asked_about():
-    image = picture()
-    image[:, 190:230] = 128  # A quarter of the curve lies beyond.
-    extraction = extract_curve(image)
-    assert codes(extraction) == ["ink-at-end"]
-    assert extraction.findings[0].place_px == pytest.approx((256, 161), abs=3)
+    for other in ([aside, np.add(aside, (12, 38))], frame):
+        extraction = extract_curve(picture((other, 3.0)))
+        assert (codes(extraction), len(extraction.account)) == ([], 1)
 
 
 def test_ink_that_touches_the_line_is_asked_about():
@@ -156,26 +163,12 @@ def test_each_bridge_is_told_and_one_that_is_long_or_near_an_end_is_asked_about(
     assert np.count_nonzero(extraction.strokes[0].bridged) == entry.pixels
 
 
-def test_a_sudden_change_of_width_is_asked_about():
-    extraction = extract_curve(picture((CURVE[200:212], 6.0)))
-    assert codes(extraction) == ["width-changes"]
-    # The place lies within the wider stretch.
-    assert np.hypot(*(CURVE[206] - extraction.findings[0].place_px)) < 4
-
-
 def test_a_change_of_width_is_asked_about_in_the_point_of_a_pen_that_was_drawn_out():
     canvas = Canvas(flat(SHAPE), "exact")
     canvas.pressed(CURVE, np.minimum(4.0, 0.03 * np.arange(600, 0, -1) + 0.4), RED)
     found = extract_curve(canvas.image()).findings
     places = [finding.place_px for finding in found if finding.code == "width-changes"]
     assert [place[0] > CURVE[450, 0] for place in places] == [True]
-
-
-def test_a_line_along_the_border_is_no_second_run_and_is_asked_about_there():
-    curve = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
-    extraction = extract_curve(painted((curve, 3.0)))
-    assert codes(extraction) == ["curve-on-border", "leaves-picture"]
-    assert extraction.findings[0].place_px == pytest.approx((337, 205), abs=6)
 
 
 def test_faint_ink_that_is_listed_is_asked_about_once():
@@ -254,12 +247,6 @@ def test_what_was_cut_off_is_not_asked_about():
     image = picture(([start, np.add(start, (20, 0))], 8.0))
     assert codes(extract_curve(image, max_gap_px=10)) == ["ink-at-end"]
     assert codes(extract_curve(image, max_gap_px=10, end=(220, 173))) == []
-
-
-def test_an_end_on_the_border_is_asked_about_once():
-    extraction = extract_curve(picture()[:, 100:])
-    assert codes(extraction) == ["leaves-picture"]
-    assert extraction.findings[0].place_px[0] == pytest.approx(0, abs=1)
 
 
 @pytest.mark.parametrize("slope", [40, 60])

@@ -33,6 +33,16 @@ def paint(*curves, width=3.0, colour=RED, closed=False):
 TWO_LINES = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
 
 
+BOWED = line(40, 150, 300, 150, 30)
+
+
+def pressed(widths):
+    """What is found of a line whose pen has another width at each point."""
+    canvas = Canvas(flat(SHAPE), "exact")
+    canvas.pressed(BOWED, widths, RED)
+    return extract_curve(canvas.image())
+
+
 def refusal(image, **options):
     with pytest.raises(CurveError) as refused:
         extract_curve(image, **options)
@@ -108,64 +118,50 @@ def test_a_wider_gap_is_advised_only_where_it_joins_the_lines(second, max_gap, a
         assert len(extract_curve(image, max_gap_px=float(longer[1])).strokes) == 1
 
 
-def test_a_fork_names_its_place():
-    error = refusal(paint(line(40, 150, 300, 150), line(170, 150, 250, 60)))
-    assert error.code == "line-forks"
-    place = error.numbers["u_px"], error.numbers["v_px"]
-    assert np.hypot(*np.subtract(place, (170, 150))) < 6
-    assert error.where == f"pixel ({place[0]:.0f}, {place[1]:.0f})"
-    assert "vfplan review IMAGE" in error.message
-
-
-def test_a_line_that_crosses_itself():
+def test_a_fork_and_a_crossing_name_their_place():
     turn = np.linspace(0, 2 * np.pi, 1200)
     eight = np.column_stack([170 + 100 * np.sin(turn), 150 + 70 * np.sin(2 * turn)])
-    error = refusal(paint(eight))
-    assert error.code == "line-forks"
-    assert np.hypot(error.numbers["u_px"] - 170, error.numbers["v_px"] - 150) < 6
+    for image in (paint(eight), paint(line(40, 150, 300, 150), line(170, 150, 250, 60))):
+        error = refusal(image)
+        assert error.code == "line-forks"
+        place = error.numbers["u_px"], error.numbers["v_px"]
+        assert np.hypot(*np.subtract(place, (170, 150))) < 6
+        assert error.where == f"pixel ({place[0]:.0f}, {place[1]:.0f})"
+        assert "vfplan review IMAGE" in error.message
 
 
 def test_runs_side_by_side():
-    curve = line(40, 150, 300, 150, 30)
-    beside = np.add(curve[200:420], (0.0, 3.0))
-    error = refusal(paint(curve, beside))
+    image = paint(BOWED, np.add(BOWED[200:420], (0.0, 3.0)))
+    error = refusal(image)
     assert error.code == "runs-side-by-side"
     assert error.numbers["width_ratio"] > 1.5
     assert 100 < error.numbers["u_px"] < 250
-    assert len(extract_curve(paint(curve, beside), accept_width=True).strokes) == 1
+    assert len(extract_curve(image, accept_width=True).strokes) == 1
 
 
 def test_a_pressed_pen_is_no_second_run():
-    canvas = Canvas(flat(SHAPE), "exact")
-    curve = line(40, 150, 300, 150, 30)
-    canvas.pressed(curve, 4.0 * (1 + 0.4 * np.sin(6 * np.pi * T)), RED)
-    assert extract_curve(canvas.image()).findings == ()
+    assert pressed(4.0 * (1 + 0.4 * np.sin(6 * np.pi * T))).findings == ()
 
 
 @pytest.mark.parametrize("rise_px", [40, 60])
 def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about(rise_px):
-    canvas, arc = Canvas(flat(SHAPE), "exact"), 260 * T
-    width = 3 + 3 * (np.clip((arc - 60) / rise_px, 0, 1) - np.clip((arc - 150) / rise_px, 0, 1))
-    canvas.pressed(line(40, 150, 300, 150, 30), width, RED)
-    (finding,) = extract_curve(canvas.image()).findings
+    up, down = (np.clip((260 * T - start) / rise_px, 0, 1) for start in (60, 150))
+    (finding,) = pressed(3 + 3 * (up - down)).findings
     assert (finding.code, finding.severity) == ("width-changes", "doubt")
     assert 100 < finding.place_px[0] < 250
 
 
 @pytest.mark.parametrize("widths", [(2.2, 4.8), (6.0, 3.0), (6.5, 2.0)])
 def test_a_pen_that_is_pressed_more_and_more_is_measured_and_asked_about(widths):
-    canvas, curve = Canvas(flat(SHAPE), "exact"), line(40, 150, 300, 150, 30)
-    canvas.pressed(curve, np.linspace(*widths, len(curve)), RED)
-    extraction = extract_curve(canvas.image())
+    extraction = pressed(np.linspace(*widths, len(T)))
     assert "width-changes" in [finding.code for finding in extraction.findings]
-    errors = normal_errors(extraction.strokes[0].points, curve, False)
+    errors = normal_errors(extraction.strokes[0].points, BOWED, False)
     assert np.abs(errors[8:-8]).max() < 0.2
 
 
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])
 def test_a_valley_between_two_lines_is_a_double_line(apart):
-    curve = line(40, 150, 300, 150, 30)
-    error = refusal(paint(curve, np.add(curve, (0.0, apart)), width=2.0))
+    error = refusal(paint(BOWED, np.add(BOWED, (0.0, apart)), width=2.0))
     assert error.code == "double-line"
     assert error.numbers["dip"] > 0.12
 
@@ -180,7 +176,7 @@ def test_more_pieces_than_anybody_draws():
 
 
 def test_a_cover_that_is_longer_than_the_longest_bridged():
-    image = paint(line(40, 150, 300, 150, 30))
+    image = paint(BOWED)
     cv2.rectangle(image, (150, 120), (190, 220), (0, 200, 60), -1)
     error = refusal(image)
     assert error.code in ("bridge-too-long", "several-candidates")
@@ -236,11 +232,8 @@ def test_start_and_end_cut_and_turn_the_curve():
 
 
 def test_places_that_no_line_passes_by_are_refused():
-    for places, distance_px in (
-        ({"start": (170, 120)}, 40),
-        ({"start": (40, 80), "end": (300, 220)}, 140),
-    ):
-        error = refusal(TWO_LINES, **places)
+    for start, end, distance_px in (((170, 120), None, 40), ((40, 80), (300, 220), 140)):
+        error = refusal(TWO_LINES, start=start, end=end)
         assert error.code == "place-off-curve"
         assert error.numbers["distance_px"] == pytest.approx(distance_px, abs=1)
     assert refusal(TWO_LINES * 0, start=(40, 80)).code == "image-grey"

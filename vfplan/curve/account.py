@@ -200,9 +200,11 @@ def list_account(
     rows: list[tuple] = [
         (len(piece.places), piece.middle, piece.size, "ink", piece) for piece in leftover
     ]
-    for curve in curves:
-        for what, run in _stretches(curve):
-            rows.append((len(run), curve.points[_middle(run)], float(len(run)), what, None))
+    rows += [
+        (len(run), curve.points[_middle(run)], float(len(run)), what)
+        for curve in curves
+        for what, run in _stretches(curve)
+    ]
     rows.sort(key=lambda row: (-row[0], *row[1]))
     total = max(len(ink.pixels), 1)
     return tuple(
@@ -246,7 +248,7 @@ def end_findings(
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
-        if is_at_cover(ink, point, heading, curve.width):
+        if is_at_cover(ink, point, heading, curve.width, to_border):
             text = "the curve ends where an even grey begins. Does it hide more of the curve?"
             findings.append(finding_at(point, "end-other-colour", text))
         is_listed = any(
@@ -262,10 +264,11 @@ def end_findings(
     return findings
 
 
-def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
+def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float, to_border: float) -> bool:
     """Whether a line ends where a grey begins that is more even than the ground beside it.
 
     heading: (2,) in which the line would go on
+    to_border: from the end to the picture's border [px]
     """
     onward = heading / max(np.hypot(*heading), 1e-9)
     across = np.array([-onward[1], onward[0]])
@@ -277,8 +280,7 @@ def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float) -> bool:
         )
         for way, aside in ((onward, across), (across - onward, onward), (-across - onward, onward))
     )
-    reach = out[-1] + tuned.COVER_PX
-    if min(*end, *(ink.size - 1 - end)) <= reach:
+    if to_border <= out[-1] + tuned.COVER_PX:
         return False
     rough = [float(ground.std()) for ground in beside]
     step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
@@ -295,13 +297,10 @@ def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[F
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
     reach = tuned.END_REACH_GAPS * max_gap_px
     dots = [p for p in leftover if p.is_dot and not p.touches and p.end_distance <= reach]
-    at_end, touching = [], []
-    for piece in leftover:
-        # One dot carries no line on, while several are dashes, or a pen that ran dry.
-        if piece.is_at_end(max_gap_px) or (len(dots) > 1 and piece in dots):
-            at_end.append(piece)
-        elif piece.touches:
-            touching.append(piece)
+    # One dot carries no line on, while several are dashes, or a pen that ran dry.
+    dashes = dots if len(dots) > 1 else []
+    at_end = [p for p in leftover if p.is_at_end(max_gap_px) or p in dashes]
+    touching = [p for p in leftover if p.touches and p not in at_end]
     findings = []
     for piece in at_end[:NAMED]:
         text = (
@@ -341,15 +340,13 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
         if is_around and other.pieces is not line.pieces:
             pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
-            text = (
-                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: "
-                f"--stroke {number}."
-            )
-            found = finding_at(other.middle, "ink-outweighs", text)
+            way = f"--stroke {number}"
             if len(other.junctions):  # No number takes a line that forks.
-                page = found.text.replace(f"--stroke {number}", "vfplan review IMAGE")
-                found = replace(found, text=page)
-            doubts.append(found)
+                way = "vfplan review IMAGE"
+            text = (
+                f"line {number} has {times:.1f} times the ink of the curve. If it is meant: {way}."
+            )
+            doubts.append(finding_at(other.middle, "ink-outweighs", text))
     share = line.ink_px / pen_px
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
@@ -405,12 +402,10 @@ def join_findings(
     """
     findings = []
     for piece in leftover:
-        is_known = False
-        for finding in known:
-            of_ink = finding.code in ("ink-touches", "ink-at-end")
-            places = piece.middle[None] if of_ink else piece.places
-            is_known |= np.abs(places - finding.place_px).max(1).min() < 0.6
-        if is_known:
+        middle = piece.middle[None]
+        places = {"ink-touches": middle, "ink-at-end": middle}
+        away = [np.abs(places.get(f.code, piece.places) - f.place_px).max(1).min() for f in known]
+        if min(away, default=np.inf) < 0.6:
             continue
         if piece.touches:
             where = "joins the curve"
@@ -482,7 +477,14 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         is_fold &= cosine > np.sqrt(0.5)
         is_folded[earlier[is_fold]] = True
         earlier, later = earlier[is_steep], later[is_steep]
-        is_crossed[earlier[do_cross(points, steps, earlier, later)]] = True
+        # As complex numbers, of which the product has the area that two steps span.
+        between, first, second = (
+            rows @ [1, 1j]
+            for rows in (points[later] - points[earlier], steps[earlier], steps[later])
+        )
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = (np.conj(between) * [second, first]).imag / (np.conj(first) * second).imag
+        is_crossed[earlier[((shares >= 0) & (shares < 1)).all(axis=0)]] = True
     findings = []
     is_near_fold = windows(is_folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
     for run in runs(is_near_fold, False):
@@ -500,17 +502,6 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         text = f"the curve crosses itself here{more}. Is it meant to?"
         findings.append(finding_at(places[0], "curve-crosses", text))
     return findings
-
-
-def do_cross(points: NDArray, steps: NDArray, one: NDArray, other: NDArray) -> Flags:
-    """Whether the step from each point `one` crosses the step from the point `other`."""
-    # As complex numbers, of which the product has the area that two steps span.
-    between, first, second = (
-        rows @ [1, 1j] for rows in (points[other] - points[one], steps[one], steps[other])
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        shares = (np.conj(between) * [second, first]).imag / (np.conj(first) * second).imag
-    return ((shares >= 0) & (shares < 1)).all(axis=0)
 
 
 def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:
@@ -546,18 +537,13 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
         is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
         is_near_end &= length > tuned.FLANK_PX
-        if reason == "hidden" and is_long:
-            text = f"{carried} Does it run as drawn here?"
-            findings.append(finding_at(place, "stretch-hidden", text))
-        elif reason == "hidden" and not curve.bridged[run].any():
-            continue
-        elif is_near_end and reason != "hidden":
+        if is_near_end and reason != "hidden":
             text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:
-            text = f"{carried} Does it run as drawn here?"
-            findings.append(finding_at(place, "bridge-long", text))
-        else:
+            code = "stretch-hidden" if reason == "hidden" else "bridge-long"
+            findings.append(finding_at(place, code, f"{carried} Does it run as drawn here?"))
+        elif reason != "hidden" or curve.bridged[run].any():
             findings.append(finding_at(place, "bridge", carried, note))
     return findings
 
@@ -582,10 +568,8 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
     is_line = np.ones(len(ratio), bool)
-    if not curve.closed:
-        first_end, last_end = curve.ends
-        at_profile = np.arange(len(ratio))
-        is_line = (at_profile >= first_end.place) & (at_profile <= last_end.place)
+    for end, inward in zip(curve.ends, (1, -1), strict=False):
+        is_line &= inward * (np.arange(len(ratio)) - end.place) >= 0
     wide, thin = (
         min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
         for flags in (is_wide, ~is_wide & is_line)
@@ -618,19 +602,13 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
     at = np.arange(len(expected))
-    turn = _turn_deg(curve)
+    ahead = np.gradient(curve.path, axis=0)
+    turn = choose.change_nearby(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
     for end in curve.ends:
         distance = np.abs(at - end.place)
         expected |= distance < curve.width / 2
         fall = distance < end.fall + curve.width / 2
         # A letter turns off, a drawn out pen goes on.
-        if turn[fall].max(initial=0.0) < tuned.MAX_TURN_DEG:
+        if np.degrees(turn[fall].max(initial=0.0)) < tuned.MAX_TURN_DEG:
             expected |= fall
     return windows(expected, tuned.SUDDEN_PX + 1).any(axis=1)
-
-
-def _turn_deg(curve: MeasuredStroke) -> Array:
-    """(M,) degrees by which the line turns over a short stretch around each point."""
-    ahead = np.gradient(curve.path, axis=0)
-    heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
-    return np.degrees(choose.change_nearby(heading))

@@ -311,12 +311,31 @@ def find_candidates(pieces: list[Candidate], max_gap_px: float) -> list[Candidat
     return sorted(long, key=lambda line: (-line.length, *line.path[0]))
 
 
+def path_through(clicks: NDArray, closed: bool) -> Array:
+    """The cubic spline through places, at about one point a pixel.
+
+    Its parameter is the length of the polygon through the places, as clicks lie unevenly; two
+    places give a straight line.
+    """
+    from scipy.interpolate import CubicSpline
+
+    clicks = np.asarray(clicks, float)
+    if len(clicks) == 2:
+        return evenly(clicks, False)
+    arc = arc_lengths(clicks, closed)
+    ends = "natural" if len(clicks) == 3 else "not-a-knot"
+    if closed:
+        ends = "periodic"
+    spline = CubicSpline(arc, ring_of(clicks, closed), bc_type=ends)
+    dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
+    return evenly(dense[: len(dense) - closed], closed)
+
+
 def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     """The line through the middles of dots in a row; `None` where the pen drew none.
 
     Its deviation is that of a hand which sets dots on a line.
     """
-    from scipy.interpolate import CubicSpline
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
     from scipy.spatial.distance import cdist
 
@@ -342,11 +361,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     if not is_row or spacing < np.median(sides[is_dot]):
         return None
     closed = bool(apart[start, stop] <= tuned.ALIKE * spacing)
-    row = ring_of(places[path], closed)
-    arc = arc_lengths(row, False)
-    spline = CubicSpline(arc, row, bc_type="periodic" if closed else "not-a-knot")
-    points = evenly(spline(np.linspace(0.0, arc[-1], 4 * round(arc[-1]))), False)
-    points = points[:-1] if closed else points
+    points = path_through(places[path], closed)
     sigma = np.full(len(points), DOT_SIGMA_PX)
     return Stroke(points, closed, sigma, width=float(np.sqrt(4 * size / np.pi)))
 
@@ -417,9 +432,9 @@ def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tu
     across = other.path[other_end] - one.path[end]
     # An end may lie two pixels off its line, which is a large angle over a short gap.
     slack = np.degrees(np.arctan2(tuned.FLANK_PX, np.hypot(*across)))
-    turn = max(_angle_deg(one.tangent(end), across) - slack, 0.0)
-    other_turn = max(_angle_deg(other.tangent(other_end), -across) - slack, 0.0)
-    return turn, other_turn
+    cosines = np.array([one.tangent(end), -other.tangent(other_end)]) @ across
+    turns = np.degrees(np.arccos(np.clip(cosines / max(np.hypot(*across), 1e-9), -1, 1)))
+    return tuple((turns - slack).clip(0.0).tolist())
 
 
 def strength_along(ink: Ink, path: NDArray) -> float:
@@ -431,11 +446,6 @@ def strength_along(ink: Ink, path: NDArray) -> float:
 def _same_pen(one: Candidate, other: Candidate) -> bool:
     pairs = (one.width, other.width), (one.strength, other.strength)
     return all(1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE for x, y in pairs)
-
-
-def _angle_deg(a: NDArray, b: NDArray) -> float:
-    cosine = a @ b / max(np.hypot(*a) * np.hypot(*b), 1e-9)
-    return float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> list[Candidate]:

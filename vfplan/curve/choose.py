@@ -133,27 +133,20 @@ def _several_error(
         f"of the picture with --roi: {listed}"
     )
     numbers: dict[str, Any] = {"candidates": len(candidates)}
-    nearest = _nearest_ends(candidates[:DESCRIBED])
-    if nearest is not None:
-        gap, pair, (u, v) = nearest
+    open_lines = [line for line in candidates[:DESCRIBED] if line.may_go_on]
+    ends = product(combinations(open_lines, 2), product((0, -1), repeat=2))
+    gaps = [(gap_px(one, end, other, at), one, end, other, at) for (one, other), (end, at) in ends]
+    if gaps:
+        gap, one, end, other, at = min(gaps, key=lambda found: found[0])
+        u, v = (one.path[end] + other.path[at]) / 2
         message += f". Two of them end {gap:.0f} px apart at ({u:z.0f}, {v:z.0f})"
         longer_px = float(np.ceil(gap))
-        if gap > max_gap_px and len(find_candidates(pair, longer_px)) == 1:
+        if gap > max_gap_px and len(find_candidates([one, other], longer_px)) == 1:
             message += f"; --max-gap {longer_px:.0f} joins them"
         numbers |= {"gap_px": gap, "u_px": float(u), "v_px": float(v)}
     error = CurveError(f"{message}.", code="several-candidates", numbers=numbers)
     error.candidates = tuple(line.path for line in candidates)
     return error
-
-
-def _nearest_ends(lines: list[Candidate]) -> tuple[float, list[Candidate], Array] | None:
-    """The shortest gap between ends of two lines, the two lines, and its middle."""
-    gaps = []
-    for one, other in combinations([line for line in lines if line.may_go_on], 2):
-        for end, other_end in product((0, -1), repeat=2):
-            middle = (one.path[end] + other.path[other_end]) / 2
-            gaps.append((gap_px(one, end, other, other_end), [one, other], middle))
-    return min(gaps, key=lambda gap: gap[0], default=None)
 
 
 def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:

@@ -84,26 +84,21 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
 
 def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
     """The curve through those of its points, in this order."""
-    return replace(
-        curve,
-        points=curve.points[keep],
-        sigma=curve.sigma[keep],
-        bridged=curve.bridged[keep],
-        hidden=curve.hidden[keep],
-    )
+    names = ("points", "sigma", "bridged", "hidden")
+    return replace(curve, **{name: getattr(curve, name)[keep] for name in names})
 
 
 def without_cut_off(
     findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
 ) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
-
-    def is_left(place: Place) -> bool:
-        return place is None or (
-            _distance(cut.points, place) <= _distance(curve.points, place) + 1.0
-        )
-
-    return [finding for finding in findings if is_left(finding.place_px)]
+    return [
+        finding
+        for finding in findings
+        if finding.place_px is None
+        or _distance(cut.points, finding.place_px)
+        <= _distance(curve.points, finding.place_px) + 1.0
+    ]
 
 
 def _index(curve: MeasuredStroke, place: Place, option: str) -> int:

@@ -20,18 +20,17 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import tuned
+from vfplan.curve.candidates import box_of, path_through
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import (
-    Array,
     arc_lengths,
     evenly,
     gaussian,
     normals,
-    ring_of,
     running_median,
     runs,
     values_at,
@@ -88,15 +87,6 @@ BEYOND = {False: "edge", True: "wrap"}
 PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
 
 
-def usual_nearby(width: NDArray, has_ink: NDArray[np.bool_], usual: float) -> NDArray[np.float64]:
-    """(M,) the line's usual width nearby: a pressed pen grows wide slowly, a branch at once."""
-    from scipy.ndimage import median_filter
-
-    nearby = np.full(len(width), usual)
-    nearby[has_ink] = median_filter(width[has_ink], size=NEARBY_POINTS, mode="nearest")
-    return np.maximum(nearby, usual)
-
-
 def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     from scipy.ndimage import distance_transform_edt
@@ -131,19 +121,6 @@ def past_branches(
     return passed
 
 
-def between_branches(joined: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where other ink joins a ring, with what lies between two such places.
-
-    Where the ends of a ring cross, they enclose a small hole. The ink nearest to the path may be
-    that of either of its sides.
-    """
-    between = joined.copy()
-    for run in runs(~joined, True):
-        if len(run) <= MAX_BRANCH_PX / 2:
-            between[run] = True
-    return between
-
-
 @dataclass(frozen=True, eq=False)
 class SliceInk:
     """The pen's ink on one slice.
@@ -174,12 +151,12 @@ class SliceInk:
     @cached_property
     def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The pixels (N, 2) of the ink's skeleton, and how wide the ink is at each [px]."""
-        mask = self.found.mask.view(np.uint8)
-        left, top, width, height = cv2.boundingRect(mask)
-        part = np.pad(mask[top : top + height, left : left + width], 1)
-        v, u = np.nonzero(_core.thinned(part.view(bool)))
-        to_paper = cv2.distanceTransform(part, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[v, u]
-        return np.column_stack([u + left - 1.0, v + top - 1.0]), 2.0 * to_paper - 0.25
+        if not len(self.found.pixels):
+            return np.zeros((0, 2)), np.zeros(0)
+        box, corner = box_of(self.found.pixels, 1)
+        v, u = np.nonzero(_core.thinned(box))
+        to_paper = cv2.distanceTransform(box.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        return np.column_stack([u, v]) + corner.astype(float), 2.0 * to_paper[v, u] - 0.25
 
     def nearest(
         self, path: NDArray, closed: bool, reach_px: float
@@ -245,11 +222,18 @@ class SliceInk:
                 has_ink, mass = has_ink & profiles.valid, profiles.mass
                 width = usual * mass
                 offset = profiles.offset(self.found, points, normal, noisy)
+            # A pressed pen grows wide slowly, a branch at once.
+            nearby = np.full(len(width), usual)
+            if has_ink.any():
+                nearby[has_ink] = running_median(width[has_ink], NEARBY_POINTS, "edge")
             # The edges of a branch pull the centre before the width shows it.
-            wide = width > tuned.WIDE * usual_nearby(width, has_ink, usual) + tuned.STEP_PX
+            wide = width > tuned.WIDE * np.maximum(nearby, usual) + tuned.STEP_PX
             joined = has_ink & binary_dilation(has_ink & wide, iterations=max(1, round(usual)))
-            if closed:
-                joined = between_branches(joined)
+            # Where the ends of a ring cross, they enclose a small hole. The ink nearest to the path
+            # may be that of either of its sides.
+            for run in runs(~joined, True) if closed else ():
+                if len(run) <= MAX_BRANCH_PX / 2:
+                    joined[run] = True
             alone = has_ink & ~joined
             if alone.sum() < tuned.MIN_PROFILES:
                 return drawn_by_hand(path, closed)
@@ -281,9 +265,6 @@ class SliceInk:
         """
         normal, places = normals(ring, True), self.bones[0]
         farthest = np.zeros(len(which))
-        if len(which):
-            low, high = ring[which].min(axis=0) - reach_px, ring[which].max(axis=0) + reach_px
-            places = places[((places >= low) & (places <= high)).all(axis=1)]
         for k, number in enumerate(which):
             away = places - ring[number]
             across = np.abs(away @ normal[number])
@@ -350,26 +331,6 @@ def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool
     return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
 
 
-def path_through(clicks: NDArray, closed: bool) -> Array:
-    """The cubic spline through places, at about one point a pixel.
-
-    Its parameter is the length of the polygon through the places, as clicks lie unevenly; two
-    places give a straight line.
-    """
-    from scipy.interpolate import CubicSpline
-
-    clicks = np.asarray(clicks, float)
-    if len(clicks) == 2:
-        return evenly(clicks, False)
-    arc = arc_lengths(clicks, closed)
-    ends = "natural" if len(clicks) == 3 else "not-a-knot"
-    if closed:
-        ends = "periodic"
-    spline = CubicSpline(arc, ring_of(clicks, closed), bc_type=ends)
-    dense = spline(np.linspace(0.0, arc[-1], 4 * max(2, round(arc[-1])) + 1))
-    return evenly(dense[: len(dense) - closed], closed)
-
-
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
     """Which point is nearest to a place, and how far off it is [px]."""
     distance = np.hypot(*(points - np.asarray(place, float)).T)
@@ -419,12 +380,10 @@ class MendedStroke(Stroke):
         points = self.points[run]
         middle = (moved - before) % len(self.points)
         arc = arc_lengths(points, False)
-        share = np.ones(len(points))
-        if middle > 0:
-            share[: middle + 1] = eased(arc[: middle + 1] / arc[middle])
-        if middle < len(points) - 1:
-            behind = arc[middle:] - arc[middle]
-            share[middle:] = eased(1.0 - behind / behind[-1])
+        ends = middle == 0, 1, middle == len(points) - 1
+        share = np.interp(arc, arc[[0, middle, -1]], ends)
+        # The quintic smooth step has no slope and no bend at either end.
+        share = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
         drawn = points + share[:, None] * (to - self.points[moved])
         return self._with_stretch(before, after, drawn, ink, knot_at=drawn[middle])
 
@@ -493,9 +452,7 @@ class MendedStroke(Stroke):
 
     def _near(self, drawn: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Which points of a path lie on the stroke, and which of its points is nearest to each."""
-        from scipy.spatial import cKDTree
-
-        distance, index = cKDTree(self.points).query(drawn)
+        distance, index = _core.nearest(self.points, drawn)
         return distance <= JOIN_PX, index
 
     def redraw(self, drawn: NDArray, ink: SliceInk | None) -> MendedStroke:
@@ -658,8 +615,3 @@ def spread_knots(
     is_knot = np.zeros(len(points), bool)
     is_knot[np.clip(index, 0, len(points) - 1)] = True
     return is_knot
-
-
-def eased(share: NDArray) -> NDArray[np.float64]:
-    """From 0 to 1 with no slope and no bend at either end (the quintic smooth step)."""
-    return share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
