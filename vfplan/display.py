@@ -72,11 +72,6 @@ def micrometres(metres: float | None, decimals: int = 2) -> str:
     return _scaled(metres, 1e6, decimals, "µm")
 
 
-def millijoules(joules: float | None) -> str:
-    """An energy [J] in millijoules, e.g. "2.4431 mJ"; "unknown" for `None`."""
-    return _scaled(joules, 1e3, 4, "mJ")
-
-
 def command_of(*words: str | Path) -> str:
     """A `vfplan` command, to be pasted; a file whose name begins like an option gets its folder."""
     parts = [f"./{word}" if str(word).startswith("-") and isinstance(word, Path) else str(word)

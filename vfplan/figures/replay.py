@@ -65,8 +65,8 @@ def scene(replayed: Replay) -> Figure:
     ticks, fixture = replayed.ticks, replayed.fixture
     axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
     basis = np.eye(3) if axis is None else plane_basis(axis)
-    cloud = MM * fixture.points @ basis
-    names = dict(zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False))
+    cloud, hip, proxy = (MM * places @ basis for places in (fixture.points, ticks.hip, ticks.proxy))
+    names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
         arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
@@ -75,8 +75,7 @@ def scene(replayed: Replay) -> Figure:
         tube = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
         around = max(3 * radius, 2 * tube)
         low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
-        hip = MM * ticks.hip @ basis
-        path = np.vstack([hip, MM * ticks.proxy @ basis, low, high])
+        path = np.vstack([hip, proxy, low, high])
         ends = path.min(axis=0) - radius, path.max(axis=0) + radius
         if (ends[1] - ends[0]).max() <= MAX_TIMES_FIXTURE * (high - low).max():
             low, high = ends
@@ -93,8 +92,8 @@ def scene(replayed: Replay) -> Figure:
             draw_tube(axes, fixture, basis)
     label = f"fixture, {len(fixture.points)} points"
     axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
-    axes.plot(*(MM * ticks.hip @ basis).T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
-    axes.plot(*(MM * ticks.proxy @ basis).T, lw=0.9, color=PROXY, label="proxy", zorder=4)
+    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+    axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     # A tube has no contact circle.
     if fixture.region is not None:
         marks = contact_marks(ticks, MARK_HZ)
@@ -103,7 +102,7 @@ def scene(replayed: Replay) -> Figure:
         label = f"contact circle, {MARK_HZ:g} Hz"
         axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
         axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
-    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names.items()})
+    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 

@@ -54,8 +54,6 @@ def outline_along(points: Array, distance: float, *, closed: bool = False) -> li
     return [ring_of(contour[:, 0] / FINE + corner, closed=True) for contour in contours]
 
 
-OTHER_INK = PROXY
-
 # Width [px of the picture] of the largest slice: two pages side by side.
 MAX_WIDTH_PX = 2 * WIDTH_PX
 
@@ -230,7 +228,7 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
             continue
         half = entry.size_px / 2 + 3
         corner = entry.u - half, entry.v - half
-        look = {"fill": False, "ec": OTHER_INK, "lw": 1.2, "ls": "--", "label": "other ink"}
+        look = {"fill": False, "ec": PROXY, "lw": 1.2, "ls": "--", "label": "other ink"}
         axes.add_patch(Rectangle(corner, 2 * half, 2 * half, path_effects=HALO, **look))
-        words = {"color": OTHER_INK, "fontsize": "small", "va": "bottom", "clip_on": True}
+        words = {"color": PROXY, "fontsize": "small", "va": "bottom", "clip_on": True}
         axes.text(*corner, str(entry.number), path_effects=HALO, **words)

@@ -159,11 +159,6 @@ class Paper:
         """(PAGE_HEIGHT, PAGE_WIDTH, 3) the last page, red first."""
         return self._pages[-1]
 
-    def part(self, box: Box) -> Pixels:
-        """The pixels of a box on the last page."""
-        y, x = round(box.y), round(box.x)
-        return self.canvas[y : y + round(box.height), x : x + round(box.width)]
-
     def text(
         self, x: float, y: float, words: str, style: Style = BODY, colour: Colour = BLACK,
         page: int = -1,
@@ -249,17 +244,15 @@ def _font(points: float, bold: bool) -> Any:
 
 
 def fixed_point(points: Array) -> NDArray[np.int32]:
-    """(N, 1, 2) points on a page as OpenCV's drawing functions take them with `SHIFT`."""
-    return np.rint(np.reshape(points, (-1, 1, 2)) * (1 << SHIFT)).astype(np.int32)
+    """Points on a page as OpenCV's drawing functions take them with `SHIFT`."""
+    return np.rint(np.multiply(points, 1 << SHIFT)).astype(np.int32)
 
 
 def draw_line(
     canvas: Pixels, points: Array, colour: Any, thickness: int, closed: bool = False
 ) -> None:
-    """Draw a line along (N, 2) points with smooth edges; several along (L, N, 2)."""
-    lines = np.reshape(points, (-1, *np.shape(points)[-2:]))
-    lines = np.rint(lines * (1 << SHIFT)).astype(np.int32)
-    cv2.polylines(canvas, list(lines), closed, colour, thickness, cv2.LINE_AA, SHIFT)
+    """Draw a line along (N, 2) points with smooth edges."""
+    cv2.polylines(canvas, [fixed_point(points)], closed, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def draw_cased(
@@ -287,15 +280,15 @@ def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> Arra
     if length >= 1:
         head = min(ARROW_HEAD, length) / length
         for shade, thickness in ((WHITE, 7), (colour, 3)):
-            ends = fixed_point(arrow).reshape(2, 2).tolist()
+            ends = fixed_point(arrow).tolist()
             cv2.arrowedLine(canvas, *ends, shade, thickness, cv2.LINE_AA, SHIFT, head)
     return arrow
 
 
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:
     """Draw a disc, or a ring if a thickness is given."""
-    x, y = fixed_point(np.asarray(centre, dtype=float)).ravel().tolist()
-    cv2.circle(canvas, (x, y), round(radius * (1 << SHIFT)), colour, thickness, cv2.LINE_AA, SHIFT)
+    place, size = fixed_point(centre).tolist(), round(radius * (1 << SHIFT))
+    cv2.circle(canvas, place, size, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
@@ -321,7 +314,7 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
         for start in range(0, len(outline), 22):
             dash = outline[start : start + 14][inner[start : start + 14]]
             if len(dash) > 1:
-                draw_line(canvas, dash.astype(float), BAND_COLOUR, 2)
+                draw_line(canvas, dash, BAND_COLOUR, 2)
 
 
 def blend(canvas: Pixels, cover: Pixels, colour: Colour) -> None:

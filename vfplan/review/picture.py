@@ -189,7 +189,7 @@ def draw_picture(
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
-    panel = Panel(box, sheet.part(box), zoom)
+    panel = Panel(box, sheet.canvas[box.y : box.bottom, box.x : box.right], zoom)
 
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     # The casings first: outline and line may lie close together.
@@ -315,8 +315,8 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
     moved = [marker.residual_px for marker in plan.markers if marker.residual_px is not None]
-    longest, arrow_px = max((np.hypot(*by) for by in moved), default=0.0), plan.image.width_px
-    arrow_px = max(arrow_px, 300) / 10
+    longest = max((np.hypot(*by) for by in moved), default=0.0)
+    arrow_px = max(plan.image.width_px, 300) / 10
     enlargement = 1.0 if moved else None
     if 0 < longest < arrow_px:
         enlargement = min(nice_length(arrow_px / longest), 500.0)

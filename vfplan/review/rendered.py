@@ -230,7 +230,7 @@ def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
         warnings.simplefilter("ignore")
         guide = Guide.of(fixture, hold="at_once")
     normal, axis = unit_normal(plane), fixture.ignore_axis
-    onto_picture = onto_plane(plane, axis)
+    onto_picture, reach = onto_plane(plane, axis), (1 + BEYOND_TUBE) * guide.radius
     turns = np.linspace(0.0, np.pi, END_DIRECTIONS + 2)[1:-1, None]
     for number, length in enumerate(guide.lengths_m):
         closed = guide.closed[number]
@@ -242,16 +242,14 @@ def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
         side = np.cross(normal, along)
         side /= np.maximum(np.linalg.norm(side, axis=1), 1e-12)[:, None]
         # Along one side, around the end, back along the other side, and around the start.
-        paths = [(places, side), (places[::-1], -side[::-1])]
+        left, right = places + reach * side, (places - reach * side)[::-1]
+        paths = [left, right]
         if not closed:
-            end = np.cos(turns) * side[-1] + np.sin(turns) * along[-1]
-            start = -np.cos(turns) * side[0] - np.sin(turns) * along[0]
-            around = [np.repeat(places[[k]], END_DIRECTIONS, axis=0) for k in (-1, 0)]
-            paths = [(np.vstack([places, around[0], places[::-1], around[1], places[:1]]),
-                      np.vstack([side, end, -side[::-1], start, side[:1]]))]  # fmt: skip
+            end, start = (np.cos(turns) * side[k] + np.sin(turns) * along[k] for k in (-1, 0))
+            around = places[-1] + reach * end, places[0] - reach * start
+            paths = [np.vstack([left, around[0], right, around[1], left[:1]])]
         pull = pull_of(guide, places[GUIDE_PLACES // 2], onto_picture)
-        tips = [at + (1 + BEYOND_TUBE) * guide.radius * away for at, away in paths]
-        lines = tuple(onto_picture(line) for path in tips for line in held_lines(guide, path))
+        lines = tuple(onto_picture(line) for path in paths for line in held_lines(guide, path))
         yield Outline("guide", lines, pull)
 
 

@@ -410,9 +410,9 @@ def draw_inset(
     """Draw an inset with its frame at a place of the page."""
     u, v, size, _ = inset.window
     rows, columns = np.arange(v, v + size), np.arange(u, u + size)
-    is_outside = ((rows < 0) | (rows >= rgb.shape[0]))[:, None]
-    is_outside = is_outside | (columns < 0) | (columns >= rgb.shape[1])
-    pixels = rgb[rows.clip(0, rgb.shape[0] - 1)][:, columns.clip(0, rgb.shape[1] - 1)]
+    inner = rows.clip(0, rgb.shape[0] - 1), columns.clip(0, rgb.shape[1] - 1)
+    is_outside = (rows != inner[0])[:, None] | (columns != inner[1])
+    pixels = rgb[np.ix_(*inner)]
     pixels[is_outside] = 255
     if inset.is_raised:
         pixels = spread_greys(pixels)
@@ -490,22 +490,18 @@ def draw_sheet(plan: Plan) -> Sheet:
     """Draw the sheet of what is to be reviewed."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
-    y = float(MARGIN)
-    verdict = verdict_of(plan)
-    if plan.fixture.open_findings or plan.is_slice_missing:
-        lines = len(paper.wrapped(verdict, paper.CONTENT_WIDTH - 32, paper.TITLE))
-        bar = slice(MARGIN - 10, MARGIN + lines * paper.TITLE.line_height + 10)
+    x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
+    is_more = bool(plan.fixture.open_findings) or plan.is_slice_missing
+    if is_more:
+        x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
+    y = sheet.paragraph(x, float(MARGIN), verdict_of(plan), width, paper.TITLE, colour)
+    if is_more:
+        bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
-        y = sheet.paragraph(
-            MARGIN + 16, y, verdict, paper.CONTENT_WIDTH - 32, paper.TITLE, paper.WHITE
-        )
-        y += 12
-    else:
-        y = sheet.paragraph(MARGIN, y, verdict, paper.CONTENT_WIDTH, paper.TITLE)
     words = f"Review sheet of {plan.name}."
     if plan.side is not None:
         words += f" The slice is seen from {plan.side}."
-    y = sheet.paragraph(MARGIN, y + 4, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
+    y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
     if plan.image is None:
         free_x, free_y, y = draw_views(sheet, plan, y)
         draw_facts(sheet, plan, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
