@@ -377,7 +377,7 @@ def render(
     """
     # From the tolerance: spacing, band and iteration limit. A density or a bare cloud leaves no
     # choice.
-    choice, sampling_tolerance_m, band_m, max_iterations = None, None, None, None
+    choice = sampling_tolerance_m = band_m = max_iterations = None
     radius_m = settings.contact_radius + settings.point_radius
     if curve.curve is not None and settings.density_per_m is None:
         smallest_m = FINEST_BAND / BAND_SHARE * radius_m
@@ -389,8 +389,7 @@ def render(
                 code="tolerance-fine",
                 numbers={"tolerance_m": settings.tolerance_m, "smallest_m": smallest_m},
             )
-        is_drawn = curve.image is not None or curve.frame == "image"
-        is_planar = is_drawn
+        is_planar = curve.image is not None or curve.frame == "image"
         if settings.ignore_axis is not None:
             is_planar = settings.ignore_axis != "none"
         choice = choose(settings.tolerance_m, radius_m, planar=is_planar)
@@ -414,13 +413,9 @@ def render(
         ignore_axis=axis,
     )  # fmt: skip
     rendering = Rendering(
-        parameters.stiffness,
-        parameters.contact_radius,
-        parameters.band,
-        parameters.point_radius,
-        axis,
-        max_iterations,
-    )
+        parameters.stiffness, parameters.contact_radius, parameters.band, parameters.point_radius,
+        axis, max_iterations,
+    )  # fmt: skip
 
     # Where the curve is known as lines and arcs, the choice is that of the points alone. What the
     # scene does without is counted.

@@ -623,18 +623,10 @@ def registration_report(
     values, lengths = np.linalg.svd(linear, compute_uv=False), np.linalg.norm(linear, axis=0)
     cosines = (linear.T @ linear / np.outer(lengths, lengths))[np.triu_indices(k, 1)]
     unit = "_m_per_px" if k == 2 else ""
-    markers = [
-        {
-            "label": label,
-            "residual_m": float(registration.residuals_m[i]),
-            "vector_m": registration.vectors[i],
-            "leverage": float(registration.leverage[i]),
-            "loo_m": float(registration.loo_m[i]),
-            "f": float(registration.studentised_f[i]),
-            "used": bool(registration.used[i]),
-        }
-        for i, label in enumerate(registration.labels)
-    ]
+    names = ("residuals_m", "vectors", "leverage", "loo_m", "studentised_f", "used")
+    columns = (registration.labels, *(getattr(registration, name).tolist() for name in names))
+    keys = ("label", "residual_m", "vector_m", "leverage", "loo_m", "f", "used")
+    markers = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
     report: dict[str, Any] = {
         "model": registration.model,
         "markers": len(registration.labels),

@@ -41,6 +41,13 @@ def finding(code: str, severity: str, text: str) -> Finding:
     return {"code": code, "severity": severity, "message": text}
 
 
+def told(numbers: dict[str, Any], *findings: tuple[Any, Finding]) -> Iterator[Finding]:
+    """Those findings beside which something is true; their sentences name some of the numbers."""
+    for is_told, found in findings:
+        if is_told:
+            yield found | {"message": found["message"].format_map(numbers)}
+
+
 def replay_findings(
     report: dict[str, Any], record: dict[str, Any], parameters: ProxyParameters, robot: Robot | None
 ) -> Iterator[Finding]:
@@ -49,156 +56,145 @@ def replay_findings(
     report: as `Metrics.report` gives it
     record: `session`, as `SamplingReport.report` gives it, and `link` where there is one
     """
-    yield from recording_findings(record["session"], robot)
-    link = record.get("link", {})
-    if link.get("robot_stops"):
-        yield finding("robot-stops", "error",
-            f"{link['lost_longest']} packets in a row are lost from tick "
-            f"{link['lost_longest_tick']} on, and the robot stops after {link['lost_limit']}. "
-            "Mend the link, or raise its speed.")  # fmt: skip
-    if "start_depth_m" in record:
-        yield finding("started-in-mesh", "error",
-            f"The tool begins {1e3 * record['start_depth_m']:.3g} mm inside the closed mesh, and "
-            "its inner side is rendered. Begin outside; check units and registration.")  # fmt: skip
-    rounded = record["session"].get("poses_rounded", 0) + report.get("poses_rounded", 0)
-    if rounded:
-        yield finding("poses-rounded", "info",
-            f"The quaternions of {rounded} poses differ from length 1 by more than "
-            f"{UNIT_ROUNDED:g}, and were taken at it. Record them with more digits.")  # fmt: skip
+    session, link = record["session"], record.get("link", {})
+    yield from recording_findings(session, robot)
+    depth_m = record.get("start_depth_m", 0.0)
+    rounded = session.get("poses_rounded", 0) + report.get("poses_rounded", 0)
+    numbers = {"depth_mm": 1e3 * depth_m, "rounded": rounded, "limit": UNIT_ROUNDED}
+    yield from told(
+        link | numbers,
+        (link.get("robot_stops"), finding("robot-stops", "error",
+            "{lost_longest} packets in a row are lost from tick {lost_longest_tick} on, and the "
+            "robot stops after {lost_limit}. Mend the link, or raise its speed.")),
+        ("start_depth_m" in record, finding("started-in-mesh", "error",
+            "The tool begins {depth_mm:.3g} mm inside the closed mesh, and its inner side is "
+            "rendered. Begin outside; check units and registration.")),
+        (rounded, finding("poses-rounded", "info",
+            "The quaternions of {rounded} poses differ from length 1 by more than {limit:g}, and "
+            "were taken at it. Record them with more digits.")),
+    )  # fmt: skip
     yield from run_findings(report, parameters)
     # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
     panda = read_robot("franka")
-    step, limit = report["force_step_max_n"], panda.force_step_limit_n
-    is_fast = record["session"]["rate_hz"] >= 0.9 * panda.rate_hz
-    if robot is None and step > limit and is_fast:
-        yield finding("force-step", "warning",
-            f"The force changes by {step:.3g} N in one tick (tick "
-            f"{report['force_step_max_tick']}), and a Franka arm stops above about {limit:g} N. "
-            "Count such ticks with --robot, or hold them back with --governor.")  # fmt: skip
+    is_fast = session["rate_hz"] >= 0.9 * panda.rate_hz
+    is_beyond = report["force_step_max_n"] > panda.force_step_limit_n
+    yield from told(
+        report | {"limit_n": panda.force_step_limit_n},
+        (robot is None and is_beyond and is_fast, finding("force-step", "warning",
+            "The force changes by {force_step_max_n:.3g} N in one tick (tick "
+            "{force_step_max_tick}), and a Franka arm stops above about {limit_n:g} N. Count such "
+            "ticks with --robot, or hold them back with --governor.")),
+    )  # fmt: skip
 
 
 def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
-    rate = session["rate_hz"]
+    rate, fastest = session["rate_hz"], session["speed_max_m_s"]
     robot_rate = getattr(robot, "rate_hz", rate)
-    recorded = session.get("recorded", session)
-    if recorded["gaps"]:
-        yield finding("session-gap", "warning",
-            f"About {recorded['missing_samples']} samples are missing, in gaps of "
-            f"{recorded['gap_s']:.3g} s together; the longest interval is "
-            f"{recorded['dt_max_s']:.6g} s instead of {recorded['dt_nominal_s']:.6g} s. Record "
-            "without gaps, or do not rely on the ticks there.")  # fmt: skip
-    mended = session.get("mended", {})
-    if any(mended.values()):
-        yield finding("session-unordered", "warning",
-            f"{mended['swapped']} samples came late and were put in order; {mended['doubled']} "
-            "were there twice or far too late, and were left out. Check its source.")  # fmt: skip
+    recorded, mended = session.get("recorded", session), session.get("mended", {})
     held_s = recorded["repeats_longest"] * recorded["dt_nominal_s"]
-    if recorded["repeats"] > recorded["changes"] and held_s < LONGEST_HOLD_S:
-        changes_hz = recorded["changes"] / (recorded["samples"] - 1) * recorded["rate_hz"]
-        yield finding("session-held", "warning",
-            f"Positions are held: they change {changes_hz:.4g} times a second, of "
-            f"{recorded['rate_hz']:.6g} samples. Speeds and force steps are those of the jumps "
-            "between. Record each sample, or resample at that rate with --rate.")  # fmt: skip
-    if session.get("unstamped"):
-        yield finding("session-stamp", "warning",
-            f"{session['unstamped']} messages have no time of their own, so the times are those of "
-            "the log. If they are right, say --time log; if not, record the headers.")  # fmt: skip
-    frame = session.get("ros_frame_id")
-    if frame not in (None, session["frame"]):
-        yield finding("session-frame", "info",
-            f"The messages are in frame {frame!r}, taken as {session['frame']!r}. Check that it is "
-            "the same one.")  # fmt: skip
-    if session.get("cut"):
-        text = "The recording was cut off, and all of it that is whole is replayed. Record it anew."
-        yield finding("session-cut", "warning", text)
-    if "jumps" in session:
-        yield finding("session-jump", "error",
-            f"Ticks in which the tool moves faster than {JUMP_M_S:g} m/s: {session['jumps']}. The "
-            f"highest speed is {session['speed_max_m_s']:.6g} m/s, in tick "
-            f"{session['speed_max_tick']}. Check --units and the tracker.")  # fmt: skip
-
+    is_held = recorded["repeats"] > recorded["changes"] and held_s < LONGEST_HOLD_S
+    is_slow = not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S
     # What its columns tell that the replay does not use.
     changes = [c for c in session.get("ignored_columns", ()) if c in CHANGE_COLUMNS]
-    if changes:
-        yield finding("session-changes", "warning",
+    numbers = {
+        "recorded": recorded, "robot_rate": robot_rate, "columns": " and ".join(changes),
+        "changes_hz": recorded["changes"] / (recorded["samples"] - 1) * recorded["rate_hz"],
+        "jump_m_s": JUMP_M_S, "slowest_hz": SLOWEST_HZ, "fastest_hz": FASTEST_HZ,
+    }  # fmt: skip
+    yield from told(
+        session | numbers,
+        (recorded["gaps"], finding("session-gap", "warning",
+            "About {recorded[missing_samples]} samples are missing, in gaps of "
+            "{recorded[gap_s]:.3g} s together; the longest interval is {recorded[dt_max_s]:.6g} s "
+            "instead of {recorded[dt_nominal_s]:.6g} s. Record without gaps, or do not rely on the "
+            "ticks there.")),
+        (any(mended.values()), finding("session-unordered", "warning",
+            "{mended[swapped]} samples came late and were put in order; {mended[doubled]} were "
+            "there twice or far too late, and were left out. Check its source.")),
+        (is_held, finding("session-held", "warning",
+            "Positions are held: they change {changes_hz:.4g} times a second, of "
+            "{recorded[rate_hz]:.6g} samples. Speeds and force steps are those of the jumps "
+            "between. Record each sample, or resample at that rate with --rate.")),
+        (session.get("unstamped"), finding("session-stamp", "warning",
+            "{unstamped} messages have no time of their own, so the times are those of the log. If "
+            "they are right, say --time log; if not, record the headers.")),
+        (session.get("ros_frame_id") not in (None, session["frame"]),
+         finding("session-frame", "info",
+            "The messages are in frame {ros_frame_id!r}, taken as {frame!r}. Check that it is the "
+            "same one.")),
+        (session.get("cut"), finding("session-cut", "warning",
+            "The recording was cut off, and all of it that is whole is replayed. Record it anew.")),
+        ("jumps" in session, finding("session-jump", "error",
+            "Ticks in which the tool moves faster than {jump_m_s:g} m/s: {jumps}. The highest "
+            "speed is {speed_max_m_s:.6g} m/s, in tick {speed_max_tick}. Check --units and the "
+            "tracker.")),
+        (changes, finding("session-changes", "warning",
             "The fixture moved or was changed while this session was recorded, as its columns "
-            f"{' and '.join(changes)} tell, and this replay renders it as planned. Give the files "
-            "of that run: --poses, --events.")  # fmt: skip
-    fastest = session["speed_max_m_s"]
-    if not SLOWEST_HZ <= rate <= FASTEST_HZ or 0 < fastest < SLOWEST_M_S:
-        yield finding("session-time", "warning",
-            f"The session has {rate:.6g} samples a second, where {SLOWEST_HZ:g} to "
-            f"{FASTEST_HZ:g} are usual, and a highest speed of {fastest:.3g} m/s. Is the time in "
-            "seconds?")  # fmt: skip
-    if not 0.9 < rate / robot_rate < 1.1:
-        yield finding("session-rate", "warning",
-            f"The session was recorded at {rate:.6g} Hz, and the robot runs at {robot_rate:g} "
-            "Hz. Resample it with --rate.")  # fmt: skip
+            "{columns} tell, and this replay renders it as planned. Give the files of that run: "
+            "--poses, --events.")),
+        (is_slow, finding("session-time", "warning",
+            "The session has {rate_hz:.6g} samples a second, where {slowest_hz:g} to "
+            "{fastest_hz:g} are usual, and a highest speed of {speed_max_m_s:.3g} m/s. Is the time "
+            "in seconds?")),
+        (not 0.9 < rate / robot_rate < 1.1, finding("session-rate", "warning",
+            "The session was recorded at {rate_hz:.6g} Hz, and the robot runs at {robot_rate:g} "
+            "Hz. Resample it with --rate.")),
+    )  # fmt: skip
 
 
 def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
-    clearance_m = report.get("clearance_min_m", 0.0)
-    inside_ticks = report["inside_ticks"]
-    if clearance_m < -parameters.band - ROUNDING_M:
-        # A session that starts inside is led out; only an entry from outside is the rule's fault.
-        severity = "warning" if inside_ticks else "error"
-        other_rule = ", with another rule" if parameters.rule == "paper" else ""
-        yield finding("proxy-inside", severity,
-            f"The proxy came {length(-clearance_m)} inside the fixture, further than the band of "
-            f"{length(parameters.band)}. Begin the session outside{other_rule}.")  # fmt: skip
-    if clearance_m > NEVER_NEAR_M:
-        yield finding("never-near", "warning",
-            f"The tool never came nearer to the fixture than {clearance_m:.3g} m. Are the "
-            "units and the frame the fixture's?")  # fmt: skip
-    yield from counted_findings(report)
-    too_fast = report["too_fast_ticks"]
-    if too_fast and parameters.rule == "paper":
-        yield finding("too-fast", "warning",
-            f"In {too_fast} ticks the hand moved more than r1 = {1e3 * parameters.r1:.3g} mm, as "
-            "far as the proxy may in one. Move more slowly, or take rule 'robust'.")  # fmt: skip
+    clearance_m, is_paper = report.get("clearance_min_m", 0.0), parameters.rule == "paper"
     active = sum(not episode["passive"] for episode in report["episodes"])
     active += report.get("episodes_left_out", {"active": 0})["active"]
-    if active:
-        yield finding("active", "warning",
-            f"In {active} episodes the fixture gave the hand more energy than holding each force "
-            "for a tick explains. Lower the stiffness, or move more slowly.")  # fmt: skip
-
-
-def counted_findings(report: dict[str, Any]) -> Iterator[Finding]:
-    """What is told where a number of the report is above 0; its sentence names numbers of it."""
-    counted = {
-        "inside_ticks": finding("started-inside", "warning",
+    numbers = {
+        "depth": length(-clearance_m), "band": length(parameters.band), "active": active,
+        "other_rule": ", with another rule" if is_paper else "", "r1_mm": 1e3 * parameters.r1,
+    }  # fmt: skip
+    # A session that starts inside is led out; only an entry from outside is the rule's fault.
+    severity = "warning" if report["inside_ticks"] else "error"
+    yield from told(
+        report | numbers,
+        (clearance_m < -parameters.band - ROUNDING_M, finding("proxy-inside", severity,
+            "The proxy came {depth} inside the fixture, further than the band of {band}. Begin the "
+            "session outside{other_rule}.")),
+        (clearance_m > NEVER_NEAR_M, finding("never-near", "warning",
+            "The tool never came nearer to the fixture than {clearance_min_m:.3g} m. Are the units "
+            "and the frame the fixture's?")),
+        (report["inside_ticks"], finding("started-inside", "warning",
             "In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
             "at the start or after a change. Start the hand outside, and change a fixture while "
-            "the tool is away."),
-        "enclosed_episodes": finding("started-in-mesh", "error",
+            "the tool is away.")),
+        (report.get("enclosed_episodes"), finding("started-in-mesh", "error",
             "In {enclosed_episodes} episodes (of the 20 deepest) the tool pressed from within the "
-            "closed mesh. Begin outside; check units, poses and events."),
-        "within_episodes": finding("pressed-within", "warning",
+            "closed mesh. Begin outside; check units, poses and events.")),
+        (report.get("within_episodes"), finding("pressed-within", "warning",
             "In {within_episodes} episodes (of the 20 deepest) the tool pressed from within the "
             "mesh, which is open, so it may have come in through an opening. Close the mesh, or "
-            "make sure that this side is meant."),
-        "crossed_ticks": finding("crossed", "warning",
+            "make sure that this side is meant.")),
+        (report.get("crossed_ticks"), finding("crossed", "warning",
             "In {crossed_ticks} ticks after an exchange no way out was found on the proxy's side, "
-            "so it was led out another way. Exchange fixtures while the tool is away."),
-        "stale_ticks": finding("stale", "warning",
+            "so it was led out another way. Exchange fixtures while the tool is away.")),
+        (report.get("stale_ticks"), finding("stale", "warning",
             "In {stale_ticks} of {ticks} ticks the pose was too old, or none had come. Check the "
-            "pose stream's rate."),
-        "pose_jumps": finding("pose-jump", "warning",
+            "pose stream's rate.")),
+        (report.get("pose_jumps"), finding("pose-jump", "warning",
             "{pose_jumps} poses jumped, the first at {pose_jump_first_s:.6g} s: each is farther "
             "from the pose before than the frame may go meanwhile. Check the tracker and its "
-            "reference."),
-        "poses_refused": finding("poses-refused", "warning",
+            "reference.")),
+        (report.get("poses_refused"), finding("poses-refused", "warning",
             "{poses_refused} poses were refused: too far away, of no rotation, or earlier than one "
-            "before. Check the pose stream."),
-        "events_left": finding("events-left", "warning",
-            "{events_left} events are of ticks after the session's last. Correct their ticks."),
-    }  # fmt: skip
-    for name, found in counted.items():
-        if report.get(name):
-            yield found | {"message": found["message"].format(**report)}
+            "before. Check the pose stream.")),
+        (report.get("events_left"), finding("events-left", "warning",
+            "{events_left} events are of ticks after the session's last. Correct their ticks.")),
+        (is_paper and report["too_fast_ticks"], finding("too-fast", "warning",
+            "In {too_fast_ticks} ticks the hand moved more than r1 = {r1_mm:.3g} mm, as far as the "
+            "proxy may in one. Move more slowly, or take rule 'robust'.")),
+        (active, finding("active", "warning",
+            "In {active} episodes the fixture gave the hand more energy than holding each force "
+            "for a tick explains. Lower the stiffness, or move more slowly.")),
+    )  # fmt: skip
 
 
 # Of each limit the number's name in the report, "at_most" or "at_least", and the bound.

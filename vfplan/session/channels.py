@@ -147,15 +147,13 @@ def open_part(path: Path, stack: ExitStack) -> Part:
         return mcap_part(stack.enter_context(opened_file(path, SessionError)))
     encoding, package = ENCODINGS.get(path.suffix, ("cdr", "rosbags.rosbag2"))
     reader = stack.enter_context(library(package).Reader(path))
-    counts = Counter()
-    channels = {}
+    channels, counts = {}, Counter()
     for sender in reader.connections:
         counts[sender.topic] += 1
-        definition = sender.msgdef.data, sender.msgdef.format.name == "IDL"
-        number = counts[sender.topic]
         channels[sender.id] = Channel(
-            sender.topic, sender.msgtype, number, encoding, *definition, sender.digest or ""
-        )
+            sender.topic, sender.msgtype, counts[sender.topic], encoding, sender.msgdef.data,
+            sender.msgdef.format.name == "IDL", sender.digest or "",
+        )  # fmt: skip
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
         senders = [sender for sender in reader.connections if sender.topic == topic]
@@ -193,8 +191,7 @@ def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
     else:
         messages_read = itertools.islice(read(None), FIRST_MESSAGES if in_file_order else None)
         found = {channel.id: (channel, schema) for schema, channel, _ in messages_read}
-    counts = Counter()
-    channels = {}
+    channels, counts = {}, Counter()
     for key, (channel, schema) in found.items():
         counts[channel.topic] += 1
         name, text, is_idl = "", "", False
@@ -204,9 +201,8 @@ def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
             is_idl = schema.encoding in ("ros2idl", "omgidl")
             if is_idl or schema.encoding in ("ros1msg", "ros2msg"):
                 text = schema.data.decode("utf-8", "replace")
-        number = counts[channel.topic]
         channels[key] = Channel(
-            channel.topic, name, number, channel.message_encoding, text, is_idl, ""
+            channel.topic, name, counts[channel.topic], channel.message_encoding, text, is_idl, ""
         )
 
     def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
