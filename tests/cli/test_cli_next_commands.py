@@ -97,7 +97,7 @@ KNOWN = {
 CALLS = (
     (0, "extract elbow.png -o c.h5"), (3, "extract two.png -o t.h5"),
     (0, "register c.h5 px.csv robot.csv -o f.h5"), (0, "plan elbow.png px.csv robot.csv -o p.h5"),
-    (1, "plan photo-0.png photo-0.csv robot.csv -o q.h5"), (3, "plan elbow.png robot.csv -o q.h5"),
+    (1, "plan photo-0.png photo-0.csv robot.csv -o q.h5"), (3, "plan elbow.png robot.csv -o z.h5"),
     (0, "rectify photo-0.png photo-0.csv robot.csv -o flat.png"),
     (0, "review elbow.png px.csv robot.csv --sheet-out sheet.png"),
     (0, "review p.h5 --sheet-out sheet-2.png"),
