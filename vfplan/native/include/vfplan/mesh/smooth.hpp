@@ -367,9 +367,10 @@ class SmoothContact {
         for (int j = 0; j < count_; ++j) {
             BodySheet& s = sheets_[j];
             if (!find_foot(query, h, s) || !(dot(s.n, x - s.at) > R_ / 2)) return false;
-            // Sheets that meet at a sharp edge may have one foot; the places above it are two.
-            const Vec3 off = s.at + R_ * s.n - (sheets_[0].at + R_ * sheets_[0].n);
+            const Vec3 off = s.at - sheets_[0].at;
             if (dot(off, off) > band_ * band_) return false;
+            // At a sharp edge two sheets have one foot, and above one of them is inside the other.
+            if (R_ - dot(R_ * sheets_[0].n - off, s.n) > body_.rise() + band_) return false;
         }
         const BodySheet& s = sheets_[0];
         y = dot(h - s.at, s.n) < R_ ? s.at + R_ * s.n : h;
