@@ -18,7 +18,10 @@ class PaperRule {
           reach_(p.outer_radius + p.point_radius),
           neighbours_(cloud, reach_, 0.05 * reach_, reach_ / 4, p.search) {}
 
-    void reset() noexcept { neighbours_.forget(); }
+    void reset() noexcept {
+        neighbours_.forget();
+        known_ = false;
+    }
     void continue_from(const FreeBefore<D>*) noexcept { reset(); }
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
 
@@ -56,13 +59,18 @@ class PaperRule {
         double nearest;
     };
 
-    Sight sight(const Vec<D>& proxy) noexcept {
+    /// Where the proxy has not moved since the last tick, the answer stands.
+    const Sight& sight(const Vec<D>& proxy) noexcept {
+        if (known_ && proxy == from_) return sight_;
         NormalSum<D> near;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             kernels<D>.normal(s, proxy, p_.r1(), p_.outer_radius, near);
         });
         const double nearest = std::sqrt(near.nearest2);
-        return {nearest < reach_ ? direction(proxy, near) : Vec<D>{}, nearest};
+        sight_ = {nearest < reach_ ? direction(proxy, near) : Vec<D>{}, nearest};
+        from_ = proxy;
+        known_ = true;
+        return sight_;
     }
     /// Along the sum of eq. (1), or 0. No weight exceeds 1: a sum above its share of the number of
     /// points is above that of the weights too. The upper bound turns away what overflowed.
@@ -142,6 +150,9 @@ class PaperRule {
     Parameters p_;
     double reach_;
     Neighbours<D> neighbours_;
+    Sight sight_;  // from from_, where known_
+    Vec<D> from_;
+    bool known_ = false;
 };
 
 }  // namespace vfplan::inline v1
