@@ -128,13 +128,22 @@ NB_MODULE(_core, m) {
 
     const Parameters usual;
     nb::class_<Parameters>(m, "Parameters", "Table I, SI")
-        .def(nb::init<double, double, double, double, double, vfplan::Vec3,
-                      std::optional<vfplan::Vec3>, vfplan::Rule, vfplan::Search, int, double>(),
-             nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
-             "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
-             "gain"_a = usual.gain, "stiffness"_a = usual.stiffness, "ignore_axis"_a = nb::none(),
-             "rule"_a = usual.rule, "search"_a = usual.search,
-             "max_iterations"_a = usual.max_iterations, "max_hip_step"_a = 0.0)
+        // No default is an array: a build imports this module where there is no NumPy.
+        .def(
+            "__init__",
+            [](Parameters* self, double contact_radius, double band, double point_radius,
+               double outer_radius, double gain, const std::optional<vfplan::Vec3>& stiffness,
+               const std::optional<vfplan::Vec3>& ignore_axis, vfplan::Rule rule,
+               vfplan::Search search, int max_iterations, double max_hip_step) {
+                const vfplan::Vec3 k = stiffness.value_or(Parameters{}.stiffness);
+                new (self) Parameters(contact_radius, band, point_radius, outer_radius, gain, k,
+                                      ignore_axis, rule, search, max_iterations, max_hip_step);
+            },
+            nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
+            "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
+            "gain"_a = usual.gain, "stiffness"_a = nb::none(), "ignore_axis"_a = nb::none(),
+            "rule"_a = usual.rule, "search"_a = usual.search,
+            "max_iterations"_a = usual.max_iterations, "max_hip_step"_a = 0.0)
         .def(
             "__init__",
             [](Parameters* self, const Parameters& other, const std::optional<double>& band,
