@@ -29,6 +29,16 @@ def test_one_version_is_written_everywhere():
         assert found[2] == version, recipe
 
 
+def test_a_build_can_import_the_core_where_there_is_no_numpy():
+    """As its environment of a fresh clone, in which the stubs of the core are made."""
+    code = (
+        "import importlib.util, sys; sys.modules['numpy'] = None; name, path = sys.argv[1:]; "
+        "spec = importlib.util.spec_from_file_location(name, path); "
+        "spec.loader.exec_module(importlib.util.module_from_spec(spec))"
+    )
+    output(sys.executable, "-c", code, "_core", vfplan._core.__file__)
+
+
 # Stand-ins for the functions of vcpkg that the port calls: each does what vcpkg's own says it does.
 VCPKG = r"""
 macro(run)

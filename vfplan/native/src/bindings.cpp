@@ -135,9 +135,14 @@ NB_MODULE(_core, m) {
                double outer_radius, double gain, const std::optional<vfplan::Vec3>& stiffness,
                const std::optional<vfplan::Vec3>& ignore_axis, vfplan::Rule rule,
                vfplan::Search search, int max_iterations, double max_hip_step) {
-                const vfplan::Vec3 k = stiffness.value_or(Parameters{}.stiffness);
-                new (self) Parameters(contact_radius, band, point_radius, outer_radius, gain, k,
-                                      ignore_axis, rule, search, max_iterations, max_hip_step);
+                Parameters& made = *new (self) Parameters;
+                std::tie(made.contact_radius, made.band, made.point_radius, made.outer_radius) =
+                    std::tie(contact_radius, band, point_radius, outer_radius);
+                std::tie(made.gain, made.ignore_axis, made.rule, made.search) =
+                    std::tie(gain, ignore_axis, rule, search);
+                std::tie(made.max_iterations, made.max_hip_step) =
+                    std::tie(max_iterations, max_hip_step);
+                if (stiffness) made.stiffness = *stiffness;
             },
             nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
             "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
