@@ -134,14 +134,13 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
     for _ in range(2):
         path = path[::-1]
         while branches:
-            ways = [(k, way) for k, branch in enumerate(branches) for way in (branch, branch[::-1])]
-            turns = [turn_onto(path, way, reach) for _, way in ways]
+            ways = [way for branch in branches for way in (branch, branch[::-1])]
+            turns = [turn_onto(path, way, reach) for way in ways]
             straightest = int(np.argmax(turns))
             if turns[straightest] < MIN_STRAIGHT:
                 break
-            number, way = ways[straightest]
-            path = np.vstack([path, way])
-            del branches[number]
+            path = np.vstack([path, ways[straightest]])
+            del branches[straightest // 2]
     return route_along(evenly(path, False), False)
 
 
@@ -161,14 +160,10 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
         mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
     # The ink at a hole has the outline of a piece as its parent.
-    holes = [
-        contour[:, 0]
-        for contour, (*_, parent) in zip(contours, relations[0], strict=True)
-        if parent >= 0 and len(contour) >= MIN_RING_PX
-    ]
-    if not holes:
-        return []
-    return [route_along(max(holes, key=cv2.contourArea) + np.array(corner, float), True)]
+    inner = np.flatnonzero(relations[0, :, 3] >= 0)
+    holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= MIN_RING_PX]
+    holes.sort(key=cv2.contourArea, reverse=True)
+    return [route_along(hole + np.array(corner, float), True) for hole in holes[:1]]
 
 
 # Least cosine of a turn with which a line goes straight on where ink forks.
@@ -258,9 +253,13 @@ class Geometry:
         findings = list(self.findings)
         for stroke in self.taken:
             for number in numbers_of(self, stroke):
-                of_line = findings_of_line(self.ink, self.max_gap_px, number)
-                findings += [finding for finding in of_line if finding not in findings]
-        return tuple(findings)
+                findings += findings_of_line(self.ink, self.max_gap_px, number)
+        return tuple(dict.fromkeys(findings))
+
+    @cached_property
+    def told(self) -> dict[tuple[str, str], Finding]:
+        """The findings of `kept` by code and words."""
+        return {(finding.code, finding.text): finding for finding in self.kept}
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
@@ -268,25 +267,23 @@ class Geometry:
         if not self.strokes:
             return self.findings
         # Of extraction, and of a bundle, what still holds.
-        told = {(finding.code, finding.text): finding for finding in self.kept}
         made, made_anew = [], MADE_ANEW - OF_INK
         if self.ink is not None:
             made, made_anew = self._of_ink(), MADE_ANEW
         made += account.fold_findings(self.lines)
+        edited = np.concatenate([stroke.edited for stroke in self.strokes])
         for stroke in self.lines:
             made += account.stretch_findings(stroke)
-            if stroke.edited.any():
-                first = stroke.points[np.flatnonzero(stroke.edited)[0]]
-                within_px = own_bound(self.strokes)[
-                    np.concatenate([s.edited for s in self.strokes])
-                ]
+            places = stroke.points[stroke.edited]
+            if len(places):
+                within_px = own_bound(self.strokes)[edited].max()
                 text = (
-                    f"{int(stroke.edited.sum())} px of the curve were placed by hand where no ink "
-                    f"shows them. They are taken to lie within {within_px.max():.1f} px (95 %)."
+                    f"{len(places)} px of the curve were placed by hand where no ink shows them. "
+                    f"They are taken to lie within {within_px:.1f} px (95 %)."
                 )
-                place_px = tuple(first.tolist())
+                place_px = tuple(places[0].tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
-        made = [told.get((finding.code, finding.text), finding) for finding in made]
+        made = [self.told.get((finding.code, finding.text), finding) for finding in made]
         is_left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
         findings = (*is_left, *(finding for finding in made if finding not in is_left))
         return tuple(self.as_settled(finding) for finding in findings)
@@ -306,9 +303,8 @@ class Geometry:
 
     def _of_ink(self) -> list[Finding]:
         """What the pen's ink leaves open: what was left out, and ends at the picture's border."""
-        told = {(finding.code, finding.text) for finding in self.kept}
         again = account.leftover_findings(self.leftover, self.max_gap_px)
-        findings = [finding for finding in again if (finding.code, finding.text) in told]
+        findings = [finding for finding in again if (finding.code, finding.text) in self.told]
         lines = [account.line_of(line, self.ink.found) for line in self.lines]
         findings += account.join_findings(
             self.leftover, lines, self.ink.found, self.max_gap_px, findings
@@ -341,15 +337,14 @@ class Geometry:
     def _holds(self, finding: Finding) -> bool:
         """Whether a finding on the picture is still true of the strokes."""
         place = finding.place_px
-        if place is None or finding.stage != "extract":
+        if place is None or finding.stage != "extract" or finding.code == "ink-outweighs":
             return True
         if finding.code == "ink-at-end":
             ends = [stroke.end_points for stroke in self.strokes if len(stroke.end_points)]
             places = [*ends, *(pair.mean(axis=0, keepdims=True) for pair in ends)]
             return bool(ends) and nearest_point(np.concatenate(places), place)[1] <= CLOSE_PX
         points = np.concatenate([stroke.points for stroke in self.strokes])
-        is_near = nearest_point(points, place)[1] <= JOIN_PX
-        return is_near or finding.code == "ink-outweighs"
+        return nearest_point(points, place)[1] <= JOIN_PX
 
     def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
@@ -368,8 +363,8 @@ class Geometry:
 
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
-        strokes = list(self.strokes)
-        before, strokes[number] = strokes[number], stroke
+        before, strokes = self.strokes[number], list(self.strokes)
+        strokes[number] = stroke
         # Points of either line that are not on the other.
         changed = [
             one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
@@ -409,13 +404,10 @@ def geometry_of_extraction(
 @lru_cache(maxsize=8)
 def lines_of(ink: SliceInk | None, max_gap_px: float) -> list[Candidate]:
     """The lines of the ink as extraction finds them; none without ink or among too many pieces."""
-    if ink is None:
-        return []
-    try:
-        pieces = find_pieces(ink.found, find_groups(ink.found))
-    except CurveError:
-        return []
-    return find_candidates(pieces, max_gap_px)
+    if ink is not None:
+        with suppress(CurveError):
+            return find_candidates(find_pieces(ink.found, find_groups(ink.found)), max_gap_px)
+    return []
 
 
 @lru_cache(maxsize=8)
@@ -432,11 +424,10 @@ def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> tuple[Fin
 
 def numbers_of(geometry: Geometry, stroke: Stroke) -> list[int]:
     """The number of the line of extraction that a stroke is, if it is one."""
-    ink, lines = geometry.ink, lines_of(geometry.ink, geometry.max_gap_px)
-    if not lines:
-        return []
-    numbered = enumerate(in_number_order(lines, ink.found), 1)
-    return [number for number, line in numbered if is_whole(line, stroke)]
+    lines = lines_of(geometry.ink, geometry.max_gap_px)
+    if lines:
+        lines = in_number_order(lines, geometry.ink.found)
+    return [number for number, line in enumerate(lines, 1) if is_whole(line, stroke)]
 
 
 def is_whole(line: Candidate, stroke: Stroke) -> bool:
@@ -454,11 +445,8 @@ def runs_along(stroke: Stroke, places: NDArray) -> bool:
 
 def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
     """The pieces of ink at a place, which a click misses by a little."""
-    return [
-        entry
-        for entry in Geometry(ink=ink).account
-        if nearest_point(entry.piece.places, place)[1] <= CLOSE_PX
-    ]
+    entries = Geometry(ink=ink).account
+    return [one for one in entries if nearest_point(one.piece.places, place)[1] <= CLOSE_PX]
 
 
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
@@ -472,17 +460,15 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     def distances() -> list[float]:
         return [nearest_point(route.points, place)[1] for route in candidates]
 
-    entries = []
     if min(distances(), default=np.inf) > JOIN_PX:
         entries = ink_at(geometry.ink, place)
-        lines = lines_of(geometry.ink, geometry.max_gap_px)
-        candidates += [
-            route_along(line.path, line.closed) for line in lines if not len(line.junctions)
-        ]
+        for line in lines_of(geometry.ink, geometry.max_gap_px):
+            if not len(line.junctions):
+                candidates.append(route_along(line.path, line.closed))
         for entry in entries:
             candidates += routes_over(entry)
-    if min(distances(), default=np.inf) > JOIN_PX:
-        candidates += [route for entry in entries if (route := straight_on(entry, place))]
+        if min(distances(), default=np.inf) > JOIN_PX:
+            candidates += filter(None, [straight_on(entry, place) for entry in entries])
     nearest = min(distances(), default=np.inf)
     if nearest > JOIN_PX:
         text = (
@@ -554,12 +540,13 @@ def candidates_of(
     """
     routes = []
     for line in lines_of(ink, settings.max_gap_px):
-        if any(np.array_equal(line.path, path) for path in error.candidates):
-            if len(line.junctions):
-                for entry in ink_at(ink, line.middle):
-                    routes += routes_over(entry)
-            else:
-                routes.append(route_along(line.path, line.closed))
+        if not any(np.array_equal(line.path, path) for path in error.candidates):
+            continue
+        if len(line.junctions):
+            for entry in ink_at(ink, line.middle):
+                routes += routes_over(entry)
+        else:
+            routes.append(route_along(line.path, line.closed))
     is_named = len(routes) > 0
     if not is_named:
         for entry in Geometry(ink=ink).account:
@@ -584,12 +571,11 @@ def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Fin
     if not any(map(len, changed)):
         return findings
     points = np.vstack(changed)
-
-    def is_away(finding: Finding) -> bool:
-        place = finding.place_px
-        return place is None or nearest_point(points, place)[1] > JOIN_PX
-
-    return tuple(filter(is_away, findings))
+    return tuple(
+        finding
+        for finding in findings
+        if finding.place_px is None or nearest_point(points, finding.place_px)[1] > JOIN_PX
+    )
 
 
 def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:

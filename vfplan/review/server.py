@@ -319,7 +319,6 @@ class ReviewServer:
         with suppress(ConnectionClosed):
             _send(connection, {"about": self._about})
             self._show([connection])
-            self._stale.set()
             for text in connection:
                 try:
                     message = json.loads(text)
@@ -351,19 +350,16 @@ class ReviewServer:
             else:
                 self._change(message, connection)
         except VfplanError as error:
-            if "preview" in message:
-                _send(connection, _described(error))
-            else:
-                self._refuse(connection, error)
+            self._refuse(connection, error, is_preview="preview" in message)
         if "number" in message:
             # The page sends its next change once it has this answer.
             _send(connection, {"answered": message["number"]})
 
-    def _refuse(self, connection: Any, error: VfplanError) -> None:
-        """Say what is wrong, and show the state: what the page moved goes back to its place."""
-        _send(connection, _described(error))
-        self._show([connection])
-        self._stale.set()
+    def _refuse(self, connection: Any, error: VfplanError, *, is_preview: bool = False) -> None:
+        """Say what is wrong; what the page moved goes back to its place, if it is let go."""
+        _send(connection, {"error": {"code": error.code, "message": str(error)}})
+        if not is_preview:
+            self._show([connection])
 
     def _name(self, connection: Any, name: Any) -> str:
         """Give a tab to a person, with what was looked at on it while it had no name."""
@@ -374,7 +370,6 @@ class ReviewServer:
                 self.session = self.session.with_seen(name, places)
             self._names[connection] = name
         self._show([connection])
-        self._stale.set()
         return name
 
     def _choose_draft(self, *, is_anew: bool) -> None:
@@ -387,7 +382,6 @@ class ReviewServer:
             self._about["draft"] = None
         self._send_all({"about": self._about})
         self._show(self._server.connections)
-        self._stale.set()
 
     def _change(self, message: dict[str, Any], connection: Any) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
@@ -416,7 +410,6 @@ class ReviewServer:
                 self.session = session
                 self._version += 1
         self._show(self._server.connections)
-        self._stale.set()
 
     def _preview(self, wish: Any) -> dict[str, Any]:
         """The registration as it would be with a marker elsewhere; nothing is changed."""
@@ -427,7 +420,7 @@ class ReviewServer:
         return {"preview": to_json_types(marker_state(plan))}
 
     def _show(self, connections: Iterable[Any], *, is_whole: bool = False) -> None:
-        """Send the state to tabs, to each as it is for the person there."""
+        """Send the state to tabs, each as its person sees it; the whole state follows."""
         with self._lock:
             session, version = self.session, self._version
         kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
@@ -438,6 +431,8 @@ class ReviewServer:
                 shown[who] = to_json_types(state_of(who))
             if version == self._version or not is_whole:
                 _send(connection, {kind: shown[who], "version": version})
+        if not is_whole:
+            self._stale.set()
 
     def _plan(self) -> None:
         """Make the whole plan of the latest state, again and again, and show it."""
@@ -459,10 +454,6 @@ def _send(connection: Any, message: dict[str, Any]) -> None:
 
     with suppress(ConnectionClosed, OSError):
         connection.send(json.dumps(message))
-
-
-def _described(error: VfplanError) -> dict[str, Any]:
-    return {"error": {"code": error.code, "message": str(error)}}
 
 
 def _pages() -> dict[str, tuple[bytes, str]]:

@@ -33,6 +33,7 @@ from vfplan.review.rendered import described, digest_of, rendered_in_json, visib
 NOTHING = np.zeros(0, complex)
 
 SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box")
+SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from")
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,12 +284,8 @@ def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
         "mm_per_px": fit.mm_per_px,
         "fre_rms_m": registration and registration.fre_rms_m,
         "markers_why_not": fit.why_not if fit.markers else "",
-        "plan": {
-            "model": fit.settings.model,
-            "contact_radius": fit.settings.contact_radius,
-            "seen_from": fit.settings.seen_from,
-            "pixel_spacing_mm": fit.pixel_spacing_mm,
-        },
+        "plan": {name: getattr(fit.settings, name) for name in SHOWN_OF_SETTINGS}
+        | {"pixel_spacing_mm": fit.pixel_spacing_mm},
     }
     if not is_of_curve:
         state["tre95_m"] = fit.tre95_m(plan.geometry.strokes)

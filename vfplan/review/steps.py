@@ -61,8 +61,16 @@ def malformed(step: Step, name: str, wanted: str) -> SettingError:
 def whole_number(step: Step, name: str, default: int | None = None) -> int:
     """The whole number in a field of a step."""
     value = step.get(name, default)
-    if isinstance(value, bool) or not isinstance(value, int):
+    if type(value) is not int:
         raise malformed(step, name, "a whole number")
+    return value
+
+
+def flag_of(step: Step, name: str, default: bool = False) -> bool:
+    """True or false in a field of a step."""
+    value = step.get(name, default)
+    if not isinstance(value, bool):
+        raise malformed(step, name, "true or false")
     return value
 
 
@@ -193,25 +201,22 @@ def draw(plan: Plan, step: Step) -> Plan:
     any other the step says whether it takes the place of all, `"replace": true`, or becomes a
     further stroke, `"add": true`.
     """
-    for name in ("closed", "add", "replace"):
-        if not isinstance(step.get(name, False), bool):
-            raise malformed(step, name, "true or false")
-    closed, adds, replaces = (step.get(name, False) for name in ("closed", "add", "replace"))
+    closed, adds, replaces = (flag_of(step, name) for name in ("closed", "add", "replace"))
     if adds and replaces:
         raise malformed(step, "replace", "add or replace, not both")
     clicks = clicks_of(plan, step, closed)
     geometry = plan.geometry
     path = np.clip(path_through(np.array(clicks), closed), -0.5, far_corner(plan))
-    number = None
-    if geometry.strokes and not adds and not replaces:
+    is_apart = adds or replaces or not geometry.strokes
+    if not is_apart and not closed:
         number = stroke_met(geometry, path)
-        if not closed:
-            stroke = geometry.strokes[number].redraw(path, geometry.ink)
-            return with_stroke(plan, number, stroke)
+        return with_stroke(plan, number, geometry.strokes[number].redraw(path, geometry.ink))
     stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
-    if number is not None:
-        return with_stroke(plan, number, stroke)
-    return with_strokes(plan, (*geometry.strokes, stroke) if adds else (stroke,))
+    if not is_apart:
+        return with_stroke(plan, stroke_met(geometry, path), stroke)
+    if adds:
+        return with_strokes(plan, (*geometry.strokes, stroke))
+    return with_strokes(plan, (stroke,))
 
 
 def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
@@ -224,14 +229,13 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
         place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
             clicks.append(place)
-    needed = 2 + closed
     if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
         clicks.pop()
-    if len(clicks) < needed:
-        raise SettingError(
-            f"{len(clicks)} places a pixel or more apart draw no line. Click {needed} places.",
-            code="too-few-clicks",
+    if len(clicks) < 2 + closed:
+        text = (
+            f"{len(clicks)} places a pixel or more apart draw no line. Click {2 + closed} places."
         )
+        raise SettingError(text, code="too-few-clicks")
     return clicks
 
 
@@ -415,11 +419,8 @@ def rename_marker(plan: Plan, step: Step) -> Plan:
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:
     """Leave a marker out of the registration, or use it again."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    out = step.get("out", fit.markers[number].is_used)
-    if not isinstance(out, bool):
-        raise malformed(step, "out", "true or false")
-    return with_marker(plan, step, is_used=not out)
+    marker = plan.fit.markers[plan.fit.index(step.get("marker"))]
+    return with_marker(plan, step, is_used=not flag_of(step, "out", marker.is_used))
 
 
 def find_markers(plan: Plan, step: Step) -> Plan:
@@ -501,12 +502,11 @@ def answer(plan: Plan, step: Step) -> Plan:
     """Accept a finding by its number in the state's list, or all of one code."""
     findings = plan.outcome.findings
     which = step.get("finding")
-    if isinstance(which, str):
-        accepted = [finding for finding in findings if finding.code == which]
-    elif isinstance(which, int) and not isinstance(which, bool) and 0 <= which < len(findings):
-        accepted = [findings[which]]
-    else:
-        accepted = []
+    accepted = [
+        finding
+        for number, finding in enumerate(findings)
+        if finding.code == which or (number == which and type(which) is int)
+    ]
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
