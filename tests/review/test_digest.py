@@ -13,7 +13,7 @@ from refusals import refuses
 from vfplan.bundle import review_digest
 from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
-from vfplan.errors import CheckFailed, SettingError
+from vfplan.errors import CheckFailed
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
 from vfplan.review.rendered import accept, digest_of
@@ -127,13 +127,8 @@ def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
 
 
 def test_answers_go_by_code():
-    given, digest = fixture(), digest_of(fixture())
     with refuses(CheckFailed, "findings-unanswered", unanswered=["end-other-colour"]):
-        accept(given, digest, "A", answers=["ink-left"])
-    accepted = accept(given, digest, "A", answers=["ink-left", "end-other-colour"])
-    assert not accepted.open_findings
-    with refuses(SettingError, "answer-unknown"):
-        accept(given, digest, "A", answers=["extrapolated"], answer_all=False)
+        accept(fixture(), digest_of(fixture()), "A", answers=["ink-left"])
 
 
 def test_answer_of_somebody_else_stays():
@@ -141,13 +136,3 @@ def test_answer_of_somebody_else_stays():
     given = replace(bundles.whole(), findings=(before, FINDINGS[1]))
     accepted = accept(given, digest_of(given), "A", answer_all=True)
     assert [f.answered_by for f in accepted.findings] == ["B", "A"]
-
-
-def test_digest_of_another_plan_is_refused():
-    given = fixture()
-    points = given.points.copy()
-    points[0, 0] = np.nextafter(points[0, 0], 1)
-    other = digest_of(replace(given, points=points))
-    for digest in (other, "", "0" * 64, digest_of(given)[:-1]):
-        with refuses(CheckFailed, "digest-other"):
-            accept(given, digest, "A", answer_all=True)

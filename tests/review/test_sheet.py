@@ -415,13 +415,6 @@ def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
     assert any(words.startswith("The tube has no end along its axis") for words in words_of(sheet))
 
 
-def test_sheet_without_its_slice_says_so():
-    shown = Plan.of(bundles.whole(), "f.h5")
-    assert shown.is_slice_missing
-    assert "missing" in verdict_of(shown)
-    assert not Plan.of(bundles.sheet(), "f.h5").is_slice_missing
-
-
 def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     fixture = bundles.whole()
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
