@@ -253,6 +253,9 @@ def run_campaign(
     open_folder(folder, campaign_question(fixture, sessions, campaign.settings))
     paths = [block_path(folder, block) for block in range(-(-trials // BLOCK))]
     missing = [block for block, path in enumerate(paths) if not path.exists()]
+    for block in range(len(paths)):
+        if block not in missing:
+            read_block(paths[block], block)
     data: Any = pickle.dumps(campaign)
     if scheduler is None and min(workers, len(missing)) < 2:
         for block in missing:
