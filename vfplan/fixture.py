@@ -249,6 +249,13 @@ class Pieces:
         """How many lines and arcs."""
         return len(self.bulges) - int((~self.closed).sum())
 
+    @classmethod
+    def joined(cls, strokes: Sequence[tuple[NDArray, NDArray, bool]]) -> Pieces:
+        """Those of strokes, each (vertices (K, 3), bulges (K,), closed)."""
+        vertices, bulges, closed = zip(*strokes, strict=True)
+        numbers = np.repeat(np.arange(len(bulges), dtype=np.int32), [len(b) for b in bulges])
+        return cls(np.concatenate(vertices), np.concatenate(bulges), numbers, np.array(closed))
+
     def of(self, kept: NDArray[np.bool_]) -> Pieces:
         """Those of the strokes kept, (S,), numbered anew."""
         mine, number = kept[self.stroke], np.cumsum(kept, dtype=np.int32) - 1

@@ -16,15 +16,6 @@ def engine_of(scene, rule="robust", **settings):
     return vfplan.ProxyEngine(scene.points, rule=rule, ignore_axis=scene.ignore_axis, **settings)
 
 
-def errors(scene, hips, rule="robust"):
-    """(T,) distance of the proxy from the exact one [m]."""
-    return np.linalg.norm(play(engine_of(scene, rule), hips).proxy - scene.truth(hips, R), axis=1)
-
-
-def rms(x):
-    return float(np.sqrt(np.mean(x**2)))
-
-
 # -- accuracy on smooth scenes -------------------------------------------------------------------
 
 
@@ -44,7 +35,7 @@ def test_cylinder_within_three_micrometres(flat):
     hips, start = circling()
     exact = hips[:, :2] / np.linalg.norm(hips[:, :2], axis=1)[:, None] * (0.03 + R)
     error = np.linalg.norm(play(engine_of(scene), hips).proxy[:, :2] - exact, axis=1)[start:]
-    assert rms(error) <= 3e-6
+    assert np.sqrt(np.mean(error**2)) <= 3e-6
     assert error.max() <= 10e-6
 
 

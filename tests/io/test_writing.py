@@ -155,14 +155,6 @@ def test_no_more_is_read_than_allowed(tmp_path):
         read_image(path)
 
 
-def old_and_new(folder):
-    """Files a and b in a folder, and what is to be moved onto them."""
-    for name in ("a", "b"):
-        (folder / name).write_text(f"old {name}")
-        (folder / f"new {name}").write_text(f"new {name}")
-    return [(folder / f"new {name}", folder / name) for name in ("a", "b")]
-
-
 def failing_disk(monkeypatch, nth):
     """From the nth call on, renames, links and fsyncs fail, as on a disk that went read-only.
 
@@ -183,7 +175,10 @@ def failing_disk(monkeypatch, nth):
 @pytest.mark.parametrize("nth", range(9))
 def test_no_old_file_is_lost_where_everything_fails_from_some_call_on(nth, tmp_path):
     """It is under its name, or under another, of which the message says one."""
-    moves = old_and_new(tmp_path)
+    for name in ("a", "b"):
+        (tmp_path / name).write_text(f"old {name}")
+        (tmp_path / f"new {name}").write_text(f"new {name}")
+    moves = [(tmp_path / f"new {name}", tmp_path / name) for name in ("a", "b")]
     with pytest.MonkeyPatch.context() as patch:
         calls = failing_disk(patch, nth)
         try:

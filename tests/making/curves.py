@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from vfplan.fixture import Pieces
+from vfplan.scenes.outline import in_space
 
 R = 5e-3
 TICKS = 60  # between two looks at where the proxy is
@@ -16,13 +17,7 @@ TICKS = 60  # between two looks at where the proxy is
 
 def pieces(strokes, offset=0.0) -> Pieces:
     """Strokes of (vertices (K, 2), bulges (K,), closed) as the product has them."""
-    flat = np.vstack([vertices for vertices, _, _ in strokes]) + offset
-    return Pieces(
-        np.column_stack([flat, np.zeros(len(flat))]),
-        np.concatenate([bulges for _, bulges, _ in strokes]),
-        np.repeat(np.arange(len(strokes)), [len(b) for _, b, _ in strokes]).astype(np.int32),
-        np.array([closed for _, _, closed in strokes]),
-    )
+    return Pieces.joined([(in_space(v + offset), bulges, closed) for v, bulges, closed in strokes])
 
 
 def links(curve: Pieces) -> list:

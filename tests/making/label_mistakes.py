@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 SIDE_PX, PX_M = 1024.0, 0.5e-3
 LAYOUTS = ("grid", "ring", "random")
@@ -40,7 +41,7 @@ def marker_set(number):
     layout = LAYOUTS[number % 3]
     n = int(rng.integers(3, 13))
     source = _placed(layout, n, rng)
-    rotation = _rotation(rng)
+    rotation = Rotation.from_quat(np.roll(rng.normal(size=4), -1)).as_matrix()
     truth = np.column_stack([rotation[:, :2] * PX_M, rng.uniform(-0.5, 0.5, 3)])
     fle = float(np.exp(rng.uniform(np.log(1e-4), np.log(1e-3))))
     places = np.column_stack([source, np.ones(n)]) @ truth.T
@@ -60,16 +61,6 @@ def _placed(layout, n, rng):
         cells = np.array([[k % columns, k // columns] for k in range(n)])
         places = 130 + step * cells
     return places + rng.normal(0, JITTERS_PX[int(rng.integers(3))], (n, 2))
-
-
-def _rotation(rng):
-    q = rng.normal(size=4)
-    w, x, y, z = q / np.linalg.norm(q)
-    return np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
 
 
 def _orders(n, rng):

@@ -11,13 +11,14 @@ import time
 from dataclasses import replace
 
 import bundles
+import curves
 import numpy as np
 import pytest
 from conftest import ROOT, need_program
 from oracle.replays import build_controller
 
 import vfplan
-from vfplan.fixture import Curve, Fixture, Guidance, Pieces, Provenance, Rendering
+from vfplan.fixture import Curve, Fixture, Guidance, Provenance, Rendering
 from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
 from vfplan.live.sources import decode
@@ -157,14 +158,8 @@ def test_a_guide_replays_bit_for_bit(stroke, arcs, repeated, tmp_path):
     x = np.arange(0, 0.08, 1e-3)
     wave = np.column_stack([x, 2e-3 * np.sin(80 * x), 0 * x])
     fits = [fit_arcs(wave[:, :2] + [0, up], False, 1e-6) for up in (0, 6e-3)]
-    flat = np.vstack([fit.vertices for fit in fits])
-    pieces = Pieces(
-        np.column_stack([flat, 0 * flat[:, 0]]),
-        np.concatenate([fit.bulges for fit in fits]),
-        np.repeat(np.arange(2, dtype=np.int32), [len(fit.bulges) for fit in fits]),
-        np.zeros(2, bool),
-        1e-6,
-    )
+    pieces = curves.pieces([(fit.vertices, fit.bulges, False) for fit in fits])
+    pieces = replace(pieces, error=1e-6)
     curve = Curve(np.repeat([0, 1], len(x)).astype(np.int32), np.zeros(2, bool))
     whole = Fixture(
         "robot_base",

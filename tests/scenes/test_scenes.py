@@ -82,8 +82,8 @@ def around(c, r, closed=ball):
 
 
 FORMS = {
-    "point": {"across press": around(R, lambda s: 0)},
-    "segment": {"along above below": lambda s, h: capsule(s.length / 2, h)},
+    "point": {"across": around(R, lambda s: 0)},
+    "segment": {"above": lambda s, h: capsule(s.length / 2, h)},
     "sheet": {"front": above(1, lambda s: 0.1 + R, 1), "back": above(1, lambda s: R - 0.1, -1)},
     "double-sheet": {"above": above(1, lambda s: s.gap / 2 + R, 1),
                      "below": above(1, lambda s: s.gap / 2 + R, -1)},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from conftest import ROOT, need_program, output
+from scipy.spatial.transform import Rotation
 
 from vfplan import Status
 
@@ -30,10 +31,8 @@ SHEET = grid(even(0.02, 5e-4), even(0.02, 5e-4))
 
 
 def turned(axis, angle):
-    """(3, 3) a rotation, by Rodrigues' formula."""
-    x, y, z = np.asarray(axis) / np.linalg.norm(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    """(3, 3) a rotation."""
+    return Rotation.from_rotvec(angle * np.asarray(axis) / np.linalg.norm(axis)).as_matrix()
 
 
 def play(engine, hips, start=None):

@@ -140,19 +140,17 @@ def to_pixels(points: Array, scale: float) -> Array:
 
 def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
     """(H, W) share of each pixel that a pen of `width` px along `line` (M, 2) covers."""
-    from scipy.ndimage import distance_transform_edt
-
     # Only the pixels close to the line can hold ink.
-    is_off_line = np.ones(shape, bool)
-    u, v = np.rint(line).astype(int).T
-    is_off_line[v, u] = False
-    rows, cols = np.nonzero(distance_transform_edt(is_off_line) <= width / 2 + 2)
+    tree = cKDTree(line)
+    places = np.indices(shape)[::-1].reshape(2, -1).T
+    away, _ = tree.query(places, distance_upper_bound=width / 2 + 1)
+    rows, cols = np.nonzero(np.isfinite(away).reshape(shape))
 
     # Of each of these, the share of its inner places that the pen covers.
     offset = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
     du, dv = np.tile(offset, SUBPIXELS), np.repeat(offset, SUBPIXELS)
     inner = np.column_stack([(cols[:, None] + du).ravel(), (rows[:, None] + dv).ravel()])
-    distance, _ = cKDTree(line).query(inner, distance_upper_bound=width / 2 + 1)
+    distance, _ = tree.query(inner, distance_upper_bound=width / 2 + 1)
     share = np.zeros(shape)
     share[rows, cols] = (distance <= width / 2).reshape(len(rows), -1).mean(axis=1)
     return share
@@ -224,7 +222,7 @@ def register_scenes(quick: bool) -> Iterator[list[BenchRun]]:
     # Only the affine map can follow a print that a copier stretched in one direction.
     prints = (("true scale", 1.0), ("stretched 1 %", 1.01))
     for noise_mm, (name, stretch) in product(noises_mm, prints):
-        T = true_map(stretch)
+        T = elbow_truth()[1] * [stretch, 1.0, 1.0]
         runs = []
         for count in counts:
             source = markers_px(count)
@@ -236,16 +234,6 @@ def register_scenes(quick: bool) -> Iterator[list[BenchRun]]:
                 score = partial(score_maps, T=T)
                 runs.append(BenchRun(scene, method, {"markers": count}, run, score, "m", chosen))
         yield runs
-
-
-def true_map(stretch: float = 1.0) -> Array:
-    """(3, 3) map on [u v 1] into the robot's frame [m]: tilted, turned, stretched along u."""
-    tilt, turn = np.radians(12.0), np.radians(25.0)
-    x = np.array([np.cos(turn), np.sin(turn), 0.0])
-    y = np.cross([np.sin(tilt), 0.0, -np.cos(tilt)], x)
-    y -= (y @ x) * x
-    y /= np.linalg.norm(y)
-    return np.column_stack([PIXEL_M * stretch * x, PIXEL_M * y, [0.35, 0.1, 0.05]])
 
 
 def markers_px(count: int) -> Array:

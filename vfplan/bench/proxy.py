@@ -53,8 +53,6 @@ from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.curve import FINE_M
 
 Triangles = NDArray[np.int32]
-# Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm.
-FACE_CUTS = 25
 
 
 class Meshed(Scene):
@@ -82,10 +80,8 @@ class BallMesh(Meshed, Sphere):
 
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
-        """An octahedron's faces, cut and pushed outwards."""
-        places = np.array(list(product(range(-FACE_CUTS, FACE_CUTS + 1), repeat=3)), float)
-        places = places[np.abs(places).sum(axis=1) == FACE_CUTS]
-        return convex_mesh(self.radius * places / np.linalg.norm(places, axis=1)[:, None])
+        """The hull of places that are spread over it."""
+        return convex_mesh(Sphere(spacing=2e-3, radius=self.radius).points)
 
 
 class BoxMesh(Meshed, Walls):
@@ -247,13 +243,7 @@ def fitted(scene: Drawn) -> Pieces:
     from vfplan.geometry.lines import fit_arcs
 
     fits = [fit_arcs(run.sample(scene.spacing), run.closed, DEFAULT_ARCS_M) for run in scene.runs]
-    counts = [len(fit.bulges) for fit in fits]
-    return Pieces(
-        in_space(np.vstack([fit.vertices for fit in fits])),
-        np.concatenate([fit.bulges for fit in fits]),
-        np.repeat(np.arange(len(fits), dtype=np.int32), counts),
-        np.array([fit.closed for fit in fits]),
-    )
+    return Pieces.joined([(in_space(fit.vertices), fit.bulges, fit.closed) for fit in fits])
 
 
 def evenly_sampled(scene: Scene, choice: Choice) -> Scene:

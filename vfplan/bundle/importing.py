@@ -28,7 +28,7 @@ from vfplan.bundle.leak import (
     largest_cover,
     open_edges,
     pieces_of,
-    sorted_edges,
+    sides_of,
     turned_facets,
     widest_opening,
 )
@@ -369,7 +369,7 @@ def joined_and_turned(
     if not open_edges(mesh) and (one * np.cross(two, three)).sum() < 0:
         text = "The mesh is closed and its facets face inwards. Both sides are rendered alike."
         findings.append(note("mesh-inside-out", "import", text))
-    edges, count = np.unique(sorted_edges(mesh), return_counts=True)
+    edges, count = np.unique(sides_of(mesh), return_counts=True)
     shared = edges[count > 2] >> 32
     if len(shared):
         text = f"{len(shared)} edges belong to three triangles or more: faces doubled or crossed."

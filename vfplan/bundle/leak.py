@@ -80,21 +80,19 @@ def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np
 
 def open_edges(triangles: NDArray[np.int32]) -> int:
     """Number of edges that belong to exactly one triangle."""
-    edges = sorted_edges(triangles)
-    is_repeated = np.concatenate([[False], edges[1:] == edges[:-1], [False]])
-    return int(np.count_nonzero(~is_repeated[1:] & ~is_repeated[:-1]))
+    sides = sides_of(triangles)
+    sides.sort()
+    is_new = np.concatenate([[True], sides[1:] != sides[:-1], [True]])
+    return int(np.count_nonzero(is_new[1:] & is_new[:-1]))
 
 
-def sorted_edges(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Edges as (lower << 32 | higher) end, in order, each once for every triangle that it is of."""
-    edges = np.empty((3, len(triangles)), dtype=np.int64)
-    for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
-        np.minimum(triangles[:, i], triangles[:, j], out=edges[row])
-        edges[row] <<= 32
-        edges[row] |= np.maximum(triangles[:, i], triangles[:, j])
-    edges = edges.ravel()
-    edges.sort()
-    return edges
+def sides_of(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+    """(3 K,) edges as (lower << 32 | higher) end, each once for every triangle that it is of."""
+    following = np.roll(triangles, -1, axis=1)
+    sides = np.minimum(triangles, following).astype(np.int64)
+    sides <<= 32
+    sides |= np.maximum(triangles, following)
+    return sides.ravel()
 
 
 def parts_of(count: int, pairs: NDArray[np.integer]) -> NDArray[np.int32]:
@@ -108,9 +106,8 @@ def parts_of(count: int, pairs: NDArray[np.integer]) -> NDArray[np.int32]:
 
 def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
     """(K,) the facets to turn over so that all that share an edge agree; as few as possible."""
-    ends = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1).reshape(-1, 2)
-    runs_up = ends[:, 0] < ends[:, 1]
-    key = ends.min(axis=1).astype(np.int64) << 32 | ends.max(axis=1)
+    runs_up = (triangles < np.roll(triangles, -1, axis=1)).ravel()
+    key = sides_of(triangles)
     order = np.argsort(key, kind="stable")
     _, first, count = np.unique(key[order], return_index=True, return_counts=True)
     one, two = order[first[count == 2]], order[first[count == 2] + 1]
@@ -130,7 +127,7 @@ def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
 
 def rim_edges(triangles: NDArray[np.int32]) -> NDArray[np.intp]:
     """(E, 2) ends of the edges that belong to exactly one triangle."""
-    edges, count = np.unique(sorted_edges(triangles), return_counts=True)
+    edges, count = np.unique(sides_of(triangles), return_counts=True)
     return np.column_stack((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
 
 

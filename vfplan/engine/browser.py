@@ -70,7 +70,8 @@ def _guide(fixture: Fixture) -> dict[str, Any]:
         guide = Guide.of(fixture)
     parameters = [
         guide.radius, guide.stiffness, ENDS.index(guide.ends), HOLDS.index(guide.hold),
-        guide.cut_bends, *_axis(guide.ignore_axis), *guide.lead, guide.period,
+        guide.cut_bends, *_axis(guide.ignore_axis), guide.lead_force,
+        guide.lead_speed, guide.period,
     ]  # fmt: skip
     if len(guide.curves) == 4:
         return _strokes("guide_pieces", parameters, *guide.curves)

@@ -151,19 +151,10 @@ class Guide:
         self.hold = one_of("hold", hold, HOLDS)
         self.cut_bends = bool(cut_bends)
         self.ignore_axis = check_axis(ignore_axis)
-        self.lead = real_number("lead_force", lead_force), real_number("lead_speed", lead_speed)
+        self.lead_force = real_number("lead_force", lead_force)
+        self.lead_speed = real_number("lead_speed", lead_speed)
         self.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
-        parameters = _core.GuideParameters(
-            radius=self.radius,
-            stiffness=self.stiffness,
-            ends=ends,
-            hold=self.hold,
-            cut_bends=self.cut_bends,
-            ignore_axis=self.ignore_axis,
-            lead_force=self.lead[0],
-            lead_speed=self.lead[1],
-            period=self.period,
-        )
+        parameters = _core.GuideParameters(**vars(self))
         if isinstance(points, Pieces):
             if self.ignore_axis is None:
                 raise SettingError(

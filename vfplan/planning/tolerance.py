@@ -40,7 +40,7 @@ A curve carried through a registration: its points, sampled by need, and its lin
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -399,19 +399,15 @@ def lines_and_arcs_of(
     tolerance_m = (settings.arcs_m or usual_m) - ROUNDING_M
     measured = registration.apply(curve.points)
     flat, height = measured @ frame.T, float((measured @ axis).mean())
-    vertices, bulges, counts, error_m = [], [], [], 0.0
+    strokes, error_m = [], 0.0
     for stroke, is_closed in enumerate(curve.curve.closed):
         arcs = fit_arcs(flat[curve.curve.stroke == stroke], bool(is_closed), tolerance_m)
         samples = carried.points[carried.curve.stroke == stroke] @ frame.T
         departure_m = max(arcs.error, float(arcs.distance(samples).max()))
         error_m = max(error_m, departure_m + ROUNDING_M)
-        vertices.append(np.round(arcs.vertices @ frame + height * axis, VERTEX_DECIMALS))
-        bulges.append(np.round(arcs.bulges, DECIMALS))
-        counts.append(len(arcs.bulges))
-    numbers = np.repeat(np.arange(len(counts), dtype=np.int32), counts)
-    return Pieces(
-        np.concatenate(vertices), np.concatenate(bulges), numbers, curve.curve.closed, error_m
-    )
+        vertices = np.round(arcs.vertices @ frame + height * axis, VERTEX_DECIMALS)
+        strokes.append((vertices, np.round(arcs.bulges, DECIMALS), is_closed))
+    return replace(Pieces.joined(strokes), error=error_m)
 
 
 def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings) -> None:

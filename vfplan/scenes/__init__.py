@@ -392,11 +392,8 @@ class Point(Scene):
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """From left to right just above it, and a press from above."""
-        return {
-            "across": corners_mm((-20, 1), (20, 1)),
-            "press": corners_mm((0.5, 12, 0.3), (0.5, 2, 0.3), (0.5, 12, 0.3)),
-        }
+        """From left to right just above it."""
+        return {"across": corners_mm((-20, 1), (20, 1))}
 
 
 class Segment(Scene):
@@ -424,13 +421,8 @@ class Segment(Scene):
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """Along it 2 mm above its axis, and a press from each side."""
-        end = self.length * 500 + 15
-        return {
-            "along": corners_mm((-end, 2, 1), (end, 2, 1)),
-            "above": corners_mm((3, 12, 0.4), (3, 2, 0.4), (8, 2, 0.4), (8, 12, 0.4)),
-            "below": corners_mm((3, -12, 0.4), (3, -2, 0.4), (8, -2, 0.4), (8, -12, 0.4)),
-        }
+        """Press on it from above, slide and lift off."""
+        return {"above": corners_mm((3, 12, 0.4), (3, 2, 0.4), (8, 2, 0.4), (8, 12, 0.4))}
 
 
 def grid(corner: Vector, u: Vector, v: Vector, spacing: float) -> Vector:

@@ -230,8 +230,9 @@ def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
 
 def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     """The outline as a fixture's pieces, a stroke a run; arcs are cut at a half circle."""
-    vertices, bulges, stroke = [], [], []
-    for i, run in enumerate(runs):
+    strokes = []
+    for run in runs:
+        vertices, bulges = [], []
         for link in run.links:
             count = max(1, int(np.ceil(abs(link.sweep) / np.pi - 1e-9)))
             vertices += list(link.at(np.arange(count) * (link.length / count)))
@@ -239,9 +240,8 @@ def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
         if not run.closed:
             vertices.append(run.links[-1].b)
             bulges.append(0.0)
-        stroke += [i] * (len(vertices) - len(stroke))
-    closed = np.array([run.closed for run in runs])
-    return curve.Pieces(in_space(vertices), np.array(bulges), np.array(stroke, np.int32), closed)
+        strokes.append((in_space(vertices), np.array(bulges), run.closed))
+    return curve.Pieces.joined(strokes)
 
 
 def in_space(flat: Vector) -> Vector:
