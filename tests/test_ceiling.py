@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (31_323, 341_913, 167),
-    ("tests",): (26_830, 341_304, 215),
+    ("vfplan", "cli"): (31_261, 341_257, 167),
+    ("tests",): (26_766, 340_115, 215),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
