@@ -8,14 +8,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.main import cli
+from vfplan.cli.options import settings_of_file
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.settings import option_words, scale_of
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -156,7 +160,8 @@ def rectify_command(
 
     flat = file_beside(Path(image.name), "flat", ".png")
     files = [file for file in (image, markers, markers2) if file is not None]
-    words = ["rectify", *files, *typed_options("rectify", overwrites=False), "-o", flat]
+    typed = typed_options("rectify", overwrites=False, spells_settings=True)
+    words = ["rectify", *files, *typed, "-o", flat]
     pairs = read_markers(markers, markers2, common=True)
     has_targets = pairs.target_frame == "robot_base"
     plan = plan_flat_command(
@@ -166,7 +171,9 @@ def rectify_command(
 
 
 # Options of `plan` that say something of a photograph, and not of the flat picture.
-OF_PHOTOGRAPH = ("--frame", "--pixels", "--find-markers", "--pixel-spacing", "--imager-spacing")
+OF_PHOTOGRAPH = (
+    "--frame", "--page", "--pixels", "--find-markers", "--pixel-spacing", "--imager-spacing",
+)  # fmt: skip
 
 # Options of `plan` that name places on a photograph: what stands for those on the flat picture.
 PLACES = {
@@ -182,12 +189,16 @@ def plan_flat_command(
 
     markers2: the markers' other side, where the table beside the flat picture does not hold it
     """
-    words, leaving_out = ["plan", flat, flat_markers(flat)], [*OF_PHOTOGRAPH, "-o", "--output"]
+    words = ["plan", flat, flat_markers(flat)]
+    leaving_out = [*OF_PHOTOGRAPH, "--settings", "-o", "--output"]
     if markers2 is not None:
         words.append(markers2)
     else:
         leaving_out.append("--common")
-    typed = typed_options("plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True)
+    typed = typed_options(
+        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True,
+        spells_settings=True,
+    )  # fmt: skip
     for number, word in enumerate(typed):
         name, has_value, _ = word.partition("=")
         if name in PLACES and has_value:
@@ -203,14 +214,16 @@ def flat_markers(flat: Path) -> Path:
 
 
 def typed_options(
-    name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False
-) -> list[str]:
+    name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False,
+    spells_settings: bool = False,
+) -> list[str]:  # fmt: skip
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
     overwrites: as `page_command` takes it
     leaving_out: options that mean something else to the other command
     all_outputs: whether the other command writes the pictures that were asked for too
+    spells_settings: whether the options of a settings file stand there one by one
     """
     others = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
     named = cli.get_command(click.Context(cli), name)
@@ -222,7 +235,7 @@ def typed_options(
         for opt in parameter.opts if opt not in leaving_out
     }  # fmt: skip
     words = []
-    typed = iter(sys.argv[2:])
+    typed = iter(sys.argv[2:] + (words_of_settings() if spells_settings else []))
     for word in typed:
         name, has_value, _ = word.partition("=")
         if name in takes_value and (overwrites or name != "--overwrite"):
@@ -230,3 +243,39 @@ def typed_options(
             if takes_value[name] and not has_value:
                 words.append(next(typed, ""))
     return words
+
+
+def words_of_settings() -> list[str]:
+    """The options of the running command's settings file that nobody typed."""
+    path = click.get_current_context().params.get("settings_file")
+    chosen = {} if path is None else settings_of_file(path)
+    return [
+        word
+        for setting in (*fields(ExtractSettings), *fields(FixtureSettings))
+        if setting.name in chosen and chosen[setting.name] != setting.default
+        for word in words_of_setting(setting, chosen[setting.name])
+    ]
+
+
+def words_of_setting(setting: Field, value: Any) -> list[str]:
+    """The option of a setting with a value that is not its default."""
+    name = f"--{option_words(setting)[-1]}"
+    if setting.name == "margin" and not isinstance(value, str):
+        # A length is the margin of a campaign, and that was made for one plan.
+        return [f"{name}=p=P", "--campaign=DIR"]
+    if setting.name == "points_only" or value is None:
+        return [f"{name}=none"]
+    if value is True:
+        return [name]
+    if setting.name == "guide_pull":
+        value = (value[0], *(1e3 * speed for speed in value[1:]))
+    values = value if "repeatable" in setting.metadata else [value]
+    return [f"{name}={typed_text(one, scale_of(setting))}" for one in values]
+
+
+def typed_text(value: Any, scale: float) -> str:
+    """A text, a number or several numbers as they are typed, in the unit of the option."""
+    if isinstance(value, str):
+        return value
+    numbers = value if isinstance(value, tuple) else [value]
+    return ",".join(f"{number / scale:.12g}" for number in numbers)
