@@ -197,9 +197,9 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     assert fixture.image.pixel_spacing_mm[0] > 0
 
     # The same with the options in a settings file, of which each command takes its own.
-    settings = {"contact_radius": 4e-3, "guide_m": 1e-3, "max_residual_m": 0.9 * 1e-3, "colour": "red",
-                "common": True, "pixel_spacing_mm": [0.6, 0.6], "guide_pull": [1.5, 0.03],
-                "max_tre_m": None, "stiffness": [300.0], "robust": False}  # fmt: skip
+    settings = {"contact_radius": 4e-3, "guide_m": 1e-3, "max_residual_m": 0.9 * 1e-3,
+                "colour": "red", "common": True, "pixel_spacing_mm": [0.6, 0.6],
+                "guide_pull": [1.5, 0.03], "max_tre_m": None, "stiffness": [300.0]}  # fmt: skip
     (tmp_path / "s.json").write_text(json.dumps(settings))
     typed = ["--settings", "s.json", "--contact-radius=3", "-o", "y.h5"]
     refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, cwd=tmp_path)
