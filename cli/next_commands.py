@@ -19,7 +19,7 @@ from vfplan.cli.options import settings_of_file
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import option_words, scale_of
+from vfplan.settings import flat, option_words, scale_of
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -158,14 +158,14 @@ def rectify_command(
     """
     from vfplan.markers.correspondences import read_markers
 
-    flat = file_beside(Path(image.name), "flat", ".png")
+    picture = file_beside(Path(image.name), "flat", ".png")
     files = [file for file in (image, markers, markers2) if file is not None]
     typed = typed_options("rectify", overwrites=False, spells_settings=True)
-    words = ["rectify", *files, *typed, "-o", flat]
+    words = ["rectify", *files, *typed, "-o", picture]
     pairs = read_markers(markers, markers2, common=True)
     has_targets = pairs.target_frame == "robot_base"
     plan = plan_flat_command(
-        flat, None if has_targets else markers2, output=output, overwrites=overwrites
+        picture, None if has_targets else markers2, output=output, overwrites=overwrites
     )
     return f"{command_of(*words)} && {plan}"
 
@@ -183,13 +183,13 @@ PLACES = {
 
 
 def plan_flat_command(
-    flat: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
+    picture: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
 ) -> str:
     """The command that plans on the flat picture of a photograph, with the same options.
 
     markers2: the markers' other side, where the table beside the flat picture does not hold it
     """
-    words = ["plan", flat, flat_markers(flat)]
+    words = ["plan", picture, flat_markers(picture)]
     leaving_out = [*OF_PHOTOGRAPH, "--settings", "-o", "--output"]
     if markers2 is not None:
         words.append(markers2)
@@ -208,9 +208,9 @@ def plan_flat_command(
     return command_of(*words, *typed, "-o", output)
 
 
-def flat_markers(flat: Path) -> Path:
+def flat_markers(picture: Path) -> Path:
     """Where the places of the markers on a flat picture stand."""
-    return flat.with_name(f"{flat.stem}_markers.csv")
+    return picture.with_name(f"{picture.stem}_markers.csv")
 
 
 def typed_options(
@@ -269,13 +269,7 @@ def words_of_setting(setting: Field, value: Any) -> list[str]:
         return [name]
     if setting.name == "guide_pull":
         value = (value[0], *(1e3 * speed for speed in value[1:]))
-    values = value if "repeatable" in setting.metadata else [value]
-    return [f"{name}={typed_text(one, scale_of(setting))}" for one in values]
-
-
-def typed_text(value: Any, scale: float) -> str:
-    """A text, a number or several numbers as they are typed, in the unit of the option."""
-    if isinstance(value, str):
-        return value
-    numbers = value if isinstance(value, tuple) else [value]
-    return ",".join(f"{number / scale:.12g}" for number in numbers)
+    if isinstance(value, int | float):
+        value = f"{value / scale_of(setting):.12g}"
+    # A repeatable option stands there once for each of its values.
+    return [f"{name}={one}" for one in flat(value).split(";")]
