@@ -8,14 +8,18 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.main import cli
+from vfplan.cli.options import settings_of_file
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
+from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.settings import flat, option_words, scale_of
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -154,19 +158,22 @@ def rectify_command(
     """
     from vfplan.markers.correspondences import read_markers
 
-    flat = file_beside(Path(image.name), "flat", ".png")
+    picture = file_beside(Path(image.name), "flat", ".png")
     files = [file for file in (image, markers, markers2) if file is not None]
-    words = ["rectify", *files, *typed_options("rectify", overwrites=False), "-o", flat]
+    typed = typed_options("rectify", overwrites=False, spells_settings=True)
+    words = ["rectify", *files, *typed, "-o", picture]
     pairs = read_markers(markers, markers2, common=True)
     has_targets = pairs.target_frame == "robot_base"
     plan = plan_flat_command(
-        flat, None if has_targets else markers2, output=output, overwrites=overwrites
+        picture, None if has_targets else markers2, output=output, overwrites=overwrites
     )
     return f"{command_of(*words)} && {plan}"
 
 
 # Options of `plan` that say something of a photograph, and not of the flat picture.
-OF_PHOTOGRAPH = ("--frame", "--pixels", "--find-markers", "--pixel-spacing", "--imager-spacing")
+OF_PHOTOGRAPH = (
+    "--frame", "--page", "--pixels", "--find-markers", "--pixel-spacing", "--imager-spacing",
+)  # fmt: skip
 
 # Options of `plan` that name places on a photograph: what stands for those on the flat picture.
 PLACES = {
@@ -176,18 +183,22 @@ PLACES = {
 
 
 def plan_flat_command(
-    flat: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
+    picture: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
 ) -> str:
     """The command that plans on the flat picture of a photograph, with the same options.
 
     markers2: the markers' other side, where the table beside the flat picture does not hold it
     """
-    words, leaving_out = ["plan", flat, flat_markers(flat)], [*OF_PHOTOGRAPH, "-o", "--output"]
+    words = ["plan", picture, flat_markers(picture)]
+    leaving_out = [*OF_PHOTOGRAPH, "--settings", "-o", "--output"]
     if markers2 is not None:
         words.append(markers2)
     else:
         leaving_out.append("--common")
-    typed = typed_options("plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True)
+    typed = typed_options(
+        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True,
+        spells_settings=True,
+    )  # fmt: skip
     for number, word in enumerate(typed):
         name, has_value, _ = word.partition("=")
         if name in PLACES and has_value:
@@ -197,20 +208,22 @@ def plan_flat_command(
     return command_of(*words, *typed, "-o", output)
 
 
-def flat_markers(flat: Path) -> Path:
+def flat_markers(picture: Path) -> Path:
     """Where the places of the markers on a flat picture stand."""
-    return flat.with_name(f"{flat.stem}_markers.csv")
+    return picture.with_name(f"{picture.stem}_markers.csv")
 
 
 def typed_options(
-    name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False
-) -> list[str]:
+    name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False,
+    spells_settings: bool = False,
+) -> list[str]:  # fmt: skip
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
     overwrites: as `page_command` takes it
     leaving_out: options that mean something else to the other command
     all_outputs: whether the other command writes the pictures that were asked for too
+    spells_settings: whether the options of a settings file stand there one by one
     """
     others = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
     named = cli.get_command(click.Context(cli), name)
@@ -222,7 +235,7 @@ def typed_options(
         for opt in parameter.opts if opt not in leaving_out
     }  # fmt: skip
     words = []
-    typed = iter(sys.argv[2:])
+    typed = iter(sys.argv[2:] + (words_of_settings() if spells_settings else []))
     for word in typed:
         name, has_value, _ = word.partition("=")
         if name in takes_value and (overwrites or name != "--overwrite"):
@@ -230,3 +243,33 @@ def typed_options(
             if takes_value[name] and not has_value:
                 words.append(next(typed, ""))
     return words
+
+
+def words_of_settings() -> list[str]:
+    """The options of the running command's settings file that nobody typed."""
+    path = click.get_current_context().params.get("settings_file")
+    chosen = {} if path is None else settings_of_file(path)
+    return [
+        word
+        for setting in (*fields(ExtractSettings), *fields(FixtureSettings))
+        if setting.name in chosen and chosen[setting.name] != setting.default
+        for word in words_of_setting(setting, chosen[setting.name])
+    ]
+
+
+def words_of_setting(setting: Field, value: Any) -> list[str]:
+    """The option of a setting with a value that is not its default."""
+    name = f"--{option_words(setting)[-1]}"
+    if setting.name == "margin" and not isinstance(value, str):
+        # A length is the margin of a campaign, and that was made for one plan.
+        return [f"{name}=p=P", "--campaign=DIR"]
+    if setting.name == "points_only" or value is None:
+        return [f"{name}=none"]
+    if value is True:
+        return [name]
+    if setting.name == "guide_pull":
+        value = (value[0], *(1e3 * speed for speed in value[1:]))
+    if isinstance(value, int | float):
+        value = f"{value / scale_of(setting):.12g}"
+    # A repeatable option stands there once for each of its values.
+    return [f"{name}={one}" for one in flat(value).split(";")]

@@ -268,6 +268,10 @@ class Pieces:
         )
 
 
+# What may be said of each point of a stroke.
+FLAGS = ("bridged", "edited", "hidden")
+
+
 @dataclass(frozen=True, eq=False)
 class Stroke:
     """One line of a drawing, in the unit of its frame: pixels of the slice, or metres.
@@ -286,6 +290,8 @@ class Stroke:
         line.
     edited
         (M,) bool, points that a hand placed and no ink confirms.
+    hidden
+        (M,) bool, points over which another colour lies. No bundle holds them.
     width
         Mean width of the pen; `None` where nobody measured it.
     is_ordered
@@ -300,13 +306,14 @@ class Stroke:
     sigma: NDArray[np.float64] | None = None
     bridged: NDArray[np.bool_] | None = None
     edited: NDArray[np.bool_] | None = None
+    hidden: NDArray[np.bool_] | None = None
     width: float | None = None
     is_ordered: bool = True
     known_length: float | None = None
 
     def __post_init__(self) -> None:
-        """A stroke of which nobody says so is neither bridged nor edited."""
-        for name in ("bridged", "edited"):
+        """A stroke of which nobody says so is neither bridged, edited nor hidden."""
+        for name in FLAGS:
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(len(self.points), bool))
 
@@ -332,15 +339,15 @@ class Stroke:
     def at(self, parameter: NDArray[np.float64]) -> Stroke:
         """The stroke through its places at float indices (N,) of its points.
 
-        A place is bridged or edited as soon as one of its two neighbours is.
+        A place is bridged, edited or hidden as soon as one of its two neighbours is.
         """
+        flags = {name: values_at(getattr(self, name).astype(float), parameter) for name in FLAGS}
         return replace(
             self,
             points=values_at(self.points, parameter),
             sigma=None if self.sigma is None else values_at(self.sigma, parameter),
-            bridged=values_at(self.bridged.astype(float), parameter) > 0,
-            edited=values_at(self.edited.astype(float), parameter) > 0,
             known_length=self.length,
+            **{name: values > 0 for name, values in flags.items()},
         )
 
 

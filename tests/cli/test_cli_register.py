@@ -15,6 +15,8 @@ from slicer_files import mrk
 import vfplan
 from vfplan.images.raster import with_made_flat
 from vfplan.images.read import read_image
+from vfplan.planning.settings import FixtureSettings
+from vfplan.settings import flat, recalled
 
 IMAGE, PIXELS, ROBOT = ELBOW
 
@@ -193,6 +195,23 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     assert (tmp_path / "seen.png").exists()
     assert not (tmp_path / "x-sheet.png").exists()
     assert fixture.image.pixel_spacing_mm[0] > 0
+
+    # The same with the options in a settings file, of which each command takes its own.
+    settings = {"contact_radius": 4e-3, "guide_m": 1e-3, "max_residual_m": 0.9 * 1e-3,
+                "colour": "red", "common": True, "pixel_spacing_mm": [0.6, 0.6],
+                "guide_pull": [1.5, 0.03], "max_tre_m": None, "stiffness": [300.0]}  # fmt: skip
+    (tmp_path / "s.json").write_text(json.dumps(settings))
+    typed = ["--settings", "s.json", "--contact-radius=3", "-o", "y.h5"]
+    refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, cwd=tmp_path)
+    here = refused.error_line.split(") or here: ")[1].split(" && ")
+    assert "--common" in here[0]
+    (tmp_path / "s.json").unlink()
+    for command in here:
+        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).code == 0, command
+    known = recalled(FixtureSettings, vfplan.read_fixture(tmp_path / "y.h5").provenance.settings)
+    settings |= {"contact_radius": 3e-3, "common": False}
+    for name in vars(known).keys() & settings.keys():
+        assert flat(getattr(known, name)) == flat(settings[name]), name
 
     # A place on the photograph is another one on the flat picture.
     whole = ["--roi", "0,0,871,786", "--exclude=0,0,1,1", "--pixel-spacing", "0.6"]

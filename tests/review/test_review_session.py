@@ -179,6 +179,12 @@ def test_a_short_line_beside_a_long_one_is_asked_about_however_it_is_taken(tmp_p
         assert {code for code, *_ in findings_of(one)} & asked == wanted
 
 
+def test_a_ring_that_runs_into_its_overshooting_end_and_back_is_asked_about(tmp_path):
+    session, truth = opened(review_slices.overshoot, tmp_path)
+    taken = session.apply({"do": "choose", "at": truth[200].tolist()})
+    assert "curve-folds" in [finding.code for finding in taken.current.findings]
+
+
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
     session, truth = opened(review_slices.loops, tmp_path)
     ways = [way.points for way in session.current.geometry.candidates]
@@ -306,6 +312,23 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
             ]
     width_px = extracted.report["strokes"][0]["width_px"]
     assert f"the pen is {width_px:.1f} px wide" in dict(facts_of(of_bundle))["Line"]
+
+
+def test_the_page_finds_what_plan_finds_where_another_pen_crosses_also_after_a_mend(tmp_path):
+    session, truth = opened(clear, tmp_path)
+    picture = cv2.imread(str(tmp_path / "slice.png"))
+    for u, v in np.rint(truth[[40, 300, 560]]).astype(int):
+        cv2.line(picture, (u - 15, v - 45), (u + 15, v + 45), (255, 80, 0), 3, cv2.LINE_AA)
+    cv2.imwrite(str(tmp_path / "slice.png"), picture)
+    extracted, session = (
+        vfplan.extract(tmp_path / "slice.png"),
+        Session.open(tmp_path / "slice.png"),
+    )
+    assert session.current.findings == extracted.findings
+    assert {finding.code for finding in extracted.findings} == {"bridge"}
+    u, v = session.state()["knots_px"][0][8]
+    mended = session.apply({"do": "move_knot", "stroke": 0, "knot": 8, "to": [u, v + 3]})
+    assert mended.current.findings == extracted.findings
 
 
 def spatial_markers(folder, image, planar):

@@ -22,7 +22,7 @@ import vfplan
 from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
 from vfplan.display import three_digits
-from vfplan.errors import InputError
+from vfplan.errors import ImageError, InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.planning.extraction import extract
@@ -261,6 +261,11 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     heads = [box for box in texts if box.words.startswith("#") and "wants an answer" in box.words]
     assert len(heads) == count
     assert {(box.page, box.x) for box in heads} <= {(heading.page, heading.x)}
+    # A list that goes on in another column has its heading there too.
+    of_lists = texts[texts.index(heading) : -2 * pages]
+    for box, after in pairwise(of_lists):
+        is_near = (after.page, after.x) == (box.page, box.x) or after.y - box.y < 40
+        assert is_near or after.style == HEADING or after.words.endswith("continued"), after.words
 
 
 @pytest.mark.parametrize(("count", "pieces"), [(0, 0), (4, 11), (5, 9), (8, 3), (9, 0)])
@@ -438,7 +443,7 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
 
 def test_another_slice_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
-    with refuses(InputError, "slice-other"):
+    with refuses(ImageError, "another-slice"):
         Plan.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)

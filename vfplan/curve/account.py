@@ -41,6 +41,9 @@ FOLD_ROWS = 256
 # Most of those later ones. More lie near each other only where a curve runs often over itself.
 FOLD_COLUMNS = 1024
 
+# Largest cosine of the turn with which a stroke runs back on its own ink; a corner turns by less.
+MAX_BACK_COSINE = -0.8
+
 # Largest cosine of the angle at which two stretches cross; at a smaller angle they are a fold.
 MAX_CROSSING_COSINE = 0.9
 
@@ -117,8 +120,7 @@ class AccountEntry:
     size_px
         Its longest side; of a stretch, its length.
     what
-        "ink", or of a stretch "bridge" (a gap), "hidden" (under another colour), or "gap" where
-        nobody knows which of them.
+        "ink", or of a stretch "bridge" (a gap) or "hidden" (under another colour).
     piece
         The ink; `None` of a stretch.
     """
@@ -129,7 +131,7 @@ class AccountEntry:
     pixels: int
     share: float
     size_px: float
-    what: Literal["ink", "bridge", "hidden", "gap"]
+    what: Literal["ink", "bridge", "hidden"]
     piece: Leftover | None = None
 
     @property
@@ -215,10 +217,6 @@ def list_account(
 
 def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
     """Each stretch of a curve at which no ink shows, as the reason and its points' numbers."""
-    if not isinstance(curve, MeasuredStroke):
-        for run in runs(curve.bridged, curve.closed):
-            yield "gap", run
-        return
     for run in runs(curve.bridged | curve.hidden, curve.closed):
         yield "hidden" if curve.hidden[run].any() else "bridge", run
 
@@ -456,7 +454,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     ring_length = np.where([stroke.closed for stroke in strokes], counts, np.inf)
     width = max(stroke.width or 0.0 for stroke in strokes)
     reach = 2 * max(width, tuned.FLANK_PX)
-    is_folded, is_crossed = np.zeros((2, len(points)), bool)
+    is_folded, is_turned, is_crossed = np.zeros((3, len(points)), bool)
     for start in range(0, len(points), FOLD_ROWS):
         block = points[start : start + FOLD_ROWS]
         # Each point of the block is held against the later ones in the box around the block.
@@ -470,9 +468,13 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         along = np.minimum(later - earlier, ring_length[number[earlier]] - (later - earlier))
         is_fold = number[earlier] != number[later]
         is_fold |= along > tuned.WIDE_RUN_WIDTHS * max(width, 2)
-        is_fold &= later > earlier
+        cosine = (headings[earlier] * headings[later]).sum(axis=1)
+        is_back = np.hypot(*(points[earlier] - points[later]).T) <= width
+        is_back &= (cosine < MAX_BACK_COSINE) & (later > earlier)
+        is_turned[earlier[is_back]] = True
+        is_fold = (is_fold & (later > earlier)) | is_back
         # A crossing is no fold.
-        cosine = np.abs((headings[earlier] * headings[later]).sum(axis=1))
+        cosine = np.abs(cosine)
         is_steep = is_fold & (cosine < MAX_CROSSING_COSINE) & (number[earlier] == number[later])
         is_fold &= cosine > np.sqrt(0.5)
         is_folded[earlier[is_fold]] = True
@@ -489,7 +491,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     is_near_fold = windows(is_folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
     for run in runs(is_near_fold, False):
         length = np.count_nonzero(is_folded[run])
-        if length > tuned.SUDDEN_PX:
+        if length > tuned.SUDDEN_PX or is_turned[run].any():
             text = (
                 f"{length} px of the curve lie on another part of it, or close beside. Was it "
                 "drawn twice there, or do its ends overlap?"

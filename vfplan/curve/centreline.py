@@ -32,8 +32,6 @@ class MeasuredStroke(Stroke):
 
     Parameters
     ----------
-    hidden
-        (P,) bool, where another colour lies over it.
     ends
         The first and the last end; none of a closed line.
     profiles
@@ -44,7 +42,6 @@ class MeasuredStroke(Stroke):
         (M,) bool, where the profiles count.
     """
 
-    hidden: Flags
     ends: tuple[End, ...]
     profiles: Profiles | None
     path: Array
@@ -221,12 +218,10 @@ def deviation_of(
 
 def skeleton_line(line: Candidate) -> MeasuredStroke:
     """A line's skeleton, pixel by pixel, as a centre line."""
-    count = len(line.path)
     return MeasuredStroke(
         points=line.path,
-        sigma=np.full(count, SKELETON_SIGMA_PX),
+        sigma=np.full(len(line.path), SKELETON_SIGMA_PX),
         bridged=line.bridged,
-        hidden=np.zeros(count, bool),
         closed=line.closed,
         width=line.width,
         ends=(),

@@ -342,7 +342,7 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     """The measured curve as it is returned."""
     length = None if method == "ridge" else drawn_length(curve.points, curve.closed)
     drawn = curve.points, curve.closed, curve.sigma, curve.bridged
-    measured = Stroke(*drawn, width=line.width, known_length=length)
+    measured = Stroke(*drawn, hidden=curve.hidden, width=line.width, known_length=length)
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
@@ -352,5 +352,5 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(
-        measured, points=points, sigma=sigma, bridged=None, edited=None, is_ordered=False
+        measured, points=points, sigma=sigma, bridged=None, hidden=None, is_ordered=False
     )

@@ -45,6 +45,7 @@ def margin_length(margin: str | float | None, bound_m: float | None) -> str | fl
 
 GATE = {
     "form": "MM|none",
+    "unit": "mm",
     "from_option": lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
 }
 

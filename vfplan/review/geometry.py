@@ -171,10 +171,11 @@ MIN_STRAIGHT = 0.7
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_LINE = {"curve-on-border", "curve-straight", "curve-short", "ink-outweighs"}
-OF_INK = OF_LINE | {"ink-joins", "ink-touches", "leaves-picture"}
-MADE_ANEW = OF_INK | {
-    *("bridge", "bridge-long", "bridge-near-end", "curve-crosses", "curve-folds", "drawn-by-hand")
+OF_INK = OF_LINE | {
+    *("ink-joins", "ink-touches", "leaves-picture"),
+    *("bridge", "bridge-long", "bridge-near-end", "stretch-hidden"),
 }
+MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may
 # be a step along the line.
@@ -204,6 +205,8 @@ class Geometry:
         Middles of the ink that a person left out of the curve.
     max_gap_px
         Pen lifts up to this long are bridged.
+    is_as_found
+        Whether no step has changed the strokes since they were extracted, or read from a bundle.
     """
 
     strokes: tuple[MendedStroke, ...] = ()
@@ -214,6 +217,7 @@ class Geometry:
     candidates: tuple[Stroke, ...] = ()
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
     max_gap_px: float = ExtractSettings.max_gap_px
+    is_as_found: bool = True
 
     @cached_property
     def lines(self) -> tuple[Stroke, ...]:
@@ -264,8 +268,8 @@ class Geometry:
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
         """What a person should look at, made anew for the strokes as they are."""
-        if not self.strokes:
-            return self.findings
+        if not self.strokes or self.is_as_found:
+            return tuple(map(self.as_settled, self.findings))
         # Of extraction, and of a bundle, what still holds.
         made, made_anew = [], MADE_ANEW - OF_INK
         if self.ink is not None:
@@ -273,7 +277,6 @@ class Geometry:
         made += account.fold_findings(self.lines)
         edited = np.concatenate([stroke.edited for stroke in self.strokes])
         for stroke in self.lines:
-            made += account.stretch_findings(stroke)
             places = stroke.points[stroke.edited]
             if len(places):
                 within_px = own_bound(self.strokes)[edited].max()
@@ -311,6 +314,7 @@ class Geometry:
         )
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
+            findings += account.stretch_findings(line)
         return self._of_line() + findings
 
     def _of_line(self) -> list[Finding]:
@@ -371,14 +375,17 @@ class Geometry:
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)
-        return replace(self, strokes=tuple(strokes), findings=findings, taken=())
+        strokes = tuple(strokes)
+        return replace(self, strokes=strokes, findings=findings, taken=(), is_as_found=False)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
         """The geometry with another curve, given by a person."""
         taken = tuple(stroke for stroke in strokes if stroke not in self.strokes)
         gone = [stroke for stroke in self.strokes if stroke not in strokes]
         findings = unmended(self.kept, [stroke.points for stroke in (*taken, *gone)])
-        return replace(self, strokes=strokes, findings=findings, taken=taken, refusal=None)
+        return replace(
+            self, strokes=strokes, findings=findings, taken=taken, refusal=None, is_as_found=False
+        )
 
 
 def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: SliceInk) -> Geometry:
@@ -398,7 +405,10 @@ def geometry_of_extraction(
     """What `vfplan extract` makes of a slice, in place of what was there; raises as it does."""
     extracted = extract(image, settings)
     strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
-    return replace(before, strokes=strokes, findings=extracted.findings, taken=(), refusal=None)
+    return replace(
+        before, strokes=strokes, findings=extracted.findings, taken=(), refusal=None,
+        is_as_found=True,
+    )  # fmt: skip
 
 
 @lru_cache(maxsize=8)

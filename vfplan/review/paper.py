@@ -144,7 +144,7 @@ class Paper:
 
     def space_for(self, y: float, height: float) -> float:
         """The row `y` if something of this height fits there, else the top of a new page."""
-        if y + height <= FOOT - 12:
+        if y + height <= FOOT - 6:
             return y
         self.add_page()
         return float(MARGIN)

@@ -28,7 +28,7 @@ from vfplan.bundle.content import digest_of_content, review_digest, to_content
 from vfplan.display import MM, coordinates, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
-from vfplan.errors import CheckFailed, InputError, SettingError, VfplanError
+from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Rendering, Review, Stroke
 from vfplan.geometry.lines import plane_normal, runs
@@ -91,16 +91,16 @@ def kind_of(fixture: Fixture) -> Kind | None:
 
 
 def check_slice(fixture: Fixture, image: PlannedImage) -> None:
-    """Raise `InputError` unless the image is the one that the curve was drawn on."""
+    """Raise `ImageError` unless the image is the one that the curve was drawn on."""
     known = fixture.provenance.inputs.get("image")
     if known is None:
         text = "This bundle was not drawn on a slice. Leave --slice out."
         raise InputError(text, code="slice-unknown")
     if known != image.sha256:
-        raise InputError(
-            f"This is not the slice that the curve was drawn on: its SHA-256 begins with "
-            f"{image.sha256[:12]}, the bundle names {known[:12]}. Give the original file.",
-            code="slice-other",
+        raise ImageError(
+            "This is not the slice that the curve was drawn on. Their SHA-256 differ: "
+            f"{image.sha256[:12]}... here, {known[:12]}... in the bundle. Give the original.",
+            code="another-slice",
             numbers={"expected": known, "found": image.sha256},
         )
 

@@ -58,7 +58,7 @@ ONE_GREY = 2
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
 CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
-ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 20
+ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 16
 
 
 # Distance [px of the page] from a list to the heading of the next.
@@ -244,6 +244,7 @@ def draw_lists(
 
     # No line stands alone on a page: no heading, and neither the first nor the last of a list.
     blocks: list[Block] = []
+    headings: list[str] = []
     findings_blocks = 0
     for heading, entries in lists_of(plan):
         head: Block = [(heading, HEADING, 0)]
@@ -253,21 +254,26 @@ def draw_lists(
         cuts = [0, *range(2, len(entries) - 1), len(entries)]
         for start, end in pairwise(cuts):
             blocks.append(head + [line for entry in entries[start:end] for line in entry])
+            headings.append(heading)
             head = []
         findings_blocks = findings_blocks or len(blocks)
 
     for number, block in enumerate(blocks):
         # Findings stand in one column.
         together = [block] if number else blocks[:findings_blocks]
+        before = top
         if x > MARGIN and top + height_of(together) > y:
             x, top = MARGIN, y
-        needed = height_of([block])
+        top = sheet.space_for(top, height_of([block]))
+        if top != before and block[0][1] is not HEADING:
+            # In another column and on another page a list has its heading again.
+            block.insert(0, (f"{headings[number]}, continued", STRONG, 0))
+            top = sheet.space_for(top, height_of([block]))
         for line, style, indent in lines_of([block]):
-            top = sheet.space_for(top, needed)
+            top = sheet.space_for(top, style.line_height)
             top += LIST_GAP * (style is HEADING)
             sheet.text(x + indent, top, line, style)
             top += style.line_height
-            needed = style.line_height
 
 
 @dataclass(frozen=True, eq=False)
@@ -511,7 +517,7 @@ def draw_sheet(plan: Plan) -> Sheet:
         bottom, column_y = draw_picture(sheet, plan, rgb, y)
         column_y = draw_facts(sheet, plan, COLUMN_X, column_y + 10, COLUMN_WIDTH)
         insets = insets_of(plan)
-        last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 20)
+        last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
         in_last_row = len(insets) % INSETS_IN_A_ROW
         beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
         draw_lists(sheet, plan, y, beside)

@@ -333,7 +333,8 @@ def exclude(plan: Plan, step: Step) -> Plan:
         if extracted.strokes or not geometry.strokes:
             return replace(plan, geometry=replace(extracted, excluded_ink=geometry.excluded_ink))
     strokes = tuple(stroke.without_ink_in(box) for stroke in geometry.strokes)
-    return replace(plan, geometry=replace(geometry, strokes=strokes, ink=ink))
+    boxed = replace(geometry, strokes=strokes, ink=ink, is_as_found=False)
+    return replace(plan, geometry=boxed)
 
 
 def take(plan: Plan, step: Step) -> Plan:

@@ -25,7 +25,7 @@ from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, 
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
-from vfplan.fixture import Stroke
+from vfplan.fixture import FLAGS, Stroke
 from vfplan.geometry.lines import (
     arc_lengths,
     evenly,
@@ -84,7 +84,7 @@ SAME_PLACE_PX = 1e-4
 BEYOND = {False: "edge", True: "wrap"}
 
 # The fields of a stroke that have a value a point.
-PER_POINT = ("points", "sigma", "bridged", "edited", "is_knot")
+PER_POINT = ("points", "sigma", *FLAGS, "is_knot")
 
 
 def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
@@ -254,7 +254,7 @@ class SliceInk:
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
-        return Stroke(points, closed, sigma, edited=~has_ink)
+        return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
     def beside(
         self, ring: NDArray, which: NDArray[np.int64], reach_px: float
@@ -312,6 +312,12 @@ class SliceInk:
             return line
         path = values_at(carried, np.linspace(start, stop, round(stop - start) + 1))
         return self.measure(path, False, CLOSE_PX, width)
+
+    def with_hidden(self, line: Stroke) -> Stroke:
+        """A line of a bundle, with where another colour lies over it."""
+        width = self.width_along(line.points, line.closed)
+        profiles = read_profiles(self.found, line.points, normals(line.points, line.closed), width)
+        return replace(line, hidden=profiles.hidden)
 
     def width_along(self, path: NDArray, closed: bool) -> float:
         """The usual width of the ink along a path [px]; 3 where there is none."""
@@ -580,8 +586,8 @@ class MendedStroke(Stroke):
             is_knot = np.arange(len(points)) == nearest_point(points, knot_at)[0]
             is_knot[[0, -1]] = True
         stretch = MendedStroke(
-            points=points, closed=False, sigma=line.sigma, edited=line.edited, width=self.width,
-            is_knot=is_knot,
+            points=points, closed=False, sigma=line.sigma, edited=line.edited, hidden=line.hidden,
+            width=self.width, is_knot=is_knot,
         )  # fmt: skip
         if not keeps_start and not keeps_end:
             return stretch
