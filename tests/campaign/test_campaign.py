@@ -106,11 +106,14 @@ def test_a_line_pressed_at_one_place_is_a_normal_distribution(folder):
         assert low <= norm.sf(sigmas) <= high
 
 
-def test_the_margin_for_p_has_its_closed_form(folder):
+def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
+    """Trials with the margin in the point radius: the share that enters is within its interval."""
     depth = read_campaign(folder)[1]["depth_m"] + 2e-3 - MEAN - 2e-3  # a press that just touches
     mm = margins(depth, [0.05], SHARE)[0]
     assert mm["margin_mm"] == pytest.approx(1e3 * norm.isf(0.05) * SPREAD / SHARE, rel=0.15)
     assert mm["low"] <= mm["margin_mm"] <= mm["high"]
+    after = int((depth - SHARE * 1e-3 * mm["margin_mm"] > 0).sum())
+    assert after == int(np.floor(0.05 * len(depth)))
 
 
 def line_depths():
