@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from vfplan.campaign.store import (
     BLOCK,
-    clopper_pearson,
+    entering,
     margin_for,
     margins,
     quantile,
@@ -101,9 +101,8 @@ def test_a_line_pressed_at_one_place_is_a_normal_distribution(folder):
     assert depth.mean() == pytest.approx(MEAN, abs=4 * SPREAD / 32)
     assert depth.std() == pytest.approx(SPREAD, rel=4 / np.sqrt(2 * 1024))
     for sigmas in (0.0, 1.0, 2.0):
-        hits = int((depth > MEAN + sigmas * SPREAD).sum())
-        low, high = clopper_pearson(hits, len(depth))
-        assert low <= norm.sf(sigmas) <= high
+        (entry,) = entering(depth, [MEAN + sigmas * SPREAD])
+        assert entry["low"] <= norm.sf(sigmas) <= entry["high"]
 
 
 def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
