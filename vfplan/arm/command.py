@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
 from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
@@ -92,19 +92,9 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
         next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
         if not metrics["reachable"]:
             next_step = "move the arm with --base, or bring the fixture closer"
-    reached = "every place" if metrics["reachable"] else "NOT every place"
-    lines = [
-        f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
-        f"{reached} reached",
-        f"force        max {metrics['force_max_n']:.3f} N, step max "
-        f"{metrics['force_step_max_n']:.3f} N; penetration max "
-        f"{millimetres(metrics['penetration_max_m'])}",
-        *objections(metrics),
-        *written,
-    ]
     return CommandResult(
-        metrics, "\n".join(lines), warnings=warnings, failed=failed, verdict=rehearsal.verdict,
-        next_step=next_step,
+        metrics, "\n".join([rehearsed_text(metrics), *written]), warnings=warnings, failed=failed,
+        verdict=rehearsal.verdict, next_step=next_step,
     )  # fmt: skip
 
 
@@ -136,3 +126,19 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
             "gaps, or do not rely on the ticks there"
         )
     return session, warnings
+
+
+def rehearsed_text(metrics: dict[str, Any]) -> str:
+    """The short report of one rehearsal."""
+    from vfplan.arm.rehearsal import objections
+
+    reached = "every place" if metrics["reachable"] else "NOT every place"
+    lines = [
+        f"arm {metrics['arm']}: {metrics['ticks']} ticks, {metrics['duration_s']:.3f} s, "
+        f"{reached} reached",
+        f"force        max {metrics['force_max_n']:.3f} N, step max "
+        f"{metrics['force_step_max_n']:.3f} N; penetration max "
+        f"{millimetres(metrics['penetration_max_m'])}",
+        *objections(metrics),
+    ]
+    return "\n".join(lines)
