@@ -16,7 +16,7 @@ from scipy.stats import norm
 
 from vfplan.campaign.store import (
     BLOCK,
-    clopper_pearson,
+    entering,
     margin_for,
     margins,
     quantile,
@@ -101,16 +101,18 @@ def test_a_line_pressed_at_one_place_is_a_normal_distribution(folder):
     assert depth.mean() == pytest.approx(MEAN, abs=4 * SPREAD / 32)
     assert depth.std() == pytest.approx(SPREAD, rel=4 / np.sqrt(2 * 1024))
     for sigmas in (0.0, 1.0, 2.0):
-        hits = int((depth > MEAN + sigmas * SPREAD).sum())
-        low, high = clopper_pearson(hits, len(depth))
-        assert low <= norm.sf(sigmas) <= high
+        (entry,) = entering(depth, [MEAN + sigmas * SPREAD])
+        assert entry["low"] <= norm.sf(sigmas) <= entry["high"]
 
 
-def test_the_margin_for_p_has_its_closed_form(folder):
+def test_the_margin_for_p_makes_entering_as_rare_as_wished(folder):
+    """Trials with the margin in the point radius: the share that enters is within its interval."""
     depth = read_campaign(folder)[1]["depth_m"] + 2e-3 - MEAN - 2e-3  # a press that just touches
     mm = margins(depth, [0.05], SHARE)[0]
     assert mm["margin_mm"] == pytest.approx(1e3 * norm.isf(0.05) * SPREAD / SHARE, rel=0.15)
     assert mm["low"] <= mm["margin_mm"] <= mm["high"]
+    after = int((depth - SHARE * 1e-3 * mm["margin_mm"] > 0).sum())
+    assert after == int(np.floor(0.05 * len(depth)))
 
 
 def line_depths():

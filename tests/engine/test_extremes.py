@@ -140,6 +140,30 @@ def test_the_proxy_stays_outside_of_millions_of_points(side):
     assert walked(sheet(side)) <= ROUNDING_M
 
 
+def cusp():
+    t = np.linspace(-1, 1, 801)  # semicubical: both branches leave the tip along one tangent
+    return 0.04 * t * t, 0.02 * t**3
+
+
+def needle():
+    s = np.linspace(-0.03, 0.03, 301)  # a channel that the proxy does not fit
+    return np.tile(s, 2), np.repeat([-4.95e-3, 4.95e-3], 301)
+
+
+@pytest.mark.parametrize("curve", [cusp, needle])
+def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
+    """Met along the whole curve and across it."""
+    x, y = curve()
+    points = np.column_stack([x, y, 0 * x])
+    place = Contact(points, points.min(axis=0) - 2 * R, -UP, "z")
+    engine, way = engine_at(place), [place.start]
+    for p in points[:: max(1, len(points) // 60)]:
+        way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
+    at = np.linspace(0, len(way) - 1, 40 * len(way))
+    hips = np.column_stack([np.interp(at, np.arange(len(way)), c) for c in np.transpose(way)])
+    assert breach(place, engine, engine.run(hips)) <= ROUNDING_M
+
+
 @pytest.mark.parametrize("settings", [
     {"band": 1e-9}, {"band": 5e-11}, {"band": 5e-3, "outer_radius": 11e-3}, {"point_radius": 1e3},
     {"point_radius": 10e-3}, {"point_radius": 100e-3}, {"outer_radius": 2e6},

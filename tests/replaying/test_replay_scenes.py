@@ -12,7 +12,7 @@ from vfplan import ProxyParameters
 from vfplan.replaying.replay import replay
 from vfplan.scenes import SCENES
 from vfplan.scenes.god_object import follow
-from vfplan.scenes.outline import Segments
+from vfplan.scenes.outline import Sides
 from vfplan.session.read import read_session
 from vfplan.session.session import Session
 
@@ -59,7 +59,7 @@ def test_round_the_end_of_a_curve_the_force_falls_at_once(depth):
     hips = np.concatenate((press, np.stack([along, 0 * along - depth, 0 * along], axis=1)))
     proxy, exact = hips[0], []
     for hip in hips:
-        proxy = follow((Segments(points[:1], points[-1:]),), proxy, hip, RC)
+        proxy = follow((Sides(points[:1], (points[-1:] - points[:1],)),), proxy, hip, RC)
         exact.append(K * (proxy - hip))
     found = replay(fixture_of(points, band=1e-5), Session(np.arange(len(hips)) * 1e-3, hips))
     falls, ticks = [], []

@@ -206,7 +206,7 @@ def inside(corners, x):
 def follow_closed(corners, start, hips):
     """Follow HIPs (T, 3) along a closed polyline; check every position on the way."""
     flat = corners * FLAT
-    walls = (outline.Segments(flat, np.roll(flat, -1, axis=0), endless=True),)
+    walls = (outline.Sides(flat, (np.roll(flat, -1, axis=0) - flat,), endless=True),)
     x, side = start, inside(corners, start[None, :2])[0]
     for hip in hips:
         way = np.array([x, *god_object.slide(walls, x, hip, R)])
@@ -246,8 +246,8 @@ def test_gradients_and_hessians_are_those_of_the_distance(kind):
     c -= b * ((b * c).sum(axis=1) / (b * b).sum(axis=1))[:, None]
     angle, ends = rng.uniform(-3, 3, 12), np.vstack([b[:6], a[6:]])
     made = {
-        "segments": outline.Segments(a, ends), "rectangles": outline.Rectangles(a, b, c),
-        "walls": outline.Segments(a * FLAT, ends * FLAT, endless=True),
+        "segments": outline.Sides(a, (ends - a,)), "rectangles": outline.Sides(a, (b, c)),
+        "walls": outline.Sides(a * FLAT, ((ends - a) * FLAT,), endless=True),
         "spheres": outline.Spheres(a, rng.uniform(0.5, 3, 12)),
         "arcs": outline.Arcs(a[:, :2], rng.uniform(0.5, 3, 12), angle, rng.uniform(-0.7, 0.7, 12)),
     }[kind]  # fmt: skip

@@ -324,11 +324,10 @@ def move_base(model: Any, pose: Array) -> None:
     for body in range(1, model.nbody):
         if model.body_parentid[body]:
             continue
-        position, rotation = np.zeros(3), np.zeros(4)
-        mujoco().mju_rotVecQuat(position, model.body_pos[body], quaternion)
-        mujoco().mju_mulQuat(rotation, quaternion, model.body_quat[body])
-        model.body_pos[body] = pose[:3] + position
-        model.body_quat[body] = rotation
+        position, rotation = model.body_pos[body], model.body_quat[body]
+        mujoco().mju_mulPose(
+            position, rotation, pose[:3], quaternion, position.copy(), rotation.copy()
+        )
 
 
 def rotation_error(target: Array, current: Array) -> Array:

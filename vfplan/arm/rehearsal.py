@@ -168,11 +168,10 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
     - `lost`: the simulation left all bounds.
     """
     robot = arm.robot
-    torque_steps = np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
     tip_speed = row_norms(np.diff(motion.tip, axis=0, append=motion.tip[-1:])) * robot.rate_hz
     stops: list[SafetyStop] = []
     for kind, sign, values, limits in (
-        ("controller_torque_discontinuity", 1, torque_steps, robot.torque_step_limit_nm),
+        ("controller_torque_discontinuity", 1, torque_steps(motion), robot.torque_step_limit_nm),
         ("joint_torque", 1, np.abs(motion.torque), robot.torque_limit_nm),
         ("joint_velocity", 1, np.abs(motion.speed), robot.joint_speed_limit_rad_s),
         ("joint_position", 1, motion.q, arm.high),
@@ -366,15 +365,23 @@ def reach_places(
 
 def torque_figures(motion: ArmMotion) -> dict[str, Any]:
     """The largest torque and the largest change of it in a tick, and where they are."""
-    steps = np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
-    size = np.abs(motion.torque)
+    torque_nm, _, joint = largest_of(np.abs(motion.torque))
+    step_nm, tick, step_joint = largest_of(torque_steps(motion))
     return {
-        "torque_max_nm": float(size.max()),
-        "torque_max_joint": int(size.max(axis=0).argmax()) + 1,
-        "torque_step_max_nm": float(steps.max()),
-        "torque_step_max_joint": int(steps.max(axis=0).argmax()) + 1,
-        "torque_step_max_tick": int(steps.max(axis=1).argmax()),
-    }
+        "torque_max_nm": torque_nm, "torque_max_joint": joint, "torque_step_max_nm": step_nm,
+        "torque_step_max_joint": step_joint, "torque_step_max_tick": tick,
+    }  # fmt: skip
+
+
+def torque_steps(motion: ArmMotion) -> Array:
+    """(T, n) how much each torque changes in a tick, the first from 0 [N·m]."""
+    return np.abs(np.diff(motion.torque, axis=0, prepend=0 * motion.torque[:1]))
+
+
+def largest_of(values: Array) -> tuple[float, int, int]:
+    """The largest of values (T, n), its tick, and its joint from 1."""
+    tick, joint = np.unravel_index(values.argmax(), values.shape)
+    return float(values[tick, joint]), int(tick), int(joint) + 1
 
 
 def largest_step(force: Array) -> float:
@@ -384,15 +391,15 @@ def largest_step(force: Array) -> float:
 
 def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> dict[str, Any]:
     """How close joints are to their limits, the worst condition, and the smallest mass."""
-    to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
+    beyond_rad, tick, joint = largest_of(np.maximum(arm.low - motion.q, motion.q - arm.high))
     ticks = np.unique(np.linspace(0, len(motion.q) - 1, PLACES).astype(int)).tolist()
     conditions, masses_kg = zip(*(arm.posture(motion.q[k]) for k in ticks), strict=True)
     condition, mass_kg = max(conditions), min(masses_kg)
     worst, lightest = ticks[conditions.index(condition)], ticks[masses_kg.index(mass_kg)]
     figures = {
-        "joint_margin_min_rad": float(to_limit.min()),
-        "joint_margin_min_joint": int(to_limit.min(axis=0).argmin()) + 1,
-        "joint_margin_min_tick": int(to_limit.min(axis=1).argmin()),
+        "joint_margin_min_rad": -beyond_rad,
+        "joint_margin_min_joint": joint,
+        "joint_margin_min_tick": tick,
         "condition_max": condition if np.isfinite(condition) else None,
         "condition_max_tick": worst,
         "mass_min_kg": mass_kg,

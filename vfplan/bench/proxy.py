@@ -53,6 +53,8 @@ from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.curve import FINE_M
 
 Triangles = NDArray[np.int32]
+# Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm.
+FACE_CUTS = 25
 
 
 class Meshed(Scene):
@@ -80,8 +82,10 @@ class BallMesh(Meshed, Sphere):
 
     @cached_property
     def mesh(self) -> tuple[Array, Triangles]:
-        """The hull of places that are spread over it."""
-        return convex_mesh(Sphere(spacing=2e-3, radius=self.radius).points)
+        """An octahedron's faces, cut and pushed outwards."""
+        places = np.array(list(product(range(-FACE_CUTS, FACE_CUTS + 1), repeat=3)), float)
+        places = places[np.abs(places).sum(axis=1) == FACE_CUTS]
+        return convex_mesh(self.radius * places / np.linalg.norm(places, axis=1)[:, None])
 
 
 class BoxMesh(Meshed, Walls):

@@ -305,17 +305,6 @@ def workers_of_cluster(scheduler: str, trials: bytes) -> Iterator[tuple[Executor
         yield client.get_executor(pure=False, retries=4), sent
 
 
-def clopper_pearson(hits: int, trials: int) -> tuple[float, float]:
-    """The exact interval of the probability of an event that `hits` of `trials` had.
-
-    C. J. Clopper, E. S. Pearson, Biometrika 26, 1934, 404-413.
-    """
-    from scipy.stats import binomtest
-
-    low, high = binomtest(hits, trials).proportion_ci(PROBABILITY, method="exact")
-    return float(low), float(high)
-
-
 def quantile(sorted_values: Array, q: float) -> Array:
     """(3,) a quantile, and its interval from order statistics; NaN: an end that no trial bounds.
 
@@ -329,13 +318,17 @@ def quantile(sorted_values: Array, q: float) -> Array:
 
 
 def entering(depth: Array, beyond_m: list[float]) -> list[dict[str, float]]:
-    """How probable it is to go further than each of `beyond_m` beyond the true curve."""
+    """How probable it is to go further than each of `beyond_m` beyond the true curve.
+
+    With exact intervals: C. J. Clopper, E. S. Pearson, Biometrika 26, 1934, 404-413.
+    """
+    from scipy.stats import binomtest
+
     entries = []
     for beyond in beyond_m:
-        hits = int((depth > beyond).sum())
-        low, high = clopper_pearson(hits, len(depth))
-        p = hits / len(depth)
-        entries.append({"beyond_mm": 1e3 * beyond, "p": p, "low": low, "high": high})
+        test = binomtest(int((depth > beyond).sum()), len(depth))
+        low, high = map(float, test.proportion_ci(PROBABILITY, method="exact"))
+        entries.append({"beyond_mm": 1e3 * beyond, "p": test.statistic, "low": low, "high": high})
     return entries
 
 

@@ -146,8 +146,7 @@ class Trials:
 
         # The true markers: the image's, and where the registration puts them.
         T = record.T_robot_image
-        self._source = record.source
-        self._target = (homogeneous(record.source) @ T.T)[:, :3]
+        target = (homogeneous(record.source) @ T.T)[:, :3]
 
         # The true curve in the source frame, as T carries it to the fixture's points.
         k = T.shape[0] - 1
@@ -156,11 +155,8 @@ class Trials:
         spacing_m = None
         if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
             spacing_m = tuple(1e-3 * mm for mm in fixture.image.pixel_spacing_mm)
-        self._markers = make_problem(
-            self._source, self._target, record.model, spacing_m, None, None
-        )
+        self._markers = make_problem(record.source, target, record.model, spacing_m, None, None)
         self._along = homogeneous(self._markers.normaliser(curve))
-        self._sigma = fixture.sigma
 
     def run(self, trial: int) -> dict[str, Any]:
         """One trial as a row of the campaign's table.
@@ -175,20 +171,18 @@ class Trials:
     def planned(self, rng: np.random.Generator) -> Array:
         """The fixture's points (N, 3) [m] with the errors that are drawn."""
         # The markers as they are picked and touched.
-        image = rng.standard_normal(self._source.size)
-        robot = rng.standard_normal(self._target.size)
-        axis_image = self.settings.fle_image_px / np.sqrt(self._source.shape[1])
+        true, source = self._markers, self.fixture.registration.source
+        axis_image = self.settings.fle_image_px / np.sqrt(source.shape[1])
         axis_robot = self.settings.fle_robot_m / np.sqrt(3.0)
-        true = self._markers
-        source = self._source + axis_image * image.reshape(self._source.shape)
-        target = true.y + axis_robot * robot.reshape(true.y.shape)
+        source = source + axis_image * rng.standard_normal(source.shape)
+        target = true.y + axis_robot * rng.standard_normal(true.y.shape)
         problem = replace(true, s=true.normaliser(source), y=target)
 
         # The curve by the registration that they give.
         m = problem.model.solve(problem.s, problem.y, problem.weights)
         points = self._along @ m.T + problem.normaliser.target_centre
-        if self._sigma is not None:
-            shifts = self._sigma * rng.standard_normal(len(self._sigma))
+        if self.fixture.sigma is not None:
+            shifts = self.fixture.sigma * rng.standard_normal(len(points))
             points += shifts[:, None] * self._across
         return points
 

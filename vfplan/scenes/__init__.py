@@ -27,7 +27,7 @@ from vfplan.engine.parameters import Vector, check_stiffness
 from vfplan.engine.proxy import ProxyEngine, check_path
 from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.scenes import god_object, outline
-from vfplan.scenes.outline import Pieces, Rectangles, Run, Segments, Spheres, in_space
+from vfplan.scenes.outline import Pieces, Run, Sides, Spheres, in_space
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,8 +241,7 @@ class Wedge(Bend):
         at = self._at
         # In front of the edge the path goes round it, where the proxy does not jump.
         corner = at(-2, 2), at(-2, -2), at(2, -2)
-        over = corners_mm(at(-12, 15), at(1, 15), *corner, at(15, 1), at(15, -12))
-        return {"over": over, "back": over[::-1]}
+        return {"over": corners_mm(at(-12, 15), at(1, 15), *corner, at(15, 1), at(15, -12))}
 
 
 class Corner(Bend):
@@ -388,7 +387,7 @@ class Point(Scene):
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
         """The point."""
-        return (Segments(np.zeros((1, 3)), np.zeros((1, 3))),)
+        return (Sides(np.zeros((1, 3)), (np.zeros((1, 3)),)),)
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -416,8 +415,8 @@ class Segment(Scene):
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
         """The segment."""
-        half = np.array([[self.length / 2, 0, 0]])
-        return (Segments(-half, half),)
+        side = np.array([[self.length, 0, 0]])
+        return (Sides(-side / 2, (side,)),)
 
     @property
     def routes(self) -> dict[str, Vector]:
@@ -450,7 +449,8 @@ class Walls(Scene):
     @cached_property
     def pieces(self) -> tuple[Pieces, ...]:
         """The rectangles."""
-        return (Rectangles(*self.squares),)
+        corner, *sides = self.squares
+        return (Sides(corner, tuple(sides)),)
 
 
 class Sheet(Walls):

@@ -54,11 +54,14 @@ def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
 
 
 @dataclass(frozen=True, eq=False)
-class Segments:
-    """Straight segments from `a` to `b`, both (M, 3) [m]; a point where the two are equal."""
+class Sides:
+    """What sides (M, 3) span from each corner (M, 3) [m]: of one a segment, of two a rectangle.
 
-    a: Vector
-    b: Vector
+    A side of no length leaves a point.
+    """
+
+    corner: Vector
+    sides: tuple[Vector, ...]
     # Walls on segments in the plane z = 0. Without it these would let a proxy pressed deeper than
     # its radius fall off sideways: a rounding error in z grows there from step to step.
     endless: bool = False
@@ -67,7 +70,7 @@ class Segments:
         """See `Pieces.look`."""
         if self.endless:
             x = x * [1.0, 1.0, 0.0]
-        nearest, flat = nearest_on_sides(self.a, (self.b - self.a,), x)
+        nearest, flat = nearest_on_sides(self.corner, self.sides, x)
         if self.endless:
             flat = np.insert(flat, 1, [0.0, 0.0, 1.0], axis=1)
         return from_nearest(x, nearest, flat)
@@ -86,20 +89,6 @@ def nearest_on_sides(corner: Vector, sides: Sequence[Vector], x: Vector) -> tupl
         inner = (t > 0) & (t < 1)
         flat.append(side / np.sqrt(square)[:, None] * inner[:, None])
     return nearest, np.stack(flat, axis=1)
-
-
-@dataclass(frozen=True, eq=False)
-class Rectangles:
-    """Rectangles with a corner at `corner` and the sides `u` and `v`, each (M, 3) [m]."""
-
-    corner: Vector
-    u: Vector
-    v: Vector
-
-    def look(self, x: Vector) -> Look:
-        """See `Pieces.look`."""
-        nearest, flat = nearest_on_sides(self.corner, (self.u, self.v), x)
-        return from_nearest(x, nearest, flat)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,18 +200,18 @@ def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
 
 def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     """The exact geometry of an outline in the plane z = 0; arcs are cut at π / 4."""
-    arcs, starts, ends = [], [], []
+    arcs, starts, sides = [], [], []
     for link in (link for run in runs for link in run.links):
         if not link.sweep:
             starts.append(link.a)
-            ends.append(link.b)
+            sides.append(link.b - link.a)
             continue
         count = int(np.ceil(abs(link.sweep) / (np.pi / 4)))
         sweep = link.sweep / count
         arcs += [(link.centre, link.radius, link.start + i * sweep, sweep) for i in range(count)]
     exact: list[Pieces] = []
     if starts:
-        exact.append(Segments(in_space(starts), in_space(ends), endless=True))
+        exact.append(Sides(in_space(starts), (in_space(sides),), endless=True))
     if arcs:
         exact.append(Arcs(*map(np.array, zip(*arcs, strict=True))))
     return tuple(exact)

@@ -272,10 +272,13 @@ def read_roi(
 
     # What it is.
     selection = roi.roitype.name
-    if roi.composite:
-        raise _wrong_selection("a composite")
-    if roi.subtype != 0 or selection not in (*AREAS, *LINES):
-        raise _wrong_selection(f"of type {selection}, subtype {roi.subtype.name}")
+    if roi.composite or roi.subtype != 0 or selection not in (*AREAS, *LINES):
+        kind = f"of type {selection}, subtype {roi.subtype.name}"
+        wanted = ", ".join((*AREAS, *LINES)).lower()
+        raise CurveError(
+            f"is {'a composite' if roi.composite else kind}. Give one of {wanted}",
+            code="roi-selection",
+        )
     if roi.options & roifile.ROI_OPTIONS.SPLINE_FIT:
         raise CurveError(
             "is fitted with a spline that the file does not hold. Apply Edit > Selection > "
@@ -307,11 +310,6 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
 def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
     """Points that are counted from a pixel's centre or corner, counted from centres."""
     return points - CORNER_PX if origin == "corner" else points
-
-
-def _wrong_selection(description: str) -> CurveError:
-    wanted = ", ".join((*AREAS, *LINES)).lower()
-    return CurveError(f"is {description}. Give one of {wanted}", code="roi-selection")
 
 
 def origin_of_line(
