@@ -22,8 +22,8 @@ HEAD = """# Formats
 
 Reference. vfplan obeys what a file says of itself, or refuses the file. If the file leaves
 something open, vfplan asks: give an option, or answer a *doubt* before `vfplan sign`. A *note* only
-informs ([glossary](glossary.md#findings-and-approval)). *Tried with* names what the tests used to
-make or check such files.
+informs ([glossary](glossary.md#findings-and-approval)). *Tried with* names what made or
+checked the tests' files.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
@@ -72,14 +72,17 @@ TABLES = {
          "contours of the type POINT", "pydicom"),
     ],
     "Markers, poses, sessions": [
-        ("CSV", "any separator, decimal comma, UTF-8 or UTF-16, comments, empty cells at the end",
+        ("CSV",
+         "markers `label,u_px,v_px` and `label,x_m,y_m,z_m`; sessions `t,x,y,z`; poses "
+         "`t,x,y,z,qw,qx,qy,qz`; any separator, decimal comma, UTF-8 or UTF-16, comments, empty "
+         "cells at the end",
          "units in the header",
-         "markers without a unit: nothing; vfplan takes m or mm, whichever suits the distances "
-         "between the markers, with a note. Poses and sessions: `--units`, otherwise metres",
+         "poses and sessions: `--units`, otherwise metres. For markers without a unit vfplan takes "
+         "m or mm, whichever suits the distances between them, with a note",
          "decimal commas and points in one table", "60 forms of one table"),
         ("ImageJ's `X,Y`", "results, lists of points",
-         "a unit in the header; the numbers of points; X,Y of areas count from the corner of a "
-         "pixel",
+         "a unit in the header; the number of a point, as its label; X,Y of an area count from "
+         "the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt", "units without `--pixel-spacing`",
          "tables as ImageJ 1.54 writes them"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",

@@ -89,10 +89,8 @@ def test_the_line_is_drawn_where_it_is(page, frames):
         report, pose = overlay.see(scene.photograph(page, T_true, rng, covered=hands))
         errors[number], bounds[number] = off_mm(pose, T_true), report["bound_mm"]
         assert report["refused"] == (None if bounds[number] <= 0.5 else "bound-too-large")
-    holds = (errors <= bounds).mean()
     assert np.quantile(errors, 0.95) <= 0.3
-    assert holds >= 0.95
-    assert holds <= 0.99 or frames < 200
+    assert 0.95 <= (errors <= bounds).mean() <= {24: 1.0, 200: 0.99}[frames]
 
 
 def hands(*kept):
@@ -126,15 +124,18 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
         assert np.array_equal(frame[30:], before[30:])
 
 
-def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(page):
-    frames = {}
-    for measured_mm in (None, 100.0):
-        rng = np.random.default_rng(0)
-        frames[measured_mm] = scene.photograph(page, scene.pose(rng), rng)
-        Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(frames[measured_mm], 0.0)
-    heads = {key: frame[:30].reshape(-1, 3) for key, frame in frames.items()}
-    is_red = {key: (head[:, 0] > head[:, 2].astype(int) + 50).any() for key, head in heads.items()}
-    assert is_red == {None: True, 100.0: False}
+@pytest.mark.parametrize(("measured_mm", "is_red"), [(None, True), (100.0, False)])
+def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(
+    page, measured_mm, is_red
+):
+    rng = np.random.default_rng(0)
+    frame = scene.photograph(page, scene.pose(rng), rng)
+    narrow = frame[:, :500].copy()
+    for seen in (frame, narrow):
+        Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(seen, 0.0)
+    head = frame[:30].astype(int)
+    assert (head[..., 0] > head[..., 2] + 50).any() == is_red
+    assert (narrow[:30, -4:] == 255).all(), "its words are whole"
 
 
 def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli):
@@ -168,33 +169,35 @@ def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
         picture = scene.photograph(board, scene.pose(rng, (0.3, 0.45)), rng, disturbed=False)
         cv2.imwrite(str(tmp_path / name), picture)
     run(names[0], "--calibrate", "-o", "calib.json").fails(3, error="calibration-weak")
-    run(*names, "--calibrate", "-o", "calib.json").sound  # noqa: B018
-    found = json.loads((tmp_path / "calib.json").read_text())
+    found = run(*names, "--calibrate", "-o", "calib.json").sound.json
     assert np.allclose(found["camera_matrix"], CAMERA.camera_matrix, atol=1.0)
 
     write_fixture(FIXTURE, tmp_path / "plan.h5")
     write_session(tmp_path / "s.csv", SESSION)
     frames = [scene.photograph(page, scene.pose(rng), rng) for _ in range(4)]
-    frame = frames[-1]
     write_film(tmp_path / "film.avi", frames)
-    cv2.imwrite(str(tmp_path / "photo.png"), frame)
+    cv2.imwrite(str(tmp_path / "photo.png"), frames[-1])
     more = "--camera", "calib.json", "--session", "s.csv", "--measured-mm", 100, "-o"
-    for source, out, frames in (("photo.png", "wall.png", 1), ("film.avi", "wall.mp4", 4)):
+    for source, out, count in (("photo.png", "wall.png", 1), ("film.avi", "wall.mp4", 4)):
         shown = run("plan.h5", source, *more, out).sound.json
-        assert (shown["refused"], shown["shown"], shown["frames"]) == (None, frames, frames)
+        assert (shown["refused"], shown["shown"], shown["frames"]) == (None, count, count)
         assert shown["reprojection_px"] < 0.5
-        assert np.shape(shown["pose_T_camera_sheet"]) == (4, 4)
         made = cv2.VideoCapture(str(tmp_path / out))
-        assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frame, 128))
-    write_film(tmp_path / "blank.avi", [np.full_like(frame, 128)])
+        assert len(list(iter(lambda film=made: film.read()[0], False))) == count
+    cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frames[0], 128))
+    write_film(tmp_path / "blank.avi", [np.full_like(frames[0], 128)])
     for source, out in (("grey.png", "no.png"), ("blank.avi", "no.mp4")):
         told = run("plan.h5", source, *more, out).fails(1).json
         assert (told["refused"], told["output"]) == ("no-tag", None)
         assert not (tmp_path / out).exists()
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
-    run("plan.h5", "s.csv", "--camera", "calib.json").fails(3, error="camera-source")
+    (tmp_path / "text.png").write_text("text")
+    for source in ("s.csv", "text.png", "97"):
+        # In one line.
+        run("plan.h5", source, *more[:2]).fails(3, "gives no frame", error="camera-source")
+    same = f"../{tmp_path.name}/photo.png"
+    run("plan.h5", same, *more, "photo.png", "--overwrite").fails(2, error="output-is-input")
 
 
 def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
@@ -248,8 +251,7 @@ def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
     after = drawn("--session", "s.csv", "--session-start", 1.01)
     assert (during[30:] != plain[30:]).any()
     assert (after[30:] == plain[30:]).all()
-    is_red = after[:30, :, 2] > after[:30, :, 0] + 50
-    assert is_red.any()
+    assert (after[:30, :, 2] > after[:30, :, 0] + 50).any()
     source = f"udp://127.0.0.1:{free_port()}"
     silent = run("--live", source)
     assert silent.code == 1
@@ -274,7 +276,6 @@ def test_an_option_without_effect_is_refused(words, vfplan_cli, tmp_path):
 
 
 SHOWN = "document.getElementById('connection').textContent"
-LATENCY = "document.getElementById('latency').textContent"
 
 
 def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
@@ -314,7 +315,7 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
                 send_until_seen("")
                 time.sleep(0.02)
 
-        browser.until(LATENCY, send_until_seen)
+        browser.until("document.getElementById('latency').textContent", send_until_seen)
         assert browser.run(SHOWN) == "wall shown"
         assert browser.run("document.getElementById('picture').width") == scene.SIZE[0]
         # Ticks come to the end, so that the last frame has one.

@@ -32,8 +32,8 @@ def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, t
                "--json").fails(1, error="findings-unanswered")  # fmt: skip
     call = ("accept", path, "--digest", digest, "--by", "A. Surgeon", "-o", accepted)
     run = vfplan_cli(*call, "--answer", "ink-left", "--json").sound
-    assert run.json["answered"] == ["ink-left"]
-    assert run.json["digest"] == digest
+    assert (run.json["answered"], run.json["digest"]) == (["ink-left"], digest)
+    assert "vfplan: note: Ink is left." in run.stderr, "it asks no more"
     assert [f["answered_by"] for f in run.json["findings"]] == ["A. Surgeon", None]
     assert vfplan_cli("sign", accepted, "--key", key, "-o", signed).sound
     # The sheet of the accepted bundle has the same digest, and names who approved it.

@@ -40,7 +40,7 @@ def test_every_issue_is_found_not_the_first_one(vfplan_cli, tmp_path):
 def test_a_file_that_is_no_bundle_is_invalid_and_a_missing_one_bad_input(vfplan_cli, tmp_path):
     (tmp_path / "a.h5").write_text("label,u_px\n")
     run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
-    assert (run.code, run.json["valid"]) == (1, False)
+    assert (run.code, run.json["valid"], "`vfplan plan`" in run.stdout) == (1, False, True)
     assert vfplan_cli("validate", tmp_path / "none.h5").code == 3
 
 

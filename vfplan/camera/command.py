@@ -81,7 +81,7 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
     options.refuse_unused("without --board-out", "paper")
     writes_calibration = output is not None and output.suffix.lower() == ".json"
     wanted_files = len(files) > 0 if calibrate else len(files) == 2
-    if not wanted_files or writes_calibration != calibrate or output in files:
+    if not wanted_files or writes_calibration != calibrate:
         raise click.UsageError(
             "give FIXTURE.h5 and a source, or --calibrate PICTURES -o CALIB.json"
         )
@@ -187,14 +187,12 @@ def show_wall(
                 window.show(frame, last["refused"], started)
             if is_stopped() or time_s >= end_s:
                 break
-        film.close()
-        source, missing = arguments["live_source"], ""
-        if shown is not None and source is not None and not overlay.tools_shown:
+        live, missing = arguments["live_source"], ""
+        if shown is not None and live is not None and not overlay.tools_shown:
+            missing = f"no tick of {live} came. Start what sends them, and check the address"
             # A command that fails leaves no file.
-            missing = f"no tick of {source} came. Start what sends them, and check the address"
-            if path is not None:
-                path.unlink()
-                output = None
+            film.picture = output = None
+        film.close()
 
     # Of a video the last frame with a wall speaks for all, or the last one.
     latencies_ms = [] if window is None else window.latencies_ms

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import json
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -63,6 +64,9 @@ def frames_of(source: Path, size: tuple[int, int]) -> Iterator[tuple[float, floa
         yield 0.0, 1.0, as_uint8(read_image(source, pixels="as-stored").rgb).copy()
         return
     is_camera, started, number = str(source).isdecimal(), time.monotonic(), 0
+    # Else OpenCV and FFmpeg print lines of their own about a file that is no video.
+    cv2.utils.logging.setLogLevel(0)
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     video = cv2.VideoCapture(int(str(source)) if is_camera else str(source))
     if is_camera:
         video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])
@@ -183,8 +187,11 @@ class Overlay:
                 words, colour = f"Scale not measured; {words}", paper.WALL_COLOUR
             if why_none:
                 words, colour = f"{why_none}; {words}", paper.WALL_COLOUR
+        # In a narrow frame the words are small.
+        font, room = cv2.FONT_HERSHEY_SIMPLEX, frame.shape[1] - 16
+        size = min(0.8, 0.8 * room / cv2.getTextSize(words, font, 0.8, 1)[0][0])
         frame[:30] = 255
-        cv2.putText(frame, words, (8, 21), cv2.FONT_HERSHEY_SIMPLEX, 0.8, colour, 1, cv2.LINE_AA)
+        cv2.putText(frame, words, (8, 21), font, size, colour, 1, cv2.LINE_AA)
         return report
 
     def draw(self, frame: Picture, pose: Pose, bound_m: float) -> None:

@@ -287,8 +287,8 @@ class Geometry:
                 place_px = tuple(places[0].tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
         made = [self.told.get((finding.code, finding.text), finding) for finding in made]
-        is_left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
-        findings = (*is_left, *(finding for finding in made if finding not in is_left))
+        left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
+        findings = (*left, *(finding for finding in made if finding not in left))
         return tuple(self.as_settled(finding) for finding in findings)
 
     def as_settled(self, finding: Finding) -> Finding:

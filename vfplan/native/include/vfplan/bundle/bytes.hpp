@@ -224,7 +224,7 @@ struct Advice {
     std::string_view code, text;
 };
 inline constexpr std::array<Advice, 20> advice{{
-    {"corrupt.format", "Give a bundle that `vfplan register` or `vfplan import` wrote"},
+    {"corrupt.format", "Give a bundle that `vfplan plan` or `vfplan import` wrote"},
     {"corrupt.frame", "Write the attribute that the format has for it"},
     {"corrupt.hdf5", "Write the file anew with h5py and libver v108, or fetch it again"},
     {"corrupt.unit", "Write the attribute that the format has for it"},

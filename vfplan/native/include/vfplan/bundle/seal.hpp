@@ -145,7 +145,7 @@ inline View find_seal(View data) {
                     {"has its seal in front, as versions 1.0 and 1.1 had it"}, "Plan it anew");
     detail::require(data.begins(hdf5_signature), "corrupt.seal", "",
                     {"is no fixture bundle: it does not begin as an HDF5 file does"},
-                    "Give a bundle that `vfplan register` or `vfplan import` wrote");
+                    "Give a bundle that `vfplan plan` or `vfplan import` wrote");
     const bool is_result = data.text().substr(0, 1 << 16).find("vfplan-result") != data.text().npos;
     require(
         data.size() >= superblock_size + seal_sizes.front() &&
