@@ -190,13 +190,6 @@ def test_the_femur_is_certified(shared_data, tmp_path):
     assert 0.3 < np.ptp(fixture.points, axis=0).max() < 0.5
 
 
-@pytest.mark.parametrize(("units", "code"), [("mm", 0), ("m", 3)])
-def test_units_may_not_contradict_the_header(units, code, vfplan_cli, tmp_path):
-    (tmp_path / "a.csv").write_text("x_mm,y_mm,z_mm\n0,0,0\n1,0,0\n")
-    run = vfplan_cli("import", tmp_path / "a.csv", "--units", units, "-o", tmp_path / "a.h5")
-    assert (run.code, (tmp_path / "a.h5").exists()) == (code, code == 0)
-
-
 def test_pixels_are_no_metres(vfplan_cli, tmp_path):
     """An exported curve of the image frame says its unit."""
     vfplan.write_fixture(bundles.pixels(), tmp_path / "p.h5")
