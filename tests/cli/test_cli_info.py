@@ -42,13 +42,6 @@ def refuse(path, *_how):
     raise PermissionError(errno.EACCES, "Permission denied", str(path))
 
 
-def test_a_truncated_bundle_is_code_4_and_one_line(vfplan_cli, path):
-    path.write_bytes(path.read_bytes()[:-100])
-    run = vfplan_cli("info", path)
-    assert (run.code, run.stdout) == (4, "")
-    assert str(path) in run.error_line
-
-
 def test_the_next_step_of_an_approved_bundle_signs_it_for_its_case(vfplan_cli, tmp_path):
     fixture = replace(bundles.whole(), findings=(), reviewed=None, case="K9")
     vfplan.write_fixture(fixture, tmp_path / "b.h5")
