@@ -174,9 +174,8 @@ def vfplan_demo(what, output, page) -> CommandResult:
     sample = importlib.import_module(f"vfplan.samples.{what}")
     if output.exists():
         refuse_folder(output, *sample.FILES)
-    targets = [output / name for name in sample.FILES]
     with (
-        outputs(*targets) as places,
+        outputs(*(output / name for name in sample.FILES)) as places,
         tempfile.TemporaryDirectory(prefix="vfplan-") as folder,
         announce_if_slow(f"drawing the {what}"),
     ):

@@ -110,20 +110,18 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
     except (CurveError, MarkerError, CheckFailed) as error:
         from vfplan.registration.checks import TO_RECTIFY
 
-        general = "vfplan review IMAGE"
+        general, page = "vfplan review IMAGE", page_command(*files, **options)
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
             sentences = re.split(r"(?<=\.) ", error.message)
             message = " ".join(sorted(sentences, key=lambda text: text.endswith(f"{general}.")))
             if message.endswith(f"{general}."):
                 message = message.removesuffix(".")
-            error.message = message.replace(general, page_command(*files, **options))
+            error.message = message.replace(general, page)
         elif TO_RECTIFY in error.message:
-            page, here = page_command(*files, **options), rectify_command(*files, **options)
-            ways = f"(on a page: {page}) or here: {here}"
+            ways = f"(on a page: {page}) or here: {rectify_command(*files, **options)}"
             error.message = error.message.replace(TO_RECTIFY, ways)
         elif error.code in MENDED_ON_PAGE:
-            page = page_command(*files, **options)
             error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"
         raise
 

@@ -121,9 +121,8 @@ def print_usage_error(error: click.ClickException, as_json: bool) -> None:
     """Print a usage error: a line on stderr, and with `--json` a document on stdout."""
     from vfplan.cli.run import printable
 
-    context = getattr(error, "ctx", None)
     message = " ".join(error.format_message().split())
-    where = context.command_path if context is not None else None
+    where = getattr(getattr(error, "ctx", None), "command_path", None)
     hint = f" (see '{where} --help')" if where else ""
     if as_json:
         body = {"kind": "UsageError", "message": message, "where": where}

@@ -6,7 +6,7 @@ In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import Field, fields
 from pathlib import Path
@@ -23,6 +23,7 @@ from vfplan.settings import flat, option_words, scale_of
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
+    from vfplan.markers.correspondences import Correspondences
 
 
 def file_beside(path: Path, ending: str, suffix: str = ".h5") -> Path:
@@ -48,9 +49,8 @@ def register_command(curve: Path, image: Path | None = None) -> str:
 
 def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
     """Whether the review page can show a fixture: a drawn curve that has its place on a slice."""
-    record = fixture.registration
-    is_placed = has_slice or fixture.frame == "image"
-    is_placed = is_placed or (record is not None and record.source_frame == "image")
+    source_frame = getattr(fixture.registration, "source_frame", None)
+    is_placed = has_slice or "image" in (fixture.frame, source_frame)
     return is_placed and fixture.curve is not None and fixture.mesh is None
 
 
@@ -158,16 +158,12 @@ def rectify_command(
     """
     from vfplan.markers.correspondences import read_markers
 
-    picture = file_beside(Path(image.name), "flat", ".png")
+    pairs = read_markers(markers, markers2, common=True)
+    flat = file_beside(Path(image.name), "flat", ".png")
     files = [file for file in (image, markers, markers2) if file is not None]
     typed = typed_options("rectify", overwrites=False, spells_settings=True)
-    words = ["rectify", *files, *typed, "-o", picture]
-    pairs = read_markers(markers, markers2, common=True)
-    has_targets = pairs.target_frame == "robot_base"
-    plan = plan_flat_command(
-        picture, None if has_targets else markers2, output=output, overwrites=overwrites
-    )
-    return f"{command_of(*words)} && {plan}"
+    plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
+    return f"{command_of('rectify', *files, *typed, '-o', flat)} && {plan}"
 
 
 # Options of `plan` that say something of a photograph, and not of the flat picture.
@@ -183,29 +179,27 @@ PLACES = {
 
 
 def plan_flat_command(
-    picture: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
-) -> str:
+    flat: Path, pairs: Correspondences, markers2: Path | None, *, output: Path,
+    overwrites: bool = False,
+) -> str:  # fmt: skip
     """The command that plans on the flat picture of a photograph, with the same options.
 
-    markers2: the markers' other side, where the table beside the flat picture does not hold it
+    pairs, markers2: the markers, and the file of their other side if that is a file of its own
     """
-    words = ["plan", picture, flat_markers(picture)]
-    leaving_out = [*OF_PHOTOGRAPH, "--settings", "-o", "--output"]
-    if markers2 is not None:
-        words.append(markers2)
-    else:
+    words, leaving_out = (
+        ["plan", flat, flat_markers(flat)],
+        [*OF_PHOTOGRAPH, "--settings", "-o", "--output"],
+    )
+    if pairs.target_frame == "robot_base" or markers2 is None:
+        # The table beside the flat picture holds both sides.
         leaving_out.append("--common")
-    typed = typed_options(
-        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True,
+    else:
+        words.append(markers2)
+    words += typed_options(
+        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True, instead=PLACES,
         spells_settings=True,
     )  # fmt: skip
-    for number, word in enumerate(typed):
-        name, has_value, _ = word.partition("=")
-        if name in PLACES and has_value:
-            typed[number] = f"{name}={PLACES[name]}"
-        elif number and typed[number - 1] in PLACES:
-            typed[number] = PLACES[typed[number - 1]]
-    return command_of(*words, *typed, "-o", output)
+    return command_of(*words, "-o", output)
 
 
 def flat_markers(picture: Path) -> Path:
@@ -215,7 +209,7 @@ def flat_markers(picture: Path) -> Path:
 
 def typed_options(
     name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False,
-    spells_settings: bool = False,
+    spells_settings: bool = False, instead: Mapping[str, str] = {},
 ) -> list[str]:  # fmt: skip
     """The options that were typed and that the command `name` has too, with their values.
 
@@ -224,24 +218,27 @@ def typed_options(
     leaving_out: options that mean something else to the other command
     all_outputs: whether the other command writes the pictures that were asked for too
     spells_settings: whether the options of a settings file stand there one by one
+    instead: what stands in place of the value of an option
     """
-    others = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
-    named = cli.get_command(click.Context(cli), name)
-    takes_value = {
-        opt: not (parameter.is_flag or parameter.count)
-        for parameter in named.params
-        if isinstance(parameter, click.Option)
-        and not parameter.name.endswith(others)
-        for opt in parameter.opts if opt not in leaving_out
-    }  # fmt: skip
+    unwanted = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
+    takes_value = {}
+    for parameter in cli.get_command(click.Context(cli), name).params:
+        if isinstance(parameter, click.Option) and not parameter.name.endswith(unwanted):
+            takes_value |= dict.fromkeys(parameter.opts, not (parameter.is_flag or parameter.count))
+    if not overwrites:
+        leaving_out = (*leaving_out, "--overwrite")
     words = []
     typed = iter(sys.argv[2:] + (words_of_settings() if spells_settings else []))
     for word in typed:
-        name, has_value, _ = word.partition("=")
-        if name in takes_value and (overwrites or name != "--overwrite"):
-            words.append(word)
-            if takes_value[name] and not has_value:
-                words.append(next(typed, ""))
+        option, equals, value = word.partition("=")
+        if option not in takes_value or option in leaving_out:
+            continue
+        if equals:
+            words.append(f"{option}={instead.get(option, value)}")
+        elif takes_value[option]:
+            words += [option, instead.get(option, next(typed, ""))]
+        else:
+            words.append(option)
     return words
 
 

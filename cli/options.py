@@ -177,10 +177,6 @@ class _StrictNumber(click.ParamType):
 class DecimalNumber(_StrictNumber, click.FloatRange):
     """A decimal number within bounds."""
 
-    def _describe_range(self) -> str:
-        """The bounds for the help; of none click would say `x<=None`."""
-        return "" if self.min is self.max is None else super()._describe_range()
-
 
 class WholeNumber(_StrictNumber, click.IntRange):
     """A whole number within bounds."""
@@ -234,10 +230,10 @@ def output_option(
     )
 
 
-def robot_option(purpose: str = "") -> Callable[[F], F]:
+def robot_option(purpose: str) -> Callable[[F], F]:
     """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
     names = "NAME is franka, fr3 or none; FILE is a robot file (schemas/robot-1.1.json)."
-    return option("--robot", metavar="NAME|FILE", help=f"{purpose} {names}".strip())
+    return option("--robot", metavar="NAME|FILE", help=f"{purpose} {names}")
 
 
 def signature_options(
@@ -308,6 +304,13 @@ UNIT = click.Choice(["m", "cm", "mm", "um", "in"])
 UNITS = option("--units", type=UNIT, default="m",
                help="Unit of the session's positions.")  # fmt: skip
 ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
+
+# A page in the browser: `review` and `ar`.
+BROWSER = options_in_order(
+    option("--no-browser", is_flag=True, help="Print the address, and open no browser."),
+    option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
+           help="Port of the page on 127.0.0.1; 0 takes any free one."),
+)  # fmt: skip
 
 # The page of what is printed.
 PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",

@@ -113,15 +113,14 @@ def vfplan_plan(
         lines += map(rehearsed_text, data["rehearsal"])
 
     # The bundle and its sheet.
-    planned = replace(planned, fixture=fixture)
     paths = (output, mask_out, overlay_out, picture_out, sheet_path)
     with outputs(*paths) as (path, mask, overlay, picture, sheet):
-        write_fixture(planned.fixture, path)
+        write_fixture(fixture, path)
         if sheet is not None:
             from vfplan.review.plan import Plan
             from vfplan.review.sheet import write_sheet
 
-            shown = Plan.of(planned.fixture, output.name, planned.extracted.image)
+            shown = Plan.of(fixture, output.name, planned.extracted.image)
             write_sheet(shown, sheet)
             data |= {"sheet": str(sheet_path), "digest": shown.digest}
         write_pictures(planned.extracted, mask, overlay)
@@ -142,7 +141,7 @@ def vfplan_plan(
         next_step = f"look at {quoted(sheet_path)}, then {next_step}"
     return CommandResult(
         data, "\n".join([*lines, wrote_line]), findings=fixture.findings,
-        verdict=findings_verdict("planned", planned.fixture), next_step=next_step,
+        verdict=findings_verdict("planned", fixture), next_step=next_step,
     )  # fmt: skip
 
 

@@ -79,7 +79,7 @@ SESSION_OPTIONS = options_in_order(
            help="Read the messages of this child_frame_id of a ROS bag."),
     option("--sender", type=WholeNumber(1), metavar="N",
            help="Read this sender alone, where several share a topic of a ROS bag."),
-    option("--time", "bag_time", type=click.Choice(["header", "log"]),
+    option("--time", type=click.Choice(["header", "log"]),
            help="Take a ROS bag's times from the messages' headers, or from its log.  [default: "
            "header, where every message has one]"),
     option("--skip-unordered", is_flag=True,
@@ -201,11 +201,9 @@ def replay_with_outputs(
     from vfplan.session.session import resampled
 
     # The session, and what happens to the fixture during it.
-    names = ("topic", "field", "tool_tip", "frame", "child_frame", "sender", "bag_time")
-    ros = RosOptions(*map(arguments.get, names), arguments["row_major"])
-    frame = arguments["frame"] or "robot_base"
     source = open_session(
-        session, units=arguments["units"], frame=frame, ros=ros,
+        session, units=arguments["units"], frame=arguments["frame"] or "robot_base",
+        ros=settings_from_options(RosOptions, arguments),
         skip_unordered=arguments["skip_unordered"],
     )  # fmt: skip
     poses, events = arguments["poses"], arguments["events"]

@@ -28,7 +28,6 @@ from vfplan.cli.options import (
     OVERWRITE,
     PNG,
     OutputFile,
-    WholeNumber,
     option,
     options_in_order,
 )
@@ -71,9 +70,7 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
     option("--key", type=FILE, metavar="KEY",
            help="Sign the approved plan with this private key, from `vfplan keygen`."),
     option("--case", default="", metavar="CASE", help="Sign it for this case only."),
-    option("--no-browser", is_flag=True, help="Print the address, and open no browser."),
-    option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
-           help="Port of the page on 127.0.0.1; 0 takes any free one."),
+    options.BROWSER,
     OVERWRITE,
     options.EXTRACT_OPTIONS,
     options.FIXTURE_OPTIONS,

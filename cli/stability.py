@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -99,13 +98,14 @@ def vfplan_stability(
         next_step = "report the cases that failed; the engine is not to be trusted with them"
     else:
         verdict = f"pass: {subject} is stable with robot {judged_robot.name!r}"
-        robot_words = shlex.join(["--robot", robot or "franka"])
+        words = ("--robot", robot or "franka")
         if judged is None:
-            next_step = f"judge a plan in the same way: vfplan plan IMAGE MARKERS {robot_words}"
+            again = command_of("plan", "IMAGE", "MARKERS", *words)
+            next_step = f"judge a plan in the same way: {again}"
         elif judged_robot is DEFAULT_ROBOT:
             # Neither a robot nor one of its figures was typed.
-            again = command_of("stability", fixture)
-            next_step = f"judge it with your own robot: {again} {robot_words}"
+            again = command_of("stability", fixture, *words)
+            next_step = f"judge it with your own robot: {again}"
         else:
             next_step = approval_command(
                 fixture, seal, case=judged.case, is_reviewed=judged.reviewed is not None,

@@ -37,14 +37,6 @@ def test_links_and_pictures_exist(page):
             assert (page.parent / target).exists(), f"{page.name} links to {target}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
-def test_commands_named_in_the_docs_exist(page):
-    from vfplan.cli.main import COMMANDS
-
-    for name in re.findall(r"^\s*\$ vfplan ([a-z]+)", page.read_text(), re.MULTILINE):
-        assert name in COMMANDS, f"{page.name} calls vfplan {name}"
-
-
 def test_files_named_in_the_architecture_exist():
     text = (ROOT / "docs" / "architecture.md").read_text()
     paths = re.findall(r"`((?:vfplan|cli|schemas|docs|tests)/[\w./-]*)`", text)

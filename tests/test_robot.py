@@ -60,6 +60,9 @@ LINES = [
     ('version = "2.0"', "robot-version"),
     ("torque_limit_nm = [1.0]", "robot-name-unknown"),  # 1.0 has none
     ('name = ""', "robot-value"),
+    # Numbers that are longer than a float, and longer than Python reads.
+    ("mass_kg = " + "9" * 400, "robot-value"),
+    ("mass_kg = " + "9" * 5000, "robot-not-toml"),
     # Lists of joints.
     ('version = "1.1"\ntorque_limit_nm = 87.0', "robot-value"),
     ('version = "1.1"\ntorque_limit_nm = []', "robot-value"),

@@ -324,10 +324,9 @@ class Stroke:
     @property
     def length(self) -> float:
         """Length of the line, of a closed one back to the first point."""
-        known = self.known_length
-        if known is None:
+        if self.known_length is None:
             return length_of(self.points, self.closed)
-        return known
+        return self.known_length
 
     @property
     def end_points(self) -> NDArray[np.float64]:
@@ -494,9 +493,7 @@ class Fixture:
     @property
     def pieces(self) -> Pieces | None:
         """The curve as lines and arcs, where it is known so."""
-        if self.curve is None:
-            return None
-        return self.curve.pieces
+        return getattr(self.curve, "pieces", None)
 
     @property
     def forbidden(self) -> NDArray[np.float64]:

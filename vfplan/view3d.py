@@ -217,9 +217,7 @@ def add_cloud(plotter: Any, fixture: Fixture) -> list[tuple[str, str]]:
     stride = -(-len(fixture.points) // MAX_DRAWN)
     look = {"point_size": 3.0 if stride > 1 else 5.0, "render_points_as_spheres": True}
     plotter.add_mesh(pyvista.PolyData(fixture.points[::stride]), color=CLOUD, **look)
-    guidance, axis = fixture.guidance, fixture.ignore_axis
-    # A planar fixture goes on along its ignored axis.
-    is_endless = None not in (fixture.rendering, fixture.curve) and axis is not None
+    guidance, axis = fixture.guidance, getattr(fixture.rendering, "ignore_axis", None)
     for number, stroke in enumerate(fixture.strokes):
         if len(stroke.points) < 2:
             continue
@@ -227,7 +225,8 @@ def add_cloud(plotter: Any, fixture: Fixture) -> list[tuple[str, str]]:
             centre = pyvista.lines_from_points(ring_of(stroke.points, stroke.closed))
             tube = centre.tube(radius=guidance.radius, n_sides=24)
             plotter.add_mesh(tube, color=BRIDGED, opacity=0.3)
-        if is_endless:
+        # A planar fixture goes on along its ignored axis.
+        if axis is not None:
             up = 2 * fixture.contact_radius * axis
             strip = pyvista.lines_from_points(stroke.points - up).extrude(2 * up, capping=False)
             plotter.add_mesh(strip, color=CLOUD, opacity=0.15)

@@ -65,6 +65,19 @@ def printed(fixture):
     return scene.page(draw_print(Plan.of(fixture, "plan.h5"), "a4"))
 
 
+def photo(page, rng, **how):
+    return scene.photograph(page, scene.pose(rng), rng, **how)
+
+
+@pytest.fixture
+def desk(tmp_path):
+    """A folder with the plan, a session and the camera's calibration."""
+    write_fixture(FIXTURE, tmp_path / "plan.h5")
+    write_session(tmp_path / "s.csv", SESSION)
+    (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
+    return tmp_path
+
+
 @pytest.fixture(scope="module")
 def page():
     return printed(FIXTURE)
@@ -117,8 +130,7 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
     page = make(page)
     overlay = Overlay(PLAN, **({"tags": TAGS, "camera": CAMERA} | settings))
     for number in range(3):
-        rng = np.random.default_rng(number)
-        frame = scene.photograph(page, scene.pose(rng), rng, covered=covered)
+        frame = photo(page, np.random.default_rng(number), covered=covered)
         before = frame.copy()
         assert overlay.show(frame, 0.0)["refused"] == code
         assert np.array_equal(frame[30:], before[30:])
@@ -128,8 +140,7 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
 def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(
     page, measured_mm, is_red
 ):
-    rng = np.random.default_rng(0)
-    frame = scene.photograph(page, scene.pose(rng), rng)
+    frame = photo(page, np.random.default_rng(0))
     narrow = frame[:, :500].copy()
     for seen in (frame, narrow):
         Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(seen, 0.0)
@@ -138,12 +149,11 @@ def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(
     assert (narrow[:30, -4:] == 255).all(), "its words are whole"
 
 
-def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli):
-    write_fixture(FIXTURE, tmp_path / "plan.h5")
+def test_a_sheet_is_printed_in_true_millimetres_or_refused(desk, vfplan_cli):
     for name, size_mm in (("a4", (210, 297)), ("letter", (215.9, 279.4))):
         words = "review", "plan.h5", "--print-out", f"{name}.pdf", "--paper", name
-        assert vfplan_cli(*words, cwd=tmp_path).sound
-        made = (tmp_path / f"{name}.pdf").read_bytes()
+        assert vfplan_cli(*words, cwd=desk).sound
+        made = (desk / f"{name}.pdf").read_bytes()
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", made)
         assert np.allclose(np.array(box.groups(), float) * 25.4 / 72, size_mm, atol=1e-3)
     # A turn and a shift carry the line onto the sheet, and its tags are 28 mm wide.
@@ -159,45 +169,48 @@ def test_a_sheet_is_printed_in_true_millimetres_or_refused(tmp_path, vfplan_cli)
     assert plan_of(replace(FIXTURE, case="C1")).digest == PLAN.digest
 
 
-def test_the_command_calibrates_and_shows_the_wall(page, tmp_path, vfplan_cli):
+def test_the_command_calibrates_and_shows_the_wall(page, desk, vfplan_cli):
     def run(*words):
-        return vfplan_cli("ar", *words, "--json", cwd=tmp_path)
+        return vfplan_cli("ar", *words, "--json", cwd=desk)
 
     board, rng = scene.page(draw_board("a4")), np.random.default_rng(1)
     names = [f"board{k}.png" for k in range(12)]
     for name in names:
         picture = scene.photograph(board, scene.pose(rng, (0.3, 0.45)), rng, disturbed=False)
-        cv2.imwrite(str(tmp_path / name), picture)
-    run(names[0], "--calibrate", "-o", "calib.json").fails(3, error="calibration-weak")
-    found = run(*names, "--calibrate", "-o", "calib.json").sound.json
+        cv2.imwrite(str(desk / name), picture)
+    run(names[0], "--calibrate", "-o", "found.json").fails(3, error="calibration-weak")
+    run(*names, "--calibrate", "-o", "found.json").sound  # noqa: B018
+    found = json.loads((desk / "found.json").read_text())
     assert np.allclose(found["camera_matrix"], CAMERA.camera_matrix, atol=1.0)
 
-    write_fixture(FIXTURE, tmp_path / "plan.h5")
-    write_session(tmp_path / "s.csv", SESSION)
-    frames = [scene.photograph(page, scene.pose(rng), rng) for _ in range(4)]
-    write_film(tmp_path / "film.avi", frames)
-    cv2.imwrite(str(tmp_path / "photo.png"), frames[-1])
-    more = "--camera", "calib.json", "--session", "s.csv", "--measured-mm", 100, "-o"
-    for source, out, count in (("photo.png", "wall.png", 1), ("film.avi", "wall.mp4", 4)):
+    frames = [photo(page, rng) for _ in range(4)]
+    frame = frames[-1]
+    write_film(desk / "film.avi", frames)
+    cv2.imwrite(str(desk / "photo.png"), frame)
+    more = "--camera", "found.json", "--session", "s.csv", "--measured-mm", 100, "-o"
+    for source, out, frames in (("photo.png", "wall.png", 1), ("film.avi", "wall.mp4", 4)):
         shown = run("plan.h5", source, *more, out).sound.json
-        assert (shown["refused"], shown["shown"], shown["frames"]) == (None, count, count)
+        assert (shown["refused"], shown["shown"], shown["frames"]) == (None, frames, frames)
         assert shown["reprojection_px"] < 0.5
-        made = cv2.VideoCapture(str(tmp_path / out))
-        assert len(list(iter(lambda film=made: film.read()[0], False))) == count
-    cv2.imwrite(str(tmp_path / "grey.png"), np.full_like(frames[0], 128))
-    write_film(tmp_path / "blank.avi", [np.full_like(frames[0], 128)])
+        assert np.shape(shown["pose_T_camera_sheet"]) == (4, 4)
+        made = cv2.VideoCapture(str(desk / out))
+        assert len(list(iter(lambda film=made: film.read()[0], False))) == frames
+    cv2.imwrite(str(desk / "grey.png"), np.full_like(frame, 128))
+    write_film(desk / "blank.avi", [np.full_like(frame, 128)])
     for source, out in (("grey.png", "no.png"), ("blank.avi", "no.mp4")):
         told = run("plan.h5", source, *more, out).fails(1).json
         assert (told["refused"], told["output"]) == ("no-tag", None)
-        assert not (tmp_path / out).exists()
+        assert not (desk / out).exists()
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
     run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
-    (tmp_path / "text.png").write_text("text")
+    (desk / "text.png").write_text("text")
     for source in ("s.csv", "text.png", "97"):
         # In one line.
         run("plan.h5", source, *more[:2]).fails(3, "gives no frame", error="camera-source")
-    same = f"../{tmp_path.name}/photo.png"
+    same = f"../{desk.name}/photo.png"
     run("plan.h5", same, *more, "photo.png", "--overwrite").fails(2, error="output-is-input")
+    os.mkfifo(desk / "pipe")
+    run("pipe", "--calibrate", "-o", "c.json").fails(3, error="not-a-file")
 
 
 def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
@@ -229,35 +242,30 @@ def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
 
 
 def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
-    page, tmp_path, vfplan_cli
+    page, desk, vfplan_cli
 ):
-    write_fixture(FIXTURE, tmp_path / "plan.h5")
-    (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
-    write_session(tmp_path / "s.csv", SESSION)
-    rng = np.random.default_rng(0)
-    cv2.imwrite(str(tmp_path / "a.png"), scene.photograph(page, scene.pose(rng), rng)[..., ::-1])
+    cv2.imwrite(str(desk / "a.png"), photo(page, np.random.default_rng(0))[..., ::-1])
 
-    def run(*words):
-        usual = "--camera", "calib.json", "--measured-mm", 100, "-o", "out.png"
-        (tmp_path / "out.png").unlink(missing_ok=True)
-        return vfplan_cli("ar", "plan.h5", "a.png", *usual, *words, cwd=tmp_path)
+    def run(out, *words):
+        usual = "--camera", "calib.json", "--measured-mm", 100, "-o", out
+        return vfplan_cli("ar", "plan.h5", "a.png", *usual, *words, cwd=desk)
 
-    def drawn(*words):
-        assert run(*words).code == 0
-        return cv2.imread(str(tmp_path / "out.png")).astype(int)
+    def drawn(out, *words):
+        assert run(out, *words).sound
+        return cv2.imread(str(desk / out)).astype(int)
 
-    plain = drawn()
-    during = drawn("--session", "s.csv", "--session-start", 0.5)
-    after = drawn("--session", "s.csv", "--session-start", 1.01)
+    plain = drawn("plain.png")
+    during = drawn("during.png", "--session", "s.csv", "--session-start", 0.5)
+    after = drawn("after.png", "--session", "s.csv", "--session-start", 1.01)
     assert (during[30:] != plain[30:]).any()
     assert (after[30:] == plain[30:]).all()
-    assert (after[:30, :, 2] > after[:30, :, 0] + 50).any()
+    assert (after[:30, :, 2] > after[:30, :, 0] + 50).any(), "words in red"
     source = f"udp://127.0.0.1:{free_port()}"
-    silent = run("--live", source)
+    silent = run("silent.png", "--live", source)
     assert silent.code == 1
     assert f"no tick of {source} came" in silent.stderr
     assert "next: then try again: vfplan ar" in silent.stdout
-    assert not (tmp_path / "out.png").exists()
+    assert not (desk / "silent.png").exists()
     with ExitStack() as stack:
         newest = ticks_to_show(stack, FIXTURE, "", {"session": None, "live_source": source})
         assert newest(0.0) == (None, f"No tick comes from {source}")
@@ -278,23 +286,20 @@ def test_an_option_without_effect_is_refused(words, vfplan_cli, tmp_path):
 SHOWN = "document.getElementById('connection').textContent"
 
 
-def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
-    write_fixture(FIXTURE, tmp_path / "plan.h5")
-    (tmp_path / "calib.json").write_text(json.dumps(to_json_types(asdict(CAMERA))))
-    rng = np.random.default_rng(3)
-    write_film(tmp_path / "film.avi", 600 * [scene.photograph(page, scene.pose(rng), rng)])
+def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, desk):
+    write_film(desk / "film.avi", 600 * [photo(page, np.random.default_rng(3))])
     tick = np.zeros(1, TICK)
     tick["hip"], tick["proxy"] = LINE[150] + [0, 0.003, 0], LINE[150] + [0, 0.006, 0]
     tick["normal"], tick["force"] = [0, 1, 0], [0, 3, 0]
     port = free_port()
     words = f"ar plan.h5 film.avi --camera calib.json --live udp://127.0.0.1:{port} --window"
     words = f"{words} --no-browser -o wall.png --json".split()
-    run = subprocess.Popen([sys.executable, "-P", "-m", "vfplan", *words], cwd=tmp_path,
+    run = subprocess.Popen([sys.executable, "-P", "-m", "vfplan", *words], cwd=desk,
                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)  # fmt: skip
     address = run.stderr.readline().strip()
     with (
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
-        Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser,
+        Page(need_program("chromium", "chromium"), desk / "profile") as browser,
     ):
         browser.open(address.partition("#")[0])
         browser.until(SHOWN, lambda words: words.startswith("the program has ended"))
@@ -324,7 +329,7 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, tmp_path):
             run.send_signal(signal.SIGINT)
             found = json.loads(run.communicate()[0])
     assert 0 < found["window_latency_ms"] < 2000
-    wall = cv2.imread(str(tmp_path / "wall.png"))
+    wall = cv2.imread(str(desk / "wall.png"))
     T = np.array(found["pose_T_camera_sheet"])
     lens = CAMERA.camera_matrix, CAMERA.distortion_coefficients
     at = cv2.projectPoints(PLAN.place(tick["hip"]), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], *lens)[0]

@@ -137,8 +137,3 @@ def test_meshes_and_noise_are_among_the_scenes(document):
         rows = {r["method"]: r for r in of(document, stage="proxy", scene=scene)}
         assert rows["exact"]["error_rms"] < rows["robust"]["error_rms"] / 2
         assert rows["exact"]["error_rms"] < rows["nanoflann_peer"]["error_rms"] / 2
-
-
-def test_refuses_to_overwrite(quick, vfplan_cli):
-    folder, _ = quick
-    vfplan_cli("bench", "extract", "--quick", "-o", folder).fails(2, "exists already")

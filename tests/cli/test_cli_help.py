@@ -6,6 +6,7 @@ import json
 
 import click
 import pytest
+from conftest import ELBOW
 from vfplan.cli.main import COMMANDS, GROUPS, cli
 
 PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
@@ -57,39 +58,30 @@ def test_help_is_a_word_too(vfplan_cli):
     assert vfplan_cli("help", "info").stdout == vfplan_cli("info", "--help").stdout
 
 
-@pytest.fixture
-def elbow(root, tmp_path):
-    (tmp_path / "elbow.png").write_bytes((root / "samples" / "elbow.png").read_bytes())
-    return tmp_path
-
-
 def written(folder, **settings):
     path = folder / "settings.json"
     path.write_text(json.dumps(settings))
     return path
 
 
-def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, root, elbow):
+def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, tmp_path):
     path = written(
-        elbow, pixel_spacing_mm=[0.5, 0.5], tolerance_m=2e-5, stiffness=[800], point_radius=0.001,
-        max_residual_m=0.002, max_tre_m=None, guide_m=0.002, guide_pull=[1.0, 0.01],
+        tmp_path, pixel_spacing_mm=[0.5, 0.5], tolerance_m=2e-5, stiffness=[800],
+        point_radius=0.001, max_residual_m=0.002, max_tre_m=None, guide_m=0.002,
+        guide_pull=[1.0, 0.01],
     )  # fmt: skip
-    markers = [root / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
-    assert vfplan_cli("plan", elbow / "elbow.png", *markers, "--settings", path, "--no-sheet",
-                      "-o", elbow / "a.h5", "--json").sound  # fmt: skip
-    assert vfplan_cli(
-        "plan", elbow / "elbow.png", *markers, "--pixel-spacing", "0.5", "--tolerance", "0.02",
-        "--stiffness", "800", "--point-radius", "1", "--max-residual", "2", "--max-tre", "none",
-        "--guide", "2", "--guide-pull", "1,10", "--no-sheet", "-o", elbow / "b.h5",
-    ).sound  # fmt: skip
-    differing = vfplan_cli("diff", elbow / "a.h5", elbow / "b.h5", "--json").json["differences"]
+    typed = "--pixel-spacing 0.5 --tolerance 0.02 --stiffness 800 --point-radius 1 "
+    typed += "--max-residual 2 --max-tre none --guide 2 --guide-pull 1,10"
+    for name, words in (("a.h5", ("--settings", path)), ("b.h5", typed.split())):
+        assert vfplan_cli("plan", *ELBOW, *words, "--no-sheet", "-o", tmp_path / name).sound
+    differing = vfplan_cli("diff", "a.h5", "b.h5", "--json", cwd=tmp_path).json["differences"]
     assert not [row for row in differing if not row["path"].startswith("/provenance")]
 
 
-def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
-    path = written(elbow, pixel_spacing_mm=[0.25, 0.25])
-    done = vfplan_cli("extract", elbow / "elbow.png", "--settings", path, "--pixel-spacing", "0.5",
-                      "-o", elbow / "a.h5", "--json")  # fmt: skip
+def test_what_is_typed_wins_over_the_file(vfplan_cli, tmp_path):
+    path = written(tmp_path, pixel_spacing_mm=[0.25, 0.25])
+    done = vfplan_cli("extract", ELBOW[0], "--settings", path, "--pixel-spacing", "0.5",
+                      "-o", tmp_path / "a.h5", "--json")  # fmt: skip
     assert done.json["image"]["pixel_spacing_mm"] == [0.5, 0.5]
 
 
@@ -105,11 +97,10 @@ def test_what_is_typed_wins_over_the_file(vfplan_cli, elbow):
     ("[1]", "not-json"),
     ("{", "not-json"),
 ])  # fmt: skip
-def test_a_file_that_does_not_fit_is_refused(vfplan_cli, elbow, text, code):
-    path = elbow / "settings.json"
+def test_a_file_that_does_not_fit_is_refused(vfplan_cli, tmp_path, text, code):
+    path, out = tmp_path / "settings.json", tmp_path / "a.h5"
     path.write_text(text)
-    done = vfplan_cli("extract", elbow / "elbow.png", "--settings", path, "-o", elbow / "a.h5",
-                      "--json")  # fmt: skip
+    done = vfplan_cli("extract", ELBOW[0], "--settings", path, "-o", out, "--json")
     assert done.code in (2, 3)
     assert done.json["error"]["code"] == code
-    assert not (elbow / "a.h5").exists()
+    assert not out.exists()

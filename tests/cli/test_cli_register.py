@@ -38,14 +38,11 @@ def write(path, head, lines):
     return path
 
 
-def changed(folder, change):
-    """The robot's markers, each line of them changed, in a file of their own."""
-    head, lines = rows(ROBOT)
-    return write(folder / "bad.csv", head, [change(*line) for line in lines])
-
-
 def scaled(folder, factor):
-    return changed(folder, lambda label, *xyz: [label, *(factor * float(x) for x in xyz)])
+    """The robot's markers in another unit, in a file of their own."""
+    head, lines = rows(ROBOT)
+    lines = [[label, *(factor * float(x) for x in xyz)] for label, *xyz in lines]
+    return write(folder / "bad.csv", head, lines)
 
 
 @pytest.mark.parametrize(

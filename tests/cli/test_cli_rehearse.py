@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from importlib.resources import files
 
 import numpy as np
 import pytest
+from conftest import ELBOW
 from replays import fixture_of, write_session
 
 import vfplan
-
-SAMPLES = files("vfplan.samples")
-PLANNED = [SAMPLES / f"elbow{x}" for x in (".png", "_markers_image.csv", "_markers_robot.csv")]
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +74,7 @@ def test_bad_calls(scene, vfplan_cli, tmp_path):
 
 def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     out, far = tmp_path / "good.h5", tmp_path / "far.h5"
-    asked = (*PLANNED, "--pixel-spacing", "0.5", "--rehearse", "panda")
+    asked = (*ELBOW, "--pixel-spacing", "0.5", "--rehearse", "panda")
     good = vfplan_cli("plan", *asked, "--base", "0.15,0,0", "-o", out, "--json").sound
     ways = [found["way"] for found in good.json["rehearsal"]]
     assert ways == ["stroke 0, left side", "stroke 0, right side"]
@@ -85,7 +82,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
     bad = vfplan_cli("plan", *asked, "--base=-0.5,0,0", "-o", far).fails(1)
     assert "arm panda, stroke 0, left side: not reached" in bad.stderr
     for lone in (("--base", "0,0,0"), ("--tool", "0,0,0.1")):
-        vfplan_cli("plan", *PLANNED, *lone, "-o", far).fails(2, "without --rehearse ARM")
+        vfplan_cli("plan", *ELBOW, *lone, "-o", far).fails(2, "without --rehearse ARM")
     assert not far.exists()
 
 

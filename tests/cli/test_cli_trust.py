@@ -12,6 +12,7 @@ import sys
 import bundles
 import pytest
 from click.testing import CliRunner
+from conftest import ELBOW
 from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
@@ -35,15 +36,15 @@ TRAPS = ["sitecustomize", "multiprocessing", "concurrent", "timeit", "runpy", "p
 
 
 @pytest.fixture(scope="module")
-def hostile(tmp_path_factory, root):
+def hostile(tmp_path_factory):
     """A folder of traps, and inputs for every command."""
     folder = tmp_path_factory.mktemp("hostile")
     for name in TRAPS:
         (folder / f"{name}.py").write_text("open('SPRUNG', 'a').write(__name__ + '\\n')\n")
     (folder / "matplotlibrc").write_text("font.size: 40\nsavefig.dpi: 3\n")
     vfplan.write_fixture(bundles.small(), folder / "f.h5")
-    for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
-        (folder / name).write_bytes((root / "samples" / name).read_bytes())
+    for sample in ELBOW:
+        (folder / sample.name).write_bytes(sample.read_bytes())
     (folder / "s.csv").write_text("t,x,y,z\n0,0,0,0.03\n0.001,0,0,0.03\n0.002,0,0,0.03\n")
     (folder / "p.csv").write_text("x,y,z\n0,0,0\n1,0,0\n")
     return folder

@@ -6,6 +6,7 @@ import pytest
 import slicer_files
 from bones import BENT
 from refusals import refuses
+from replays import write_session
 from vfplan.cli.register import registered_text
 
 import vfplan
@@ -75,12 +76,13 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
 
     # A hand that pushes through the bone's flank: the proxy stays R outside the true surface.
     along = np.linspace(40, -5, 900)
-    session = np.c_[np.arange(900) * 1e-3, moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])]
-    np.savetxt(tmp_path / "h.csv", session, delimiter=",", header="t,x,y,z", comments="")
+    hips = moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])
+    session = vfplan.Session(np.arange(900) * 1e-3, hips)
+    write_session(tmp_path / "h.csv", session)
     replayed = called("replay", "f.h5", "h.csv", "-o", "r.h5", "--json").json
     assert replayed["contact_ticks"] > 300
     assert replayed["entrenched_ticks"] == 0
-    trace = vfplan.replay(fixture, vfplan.Session(session[:, 0], session[:, 1:])).trace
+    trace = vfplan.replay(fixture, session).trace
     c, s = np.cos(0.4), np.sin(0.4)
     back = 1e3 * (trace.proxy - [0.5, 0.1, 0.3]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     assert 4.8 < BENT.distance(back)[500:].min() < 5.2

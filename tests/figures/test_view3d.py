@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
+import bundles
 import numpy as np
 import pytest
-from conftest import missing_package
+from conftest import ELBOW, missing_package
 from PIL import Image
 from replays import fixture_of, line, probing
 
@@ -52,23 +51,25 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
 
 
+def test_a_curve_that_nobody_renders_is_shown_too(tmp_path):
+    need_gl()
+    view3d.draw_view(bundles.pixels(), tmp_path / "v.png")
+    assert share(tmp_path / "v.png", rgb(CLOUD)) > 1e-4
+
+
 def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     """With the slice the ground is grey, and without it all but its border is white."""
     need_gl()
-    samples = Path(__file__).parents[2] / "samples"
-    ends = (".png", "_markers_image.csv", "_markers_robot.csv")
-    files = [samples / f"elbow{end}" for end in ends]
     bundle = tmp_path / "f.h5"
-    vfplan.write_fixture(vfplan.plan(*files).fixture, bundle)
-    for name, more in (("border", ()), ("slice", ("--slice", files[0]))):
+    vfplan.write_fixture(vfplan.plan(*ELBOW).fixture, bundle)
+    for name, more in (("border", ()), ("slice", ("--slice", ELBOW[0]))):
         picture = tmp_path / f"{name}.png"
         assert vfplan_cli("view", bundle, "--screenshot", picture, *more, env={"DISPLAY": ""}).sound
     assert share(tmp_path / "border.png", (255, 255, 255)) > 0.8
     assert share(tmp_path / "slice.png", (255, 255, 255)) < 0.5
     other = tmp_path / "other.png"
     Image.new("RGB", (400, 300)).save(other)
-    run = vfplan_cli("view", bundle, "--screenshot", tmp_path / "no.png", "--slice", other)
-    assert run.code == 3
+    vfplan_cli("view", bundle, "--screenshot", tmp_path / "no.png", "--slice", other).fails(3)
     assert not (tmp_path / "no.png").exists()
 
 
@@ -89,16 +90,14 @@ def test_a_probe_that_crashes_is_a_no(monkeypatch):
 
 
 def test_no_screen_is_said(vfplan_cli, files):
-    run = vfplan_cli("view", *files, env={"DISPLAY": "", "WAYLAND_DISPLAY": ""})
-    assert run.code == 2
-    assert "--screenshot PNG" in run.error_line
+    env = {"DISPLAY": "", "WAYLAND_DISPLAY": ""}
+    vfplan_cli("view", *files, env=env).fails(2, "--screenshot PNG")
 
 
 def test_a_result_of_another_fixture_is_refused(vfplan_cli, files, tmp_path):
     other, result, png = tmp_path / "o.h5", tmp_path / "r.h5", tmp_path / "v.png"
     vfplan.write_fixture(fixture_of(line(length=0.05)), other)
     vfplan.write_result(replay(files[0], probing(1.0)), result)
-    run = vfplan_cli("view", other, result, "--screenshot", png)
-    assert run.code == 3
-    assert "was replayed against the fixture with SHA-256" in run.error_line
+    said = "was replayed against the fixture with SHA-256"
+    vfplan_cli("view", other, result, "--screenshot", png).fails(3, said)
     assert not png.exists()

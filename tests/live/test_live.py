@@ -504,12 +504,11 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     write_session(session, vfplan.Session(np.arange(300) / 1000, hip))
     result, kept = tmp_path / "r.h5", tmp_path / "k.mcap"
     assert vfplan_cli("replay", fixture, session, "-o", result).code == 0
-    run = vfplan_cli("live", fixture, result, "--mcap", kept, "--openigtlink", "0", "--json")
-    assert run.code == 0, run.stderr
-    report = json.loads(run.stdout)
+    words = ("live", fixture, result, "--json")
+    report = vfplan_cli(*words, "--mcap", kept, "--openigtlink", "0").sound.json
     assert (report["ticks"], report["verdict"]) == (300, "shown and recorded to the end")
-    part = vfplan_cli("live", fixture, result, "--web", "0", "--seconds", "0.05", "--json")
-    assert json.loads(part.stdout)["verdict"] == "shown for 0.05 s"
+    part = vfplan_cli(*words, "--web", "0", "--seconds", "0.05").json
+    assert part["verdict"] == "shown for 0.05 s"
     ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
     for name in ("hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(ticks[name], getattr(wanted, name))
@@ -518,8 +517,7 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     assert vfplan_cli("live", fixture, result).code == 2
     other = tmp_path / "other.h5"
     vfplan.write_fixture(bundles.small(), other)
-    run = vfplan_cli("live", other, result, "--web", "0", "--json")
-    assert run.json["error"]["code"] == "fixture-differs"
+    vfplan_cli("live", other, result, "--web", "0", "--json").fails(3, error="fixture-differs")
     assert vfplan_cli("live", fixture, "udp://nowhere", "--mcap", tmp_path / "x.mcap").code == 2
     assert not (tmp_path / "x.mcap").exists()
 

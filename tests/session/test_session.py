@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import zipfile
 from dataclasses import replace
+from types import SimpleNamespace as as_is
 
 import h5py
 import numpy as np
 import pytest
 from refusals import refuses
+from replays import write_session
 
 from vfplan.errors import InputError, OutputError, SessionError, SettingError, VersionError
 from vfplan.session.read import open_session, read_npz, read_session
@@ -22,18 +24,12 @@ def recording(ticks, seed=1):
     return time, rng.normal(0.4, 0.05, (ticks, 3))
 
 
-def write_csv(path, time, hip, header="t,x,y,z"):
-    lines = [",".join(map(repr, row)) for row in np.column_stack((time, hip)).tolist()]
-    path.write_text("\n".join([header, *lines]) + "\n")
-    return path
-
-
 def write_all(folder, time, hip):
     with h5py.File(folder / "s.h5", "w") as file:
         file["time"], file["hip"] = time, hip
     np.savez(folder / "s.npz", time=time, hip=hip)
     np.savez_compressed(folder / "packed.npz", time=time, hip=np.asfortranarray(hip))
-    write_csv(folder / "s.csv", time, hip)
+    write_session(folder / "s.csv", as_is(time=time, hip=hip))
     return [folder / name for name in ("s.h5", "s.npz", "packed.npz", "s.csv")]
 
 
@@ -95,7 +91,8 @@ def test_bad_csv_is_refused(tmp_path, name):
 
 
 def test_bad_line_is_named(tmp_path):
-    path = write_csv(tmp_path / "s.csv", *recording(50_000))
+    path = tmp_path / "s.csv"
+    write_session(path, Session(*recording(50_000)))
     lines = path.read_text().split("\n")
     lines[40_000] = "1,2,x,4"
     path.write_text("\n".join(lines))
@@ -268,8 +265,9 @@ def test_missing_file_directory_and_unknown_unit(tmp_path):
             read(tmp_path / "none.csv")
         with refuses(error, "not-a-file"):
             read(tmp_path)
+    (tmp_path / "s.csv").write_text("t,x,y,z\n" + 2 * ROW)
     with refuses(SettingError, "unit-unknown"):
-        read_session(write_csv(tmp_path / "s.csv", *recording(3)), units="inch")
+        read_session(tmp_path / "s.csv", units="inch")
 
 
 @pytest.mark.parametrize(("columns", "code"), [(2, "shape-wrong"), (3, "time-not-increasing")])

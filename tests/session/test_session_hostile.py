@@ -15,6 +15,7 @@ import pytest
 from conftest import output
 from motion import PEAK_KIB
 from refusals import refuses
+from replays import write_session
 
 import vfplan
 import vfplan.io.sandbox
@@ -179,8 +180,7 @@ def test_the_file_that_is_played_is_the_one_whose_digest_is_told(tmp_path, suffi
             with h5py.File(place, "w") as file:
                 file.update(time=time, hip=values)
         else:
-            rows = np.column_stack((time, values))
-            np.savetxt(place, rows, "%.17g", ",", header="t,x,y,z", comments="")
+            write_session(place, vfplan.Session(time, values))
     stream = open_session(path)
     os.replace(other, path)
     np.testing.assert_array_equal(stream.load().hip, hip)

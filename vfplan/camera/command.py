@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -22,13 +22,14 @@ from vfplan.cli.options import (
     FILE,
     DecimalNumber,
     OutputFile,
-    WholeNumber,
+    Parsed,
     option,
     options_in_order,
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
 from vfplan.display import command_of, quoted, wrote
+from vfplan.io.files import parse_decimal
 
 if TYPE_CHECKING:
     from vfplan.camera.overlay import Overlay
@@ -54,10 +55,8 @@ if TYPE_CHECKING:
     option("--live", "live_source", metavar="RESULT.h5|udp://HOST:PORT",
            help="Show the same of a controller, or of a result at its own pace, as `vfplan live`."),
     option("--window", is_flag=True, help="Show the frames of a camera or video in a browser."),
-    option("--port", type=WholeNumber(0, 65535), default=0, metavar="N",
-           help="Port of the page on 127.0.0.1; 0 takes any free one."),
-    option("--no-browser", is_flag=True, help="Print the address and open no browser."),
-    option("--session-start", type=DecimalNumber(), default=0.0, metavar="S",
+    options.BROWSER,
+    option("--session-start", type=Parsed("S", parse_decimal), default=0.0, metavar="S",
            help="Time of the session at the first frame [s]."),
     option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
            help="Stop after this time [s].  [default: at the end of the video, or on Ctrl-C]"),
@@ -187,33 +186,28 @@ def show_wall(
                 window.show(frame, last["refused"], started)
             if is_stopped() or time_s >= end_s:
                 break
-        live, missing = arguments["live_source"], ""
-        if shown is not None and live is not None and not overlay.tools_shown:
-            missing = f"no tick of {live} came. Start what sends them, and check the address"
+        sender, failed = arguments["live_source"], ""
+        if shown is not None and sender is not None and not overlay.tools_shown:
+            failed = f"no tick of {sender} came. Start what sends them, and check the address"
             # A command that fails leaves no file.
             film.picture = output = None
         film.close()
 
     # Of a video the last frame with a wall speaks for all, or the last one.
     latencies_ms = [] if window is None else window.latencies_ms
-    result = shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
-    if missing:
-        again = f"then try again: {command_line()}"
-        return replace(
-            result, failed=missing, exit_code=1, verdict="no tool: no tick came", next_step=again
-        )
-    return result
+    return shown_frames(shown or last, refusals, seconds, latencies_ms, output, failed, arguments)
 
 
 def shown_frames(
     report: dict[str, Any], refusals: Counter[str], seconds: list[float],
-    latencies_ms: list[float], output: Path | None, arguments: dict[str, Any],
+    latencies_ms: list[float], output: Path | None, failed: str, arguments: dict[str, Any],
 ) -> CommandResult:  # fmt: skip
     """How many frames show the wall, and why the others do not.
 
     report: of the frame that speaks for all
     refusals: how often each code refused a frame
     seconds, latencies_ms: how long each frame took, and until a page showed it
+    failed: what did not come, although a wall is shown
     """
     written = None
     if output is not None and report["refused"] is None:
@@ -232,11 +226,12 @@ def shown_frames(
     warnings = []
     if arguments["tags"] is None and arguments["measured_mm"] is None:
         warnings = ["The scale of the print was not checked. Give --measured-mm"]
+    verdict = "no tool: no tick came"
     if report["refused"] is not None:
-        return CommandResult(
-            data, text, 1, warnings, data["reason"], verdict=f"no wall: {data['refused']}",
-            next_step=f"then try again: {command_line()}",
-        )  # fmt: skip
+        failed, verdict = data["reason"], f"no wall: {data['refused']}"
+    if failed:
+        again = f"then try again: {command_line()}"
+        return CommandResult(data, text, 1, warnings, failed, verdict=verdict, next_step=again)
     look = f"keep it: {command_line()} -o OUT.png"
     if written is not None:
         text, look = f"{text}\n{wrote(written)}", f"look at {quoted(written)}"

@@ -26,6 +26,7 @@ from vfplan.display import MM
 from vfplan.errors import CheckFailed, InputError
 from vfplan.geometry.lines import normals, ring_of, runs
 from vfplan.images.read import as_uint8, is_picture_file, read_image
+from vfplan.io.files import opened_file
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.io.writing import write_whole
 from vfplan.report.page import document, part
@@ -67,6 +68,9 @@ def frames_of(source: Path, size: tuple[int, int]) -> Iterator[tuple[float, floa
     # Else OpenCV and FFmpeg print lines of their own about a file that is no video.
     cv2.utils.logging.setLogLevel(0)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    if not is_camera:
+        # OpenCV would wait for whoever writes into a pipe.
+        opened_file(source).close()
     video = cv2.VideoCapture(int(str(source)) if is_camera else str(source))
     if is_camera:
         video.set(cv2.CAP_PROP_FRAME_WIDTH, size[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -14,6 +14,7 @@ import click
 from vfplan.cli.options import (
     CSV,
     FIXTURE,
+    OVERWRITE,
     DecimalNumber,
     OutputFile,
     WholeNumber,
@@ -53,7 +54,7 @@ MAX_POSE_DELAY_S = 0.5
            help="Show this many ticks a second."),
     option("--seconds", type=DecimalNumber(0, min_open=True), metavar="S",
            help="Stop after this time [s].  [default: at the end of the result, or on Ctrl-C]"),
-    option("--overwrite", is_flag=True, help="Replace the files if they exist."),
+    OVERWRITE,
 )  # fmt: skip
 def vfplan_live(
     fixture, source, openigtlink, web, mcap, poses_from, poses_out, poses_axes, rate, seconds
@@ -84,22 +85,19 @@ def vfplan_live(
         if openigtlink is not None:
             from vfplan.live.server import Server
 
-            servers.append(Server(scene, openigtlink, feed))
-            stack.callback(servers[-1].close)
+            servers.append(stack.enter_context(closing(Server(scene, openigtlink, feed))))
             click.echo(f"vfplan: OpenIGTLink at 127.0.0.1:{servers[-1].port}", err=True)
         if web is not None:
             from vfplan.live.server import Web
 
-            servers.append(Web(scene, fixture.name, web, feed))
-            stack.callback(servers[-1].close)
+            servers.append(stack.enter_context(closing(Web(scene, fixture.name, web, feed))))
             click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
         sources: dict[str, Any] = {"tick": feed}
         if poses_from is not None:
             from vfplan.live.server import POSE_HEADER, PoseReceiver, pose_rows
 
             receiver = PoseReceiver(poses_from, is_ras=poses_axes == "ras")
-            stack.callback(receiver.close)
-            sources["pose"] = receiver
+            sources["pose"] = stack.enter_context(closing(receiver))
         try:
             if receiver is not None:
                 poses_file = stack.enter_context(parts[poses_out].open("wb", buffering=0))

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
-from vfplan.engine.proxy import Trace, check_renderable, sampled
+from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
@@ -254,8 +254,6 @@ def make_engine(fixture: Fixture, rule: str, engine: str = "native") -> Any:
 
 def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
     if engine == "native":
-        from vfplan.engine.proxy import ProxyEngine
-
         return ProxyEngine.of(fixture, rule, offline=True)
     check_renderable(fixture)
     if rule != "paper":

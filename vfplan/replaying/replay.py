@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import time as clock
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -123,9 +123,9 @@ class EngineRun:
     """
 
     def __init__(
-        self, fixture: Fixture, rule: str, engine: str, *, robot: Robot | None = None,
-        link: Link | None = None, governed_robot: Robot | None = None, keep: int | None = None,
-        changing: ChangingFixture | None = None,
+        self, fixture: Fixture, rule: str, engine: str, *, robot: Robot | None,
+        governed_robot: Robot | None, keep: int | None, changing: ChangingFixture | None,
+        link: Link | None = None,
     ) -> None:  # fmt: skip
         self.rule = rule
         self.changing = changing
@@ -389,8 +389,7 @@ def replay(
     # What all reports hold: the session, the link and the time that it all took.
     seen = {"name": session.name, "frame": session.frame, **session.notes, **recording.report()}
     if changing is not None and "ignored_columns" in seen:
-        unused = [name for name in seen["ignored_columns"] if name not in CHANGE_COLUMNS]
-        seen["ignored_columns"] = unused
+        seen["ignored_columns"] = [c for c in seen["ignored_columns"] if c not in CHANGE_COLUMNS]
     if session.sha256 is not None:
         seen["sha256"] = session.sha256
     common |= {
@@ -444,8 +443,7 @@ def replay(
     shared = ("session", "fixture", "link")
     paper_numbers = {name: part for name, part in paper.metrics.items() if name not in shared}
     beside = {"rule": "both", "paper": paper_numbers, "apart": between_rules.report()}
-    metrics = robust.metrics | beside
-    return Replay("both", engine, robust.ticks, metrics, fixture, robust.stride, paper)
+    return replace(robust, rule="both", metrics=robust.metrics | beside, other=paper)
 
 
 def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:

@@ -140,7 +140,7 @@ class Event:
         return "edit"
 
 
-def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool = False) -> None:
+def write_events(path: str | Path, events: Sequence[Event]) -> None:
     """Write events as CSV, an exchange's fixture by its bundle's path.
 
     Raises OutputError: the file exists, or cannot be written
@@ -155,7 +155,7 @@ def write_events(path: str | Path, events: Sequence[Event], *, overwrite: bool =
         lines += [f"{event.tick},remove,{number}" for number in numbers]
         points = np.asarray(event.add, np.float64).reshape(-1, 3).tolist()
         lines += [f"{event.tick},add,{x!r},{y!r},{z!r}" for x, y, z in points]
-    write_whole(Path(path), ["\n".join([*lines, ""]).encode()], overwrite=overwrite)
+    write_whole(Path(path), ["\n".join([*lines, ""]).encode()], overwrite=False)
 
 
 def read_events(path: str | Path) -> list[Event]:

@@ -177,7 +177,7 @@ def _stream(
     return SessionStream(samples, name, frame, sha256, {**notes, "mended": mended})
 
 
-NAMES = ("time", "hip")
+# The arrays of a session, with the shape of a row.
 ROWS = {"time": (), "hip": (3,)}
 # The attribute `format` of a fixture bundle.
 FIXTURE_FORMAT = "vfplan-fixture"
@@ -193,8 +193,9 @@ def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
         if "time" not in file and plain_attribute(file.attrs.get("format")) == FIXTURE_FORMAT:
             message = "is a fixture and no recording. Give the fixture first, and then a recording"
             raise SessionError(message, code="fixture-as-session")
-        time, hip = plain_datasets(file, NAMES)
-        check_arrays({"time": time, "hip": hip}, ROWS)
+        datasets = plain_datasets(file, ROWS)
+        check_arrays(datasets, ROWS)
+        time, hip = datasets.values()
         for place, *wanted in ((file, units, frame), (hip, units, frame), (time, "s", None)):
             check_said(place.attrs, f"attribute {{}} of {place.name}", *wanted)
         yield from portions(time, hip)
@@ -227,11 +228,11 @@ def read_npz(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
     stream.seek(0)
     try:
         with np.load(stream) as archive:
-            require_names(archive.files, NAMES)
-            time, hip = (archive[name] for name in NAMES)
+            require_names(archive.files, ROWS)
+            arrays = {name: archive[name] for name in ROWS}
             check_said(archive, "array {}", units, frame)
         # A member without a header is bytes, which have no shape.
-        check_arrays({"time": time, "hip": hip}, ROWS)
+        check_arrays(arrays, ROWS)
     except SessionError:
         raise
     except Exception as error:
@@ -239,7 +240,7 @@ def read_npz(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
         reason = str(error).partition("\n")[0] or type(error).__name__
         message = f"cannot be read as .npz: {reason}. Save the arrays again"
         raise SessionError(message, code="npz-broken") from None
-    yield from portions(time, hip)
+    yield from portions(*arrays.values())
 
 
 @contextmanager
@@ -253,13 +254,13 @@ def opened_hdf5(stream: BinaryIO) -> Iterator[h5py.File]:
         raise SessionError(message, code="hdf5-broken") from None
 
 
-def plain_datasets(file: h5py.Group, names: Iterable[str]) -> list[h5py.Dataset]:
-    """The datasets of these names.
+def plain_datasets(file: h5py.Group, names: Iterable[str]) -> dict[str, h5py.Dataset]:
+    """The datasets of these names, by name.
 
     Raises SessionError: there is none, or its data are in another file
     """
     require_names(sorted(file), names)
-    datasets = []
+    datasets = {}
     for name in names:
         # A link to another file is never followed: a session is one file.
         dataset = None
@@ -269,7 +270,7 @@ def plain_datasets(file: h5py.Group, names: Iterable[str]) -> list[h5py.Dataset]
         if not is_plain or dataset.external or dataset.is_virtual:
             message = f"{name!r} is a link or no plain dataset. Store the data under that name"
             raise SessionError(message, code="dataset-odd")
-        datasets.append(dataset)
+        datasets[name] = dataset
     return datasets
 
 

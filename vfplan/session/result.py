@@ -139,9 +139,9 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
 
         datasets = plain_datasets(file, TABLE)
         rows = {name: columns for name, (columns, _, _) in TABLE.items()}
-        length = check_arrays(dict(zip(TABLE, datasets, strict=True)), rows)
+        length = check_arrays(datasets, rows)
         for start in range(0, length, BLOCK):
-            yield tuple(dataset[start : start + BLOCK] for dataset in datasets)
+            yield tuple(dataset[start : start + BLOCK] for dataset in datasets.values())
 
 
 @contextmanager
