@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from bundles import PROVENANCE
 from conftest import ROOT
 from docs_modules import load
 from layouts import MODELS, NAMES, fit, grid, planar, solid
 from marker_sets import marker_sets
 
 from vfplan.errors import CheckFailed, MarkerError
+from vfplan.fixture import Curve, Fixture, Stroke
 from vfplan.registration.checks import refuse_large_error, refuse_wrong_markers
-from vfplan.registration.registration import target_error
+from vfplan.registration.registration import own_bound, target_error
 
 table = load(ROOT / "docs" / "make_registration_table.py")
 
@@ -162,7 +164,34 @@ def test_the_bound_of_the_curve_is_a_gate():
     assert caught.value.numbers["max_tre_m"] == 1e-4
     assert "(the " not in caught.value.message
     with pytest.raises(CheckFailed, match=r"0\.1 mm \(the contact radius\)"):
-        refuse_large_error(error, 1e-4, "contact radius")
+        refuse_large_error(error, 1e-4, taken_from="contact radius")
+
+
+@pytest.mark.parametrize(
+    ("name", "cause", "advice"),
+    [
+        ("bridged", "bridge", "gap that the curve bridges there"),
+        ("edited", "by-hand", "Draw that part with the pen"),
+        ("other", "crossing", "Erase what does not belong"),
+        ("blur", "ink", "sharper picture"),
+        ("none", "markers", "Add markers around"),
+        ("touched", "touched", "Touch more places"),
+    ],
+)
+def test_a_large_bound_names_its_largest_part_and_the_place(name, cause, advice):
+    r, drawn = fit(grid(), planar(grid())), grid()
+    is_there = np.arange(len(drawn)) == 4
+    high = 0.0 if cause in ("markers", "touched") else 9.0
+    sigma = np.where(is_there | (name == "blur"), high, 0.1)
+    flags = {name: is_there} if name in ("bridged", "edited") else {}
+    stroke = Stroke(np.pad(drawn, [(0, 0), (0, 1)]), False, sigma, **flags)
+    curve = Fixture("image", stroke.points, PROVENANCE, curve=Curve.of([stroke]), sigma=sigma)
+    error = target_error(r, drawn, own_bound([stroke]))
+    with pytest.raises(CheckFailed, match=advice) as caught:
+        refuse_large_error(error, 1e-4, curve=curve, is_touched=name == "touched")
+    assert caught.value.numbers["cause"] == cause
+    assert "({:.0f}, {:.0f}) px".format(*drawn[error.worst]) in caught.value.message
+    assert cause in ("markers", "touched", "ink") or error.worst == 4
 
 
 @pytest.mark.parametrize("sets", [pytest.param(1, marks=pytest.mark.full)])

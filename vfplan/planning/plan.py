@@ -244,7 +244,10 @@ def register(
     record.settings[CURVE95] = float(np.ceil(error.curve95_m.max() * 1e9) / 1e9)
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
-        refuse_large_error(error, settings.max_tre_length_m, taken_from)
+        refuse_large_error(
+            error, settings.max_tre_length_m, taken_from=taken_from, curve=unregistered,
+            is_touched=touched is not None,
+        )  # fmt: skip
 
     # A margin makes the fixture thicker: from here on `settings.point_radius` includes it. Lines
     # and arcs must follow the curve more closely than the margin is wide.

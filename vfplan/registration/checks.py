@@ -21,8 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from vfplan.display import coordinates
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
+from vfplan.fixture import Fixture
 from vfplan.geometry.lines import Array, plane_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
@@ -478,23 +480,65 @@ def refuse_wrong_markers(
             raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
 
 
-def refuse_large_error(error: TargetError, max_tre_m: float, taken_from: str = "") -> None:
+# What a point of a curve may be where no ink shows it, and what `cause_of_own_error` says of it.
+UNSEEN = (
+    ("bridged", "bridge", "the gap that the curve bridges there", "Close the gap with the pen"),
+    ("edited", "by-hand", "the part that was drawn by hand there", "Draw that part with the pen"),
+)
+
+# Times a curve's usual deviation from which a place is unsure for a reason of its own.
+UNUSUAL = 2.0
+
+
+def refuse_large_error(
+    error: TargetError, max_tre_m: float, *, taken_from: str = "", curve: Fixture | None = None,
+    is_touched: bool = False,
+) -> None:  # fmt: skip
     """Refuse a registration that may be further off along the curve than a person allows.
 
     taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
-    Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`
+    curve: what was registered, as it was drawn
+    is_touched: whether touched points refined what the markers gave
+    Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`. The message names
+        the largest part of the bound, and its place
     """
-    value_m = float(error.curve95_m[error.worst])
+    point = error.worst
+    value_m = float(error.curve95_m[point])
     if value_m <= max_tre_m:
         return
+    cause, why, advice = "markers", "the markers", "Add markers around the curve"
+    if is_touched:
+        cause, why, advice = "touched", "the touched points", "Touch more places"
+    at = ""
+    if curve is not None:
+        place = curve.points[point]
+        at = f" at ({coordinates(1e3 * place, 1)}) mm"
+        if curve.frame == "image":
+            at = f" at ({coordinates(place[:2])}) px"
+        if 2 * error.own_m[point] ** 2 > value_m**2:
+            cause, why, advice = cause_of_own_error(curve, point)
     allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
-        f"the curve may lie {_mm(value_m)} from its place (95 % bound), and "
-        f"--max-tre allows {allowed}. Add markers around the curve, or give another --max-tre",
-        where=f"curve point {error.worst}",
+        f"the curve may lie {_mm(value_m)} from its place{at} (95 % bound), mostly because of "
+        f"{why}, and --max-tre allows {allowed}. {advice}, or give another --max-tre",
+        where=f"curve point {point}",
         code="tre-large",
-        numbers={"curve95_max_m": value_m, "max_tre_m": max_tre_m, "point": error.worst},
-    )
+        numbers={
+            "curve95_max_m": value_m, "max_tre_m": max_tre_m, "point": point, "cause": cause,
+        },
+    )  # fmt: skip
+
+
+def cause_of_own_error(curve: Fixture, point: int) -> tuple[str, str, str]:
+    """Why a drawn curve itself is unsure at a point: a name, words for it, and what helps."""
+    for flags, *cause in UNSEEN:
+        is_so = getattr(curve.curve, flags, None)
+        if is_so is not None and is_so[point]:
+            return tuple(cause)
+    if curve.sigma[point] > UNUSUAL * np.median(curve.sigma):
+        why = "other ink or ends of the curve that cross it there"
+        return "crossing", why, "Erase what does not belong to the curve"
+    return "ink", "the blur of the line", "Give a sharper picture"
 
 
 def registration_findings(registration: Registration) -> tuple[Finding, ...]:

@@ -92,6 +92,8 @@ class TargetError:
     bound95_m: Array
     # (M,) bound of both for all points at once, with probability 0.95 [m].
     curve95_m: Array
+    # (M,) the part of it that is the curve's own error [m]; the squares of its parts add up.
+    own_m: Array
     # Index of the point with the largest bound.
     worst: int
     # (M,) whether a point is predicted worse than every marker: it lies beyond them.
@@ -107,9 +109,10 @@ def target_error(
     """
     rms_m, bound95_m = registration.tre_m(points), registration.tre95_m(points)
     curve95_m = registration.curve95_m(points, own, bound95_m)
+    own_m = np.broadcast_to(registration.mean_scale * np.asarray(own), curve95_m.shape)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
-    return TargetError(rms_m, bound95_m, curve95_m, int(curve95_m.argmax()), is_beyond)
+    return TargetError(rms_m, bound95_m, curve95_m, own_m, int(curve95_m.argmax()), is_beyond)
 
 
 def own_bound(strokes: Sequence[Stroke], px: float = 1.0) -> Array:
@@ -454,15 +457,20 @@ class Registration(Fit):
         own: the bound of the curve's own error, (M,) of `own_bound` in the source frame's unit
         pointwise_m: `tre95_m` of the points, where it is known
         """
-        linear = self.T_target_source[:3, :-1]
-        scale = np.sqrt((linear**2).sum() / linear.shape[1])
-        return np.hypot(self.tre95_curve_m(points, pointwise_m), scale * np.asarray(own))
+        own_m = self.mean_scale * np.asarray(own)
+        return np.hypot(self.tre95_curve_m(points, pointwise_m), own_m)
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
         x = homogeneous(self.normalised(points))
         rows = marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root
         return rows * self.sigma_m
+
+    @property
+    def mean_scale(self) -> float:
+        """Metres a unit of the source: root mean square over the source's axes."""
+        linear = self.T_target_source[:3, :-1]
+        return float(np.sqrt((linear**2).sum() / linear.shape[1]))
 
     @property
     def scale(self) -> float:

@@ -22,8 +22,8 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import box_of, path_through
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
-from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
-from vfplan.curve.profiles import find_ends, read_profiles
+from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink, sample
+from vfplan.curve.profiles import find_ends, places_across, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import FLAGS, Stroke
 from vfplan.geometry.lines import (
@@ -63,6 +63,16 @@ INK_SIGMA_PX = 0.05
 
 # Deviation [px] of the line where other ink joins it and it is carried past.
 BRANCH_SIGMA_PX = 0.5
+
+# The same of a ring past its own ends, and the share of what its ink lacks on one side there.
+# Of 270 rings whose ends cross or overlap, 98 % lie within their bound, by median at 0.5 of it.
+ENDS_SIGMA_PX, LACK_SHARE = 0.08, 0.2
+
+# Points along a ring whose median width counts where its ends overlap.
+OVERLAP_POINTS = 11
+
+# Steps of a path, from which on it has gone around an end of ink if it is back at one place.
+SPUR_STEPS = 6
 
 # Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
 KNOTS = 30
@@ -119,6 +129,27 @@ def past_branches(
             points[run] = CubicSpline(known, points[known])(run)
             passed[run] = True
     return passed
+
+
+def without_spurs(path: NDArray, bones: NDArray) -> NDArray[np.float64]:
+    """A closed path (M, 2) without the ends of ink that it goes around, there and back.
+
+    bones: (N, 2) the pixels of the ink's skeleton, of which one is nearest on both ways
+    """
+    nearest = bones[_core.nearest(bones, path)[1]]
+    skipped = np.zeros(len(path), int)
+    for step in range(SPUR_STEPS, min(2 * MAX_BRANCH_PX, len(path) // 2)):
+        is_back = np.abs(np.roll(nearest, -step, axis=0) - nearest).max(axis=1) <= 1
+        skipped[is_back] = step
+    if not skipped.any():
+        return path
+    # From behind the longest one on. The seam is put on the other side of the ring.
+    at = first = int(skipped.argmax() + skipped.max())
+    kept = []
+    while at < first + len(path):
+        kept.append(at % len(path))
+        at += max(1, int(skipped[kept[-1]]))
+    return path[np.roll(kept, len(kept) // 2)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,32 +276,40 @@ class SliceInk:
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
         sigma = np.hypot(deviation, INK_SIGMA_PX)
-        if closed:  # Its ends may overlap where it is wide, and pull the centre aside.
-            wider_px = usual * (running_median(mass, NEARBY_POINTS, "wrap") - 1).clip(0)
-            sigma = np.hypot(sigma, wider_px / 4)
-            near = np.flatnonzero(binary_dilation(joined, iterations=max(1, round(2 * usual))))
-            sigma[near] = np.hypot(sigma[near], self.beside(points, near, 3 * usual) / 4)
-        sigma[passed] = np.hypot(sigma[passed], BRANCH_SIGMA_PX)
+        if closed:
+            # Its ends may overlap where it is wide, and pull the centre aside.
+            wider = running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap") - 1
+            sigma = np.hypot(sigma, usual * wider.clip(0) / 4)
+            # Where it is carried past them, all of its width is ink. What lacks on one side says
+            # how far off it may be, and where to move it.
+            lack = self.lacking(points, alone, usual)
+            carried = np.hypot(ENDS_SIGMA_PX, LACK_SHARE * lack)
+            for _ in range(2):
+                move = gaussian(np.where(passed, lack, 0.0), tuned.SMOOTH_PX, "wrap")
+                points = points + move[:, None] * normals(points, True)
+                lack = self.lacking(points, alone, usual)
+        else:
+            carried = np.full(len(points), BRANCH_SIGMA_PX)
+        sigma[passed] = np.hypot(sigma, carried)[passed]
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
         return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
-    def beside(
-        self, ring: NDArray, which: NDArray[np.int64], reach_px: float
+    def lacking(
+        self, ring: NDArray, alone: NDArray[np.bool_], pen_px: float
     ) -> NDArray[np.float64]:
-        """(K,) how far ink lies across from points of a ring at most, within a reach [px].
+        """(M,) what a ring's ink lacks on one side [px], with the sign of the other side's normal.
 
-        which: (K,) the numbers of those points
+        alone: (M,) the points that no other ink joins, of which half the width is known
         """
-        normal, places = normals(ring, True), self.bones[0]
-        farthest = np.zeros(len(which))
-        for k, number in enumerate(which):
-            away = places - ring[number]
-            across = np.abs(away @ normal[number])
-            is_here = (across <= reach_px) & (np.hypot(*away.T) <= np.hypot(across, CLOSE_PX / 2))
-            farthest[k] = across[is_here].max(initial=0.0)
-        return farthest
+        half = np.ceil((pen_px / 2 + tuned.FLANK_PX) / tuned.STEP_PX)
+        x = np.arange(-half, half + 1) * tuned.STEP_PX
+        coverage = sample(self.found.coverage, *places_across(ring, normals(ring, True), x))
+        sides = np.column_stack([x < 0, x > 0]) + 0.5 * (x == 0)[:, None]
+        ink = coverage.clip(0) @ sides * tuned.STEP_PX
+        left, right = (np.median(ink[alone]) - ink).clip(0).T
+        return left - right
 
     def draw(self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]) -> Stroke:
         """Measure a path that a hand drew; a free end near the end of its ink moves there.
@@ -284,7 +323,10 @@ class SliceInk:
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
-        path = gaussian(np.asarray(path, float), tuned.SMOOTH_PX, BEYOND[closed])
+        path = np.asarray(path, float)
+        if closed:
+            path = without_spurs(path, self.bones[0])
+        path = gaussian(path, tuned.SMOOTH_PX, BEYOND[closed])
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
         if not closed and not line.edited.all():
