@@ -76,25 +76,23 @@ nb::tuple arcs_along(const Places& places, const Places& tangents, double tolera
     if (places.shape(0) == 0 || tangents.shape(0) != places.shape(0))
         throw std::invalid_argument("vfplan: a tangent for each place is wanted");
     const SmoothRun run{places, tangents, tolerance};
-    std::vector<Vec2> vertices{place(places, 0)};
-    std::vector<double> bulges;
+    const Vec2 start = place(places, 0);
+    std::vector<double> vertices{start[0], start[1]}, bulges;
     double largest = 0;
     for (std::size_t first = 0; first + 1 < places.shape(0);) {
         const auto [last, error] = run.longest_pair(first, std::max<std::size_t>(step, 2));
         const vfplan::Stroke two = run.biarc(first, last);
-        vertices.insert(vertices.end(), {{two.vertices[3], two.vertices[4]}, place(places, last)});
+        const Vec2 end = place(places, last);
+        vertices.insert(vertices.end(), {two.vertices[3], two.vertices[4], end[0], end[1]});
         for (const double bulge : {two.bulges[0], two.bulges[1]})
             bulges.push_back(std::clamp(bulge, -1.0, 1.0));
         largest = std::max(largest, error);
         step = last - first;
         first = last;
     }
-    auto rows = array<double>(vertices.size(), 2);
-    for (std::size_t i = 0; i < vertices.size(); ++i)
-        std::copy_n(vertices[i].c, 2, rows.data() + 2 * i);
-    auto column = array<double>(bulges.size(), 1);
-    std::copy(bulges.begin(), bulges.end(), column.data());
-    return nb::make_tuple(rows, column, largest);
+    const std::size_t n = bulges.size();
+    return nb::make_tuple(array(std::move(vertices), {n + 1, 2}), array(std::move(bulges), {n}),
+                          largest);
 }
 
 }  // namespace

@@ -45,16 +45,15 @@ nb::tuple read(vb::View payload, std::uint64_t file_length, bool strict, const v
     return nb::make_tuple(values, found);
 }
 
-/// A bundle's bytes, whose seal holds.
-struct Sealed {
+/// A bundle's bytes, and its seal, which holds.
+struct Sealed : vb::Seal {
     explicit Sealed(nb::bytes bytes) : data(std::move(bytes)) {
         const vb::View all = view(data);
         nb::gil_scoped_release release;
-        seal = vb::unseal(all, payload);
+        static_cast<vb::Seal&>(*this) = vb::unseal(all, payload);
     }
     nb::bytes data;
     vb::View payload;
-    vb::Seal seal;
 };
 
 template <class Array>
@@ -129,21 +128,17 @@ void bind_bundle(nb::module_& m) {
         .def(nb::init<nb::bytes>(), "data"_a)
         .def(
             "read",
-            [](const Sealed& s, bool strict) {
-                return read(s.payload, s.data.size(), strict, &s.seal);
-            },
+            [](const Sealed& s, bool strict) { return read(s.payload, s.data.size(), strict, &s); },
             "strict"_a = true)
         .def_ro("data", &Sealed::data)
         .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
-        .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(vb::view(s.seal.digest)); })
-        .def_prop_ro("signed", [](const Sealed& s) { return s.seal.is_signed; })
-        .def_prop_ro("despite_findings", [](const Sealed& s) { return s.seal.despite_findings; })
-        .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(vb::view(s.seal.key_id)); })
-        .def_prop_ro("signature",
-                     [](const Sealed& s) { return to_bytes(vb::view(s.seal.signature)); })
-        .def_prop_ro("signed_message",
-                     [](const Sealed& s) { return to_bytes(s.seal.signed_message); })
-        .def_prop_ro("case", [](const Sealed& s) { return s.seal.case_token; })
-        .def_prop_ro("robot_serial", [](const Sealed& s) { return s.seal.robot_serial; })
-        .def_prop_ro("signed_at", [](const Sealed& s) { return s.seal.signed_at; });
+        .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(s.digest); })
+        .def_ro("signed", &Sealed::is_signed)
+        .def_ro("despite_findings", &Sealed::despite_findings)
+        .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(s.key_id); })
+        .def_prop_ro("signature", [](const Sealed& s) { return to_bytes(s.signature); })
+        .def_prop_ro("signed_message", [](const Sealed& s) { return to_bytes(s.signed_message); })
+        .def_ro("case", &Sealed::case_token)
+        .def_ro("robot_serial", &Sealed::robot_serial)
+        .def_ro("signed_at", &Sealed::signed_at);
 }

@@ -30,6 +30,15 @@ nb::tuple govern(Governor& governor, const Rows& forces,
     return nb::make_tuple(torque, governed);
 }
 
+// A member, which no other thread calls meanwhile.
+template <class F>
+auto alone(F member) {
+    return [member](Governor& governor) {
+        const Use turn(governor);
+        return (governor.*member)();
+    };
+}
+
 }  // namespace
 
 void bind_governor(nb::module_& m) {
@@ -54,19 +63,8 @@ void bind_governor(nb::module_& m) {
         .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step);
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())
-        .def("reset",
-             [](Governor& g) {
-                 const Use turn(g);
-                 g.reset();
-             })
+        .def("reset", alone(&Governor::reset))
         .def("run", &govern, "forces"_a, "jacobians"_a = nb::none())
-        .def_prop_ro("energy_given",
-                     [](Governor& g) {
-                         const Use turn(g);
-                         return g.energy_given();
-                     })
-        .def_prop_ro("energy_stored", [](Governor& g) {
-            const Use turn(g);
-            return g.energy_stored();
-        });
+        .def_prop_ro("energy_given", alone(&Governor::energy_given))
+        .def_prop_ro("energy_stored", alone(&Governor::energy_stored));
 }

@@ -3,7 +3,6 @@
 // The Python face of the guide. No logic here.
 #include <nanobind/stl/vector.h>
 
-#include "strokes.hpp"
 #include "ticks.hpp"
 
 namespace {

@@ -94,9 +94,8 @@ class Controller {
     /// Renders a fixture that `load` or another reader gave; the demands are of what is exchanged.
     explicit Controller(const bundle::Fixture& fixture, const Demand& demand = {},
                         const ControllerSettings& settings = {});
-    ~Controller();
-    Controller(Controller&&) noexcept;
-    Controller& operator=(Controller&&) noexcept;
+    Controller(Controller&&) noexcept = default;
+    Controller& operator=(Controller&&) noexcept = default;
 
     /// Renders another fixture too, before the loop begins: forces add up. One that is rendered
     /// already is felt once.
@@ -168,7 +167,7 @@ class Controller {
   private:
     detail::ControllerImpl& impl() const;
 
-    std::unique_ptr<detail::ControllerImpl> impl_;
+    std::shared_ptr<detail::ControllerImpl> impl_;  // which no other controller has
 };
 
 }  // namespace vfplan::inline v1

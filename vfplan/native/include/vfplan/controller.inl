@@ -412,10 +412,7 @@ VFPLAN_COMPILED_ONCE Controller::Controller(const std::filesystem::path& fixture
     : Controller(load(fixture, demand), demand, settings) {}
 VFPLAN_COMPILED_ONCE Controller::Controller(const bundle::Fixture& fixture, const Demand& demand,
                                             const ControllerSettings& settings)
-    : impl_(std::make_unique<detail::ControllerImpl>(fixture, demand, settings)) {}
-VFPLAN_COMPILED_ONCE Controller::~Controller() = default;
-VFPLAN_COMPILED_ONCE Controller::Controller(Controller&&) noexcept = default;
-VFPLAN_COMPILED_ONCE Controller& Controller::operator=(Controller&&) noexcept = default;
+    : impl_(std::make_shared<detail::ControllerImpl>(fixture, demand, settings)) {}
 
 VFPLAN_COMPILED_ONCE detail::ControllerImpl& Controller::impl() const {
     if (!impl_) reject("this controller was moved from, and holds nothing. Make another one.");

@@ -69,11 +69,11 @@ class RuleInSpace : public EngineImpl {
         // Field by field: a copy of the whole would wait until the fields have reached the cache.
         return {last_.proxy, last_.normal, last_.force, last_.state, last_.status};
     }
-    void set_stiffness(const Vec3& k) noexcept final {
-        stiffness_ = Stiffness{k};
-        stiffness = std::max({k[0], k[1], k[2]});
+    /// Of a rule whose points cannot be edited, K alone changes.
+    void change(const PendingChange& change) noexcept override {
+        stiffness_ = Stiffness{change.point};
+        this->parameters.stiffness = change.point;
     }
-    bool planar() noexcept final { return D == 2; }
 
   protected:
     Space space_;
@@ -100,18 +100,18 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
                 std::unique_ptr<PointIndex<D>> all)
         : RuleInSpace<Space, RuleOf>(space, p, points, p), all_(std::move(all)) {}
 
-    void remove(std::size_t id) noexcept override {
-        if constexpr (is_editable) {
+    void change(const PendingChange& change) noexcept override {
+        if (change.what == PendingChange::stiffness) {
+            RuleInSpace<Space, RuleOf>::change(change);
+        } else if constexpr (is_editable) {
+            const bool is_added = change.what == PendingChange::add;
+            Vec<D> p = this->space_.project(change.point);
+            if (is_added)
+                index().add(p);
+            else
+                p = index().remove(change.id);
             this->rule_.set_skin(nullptr);
-            this->rule_.point_changed(index().remove(id), false);
-        }
-    }
-    void add(const Vec3& point) noexcept override {
-        if constexpr (is_editable) {
-            const Vec<D> p = this->space_.project(point);
-            index().add(p);
-            this->rule_.set_skin(nullptr);
-            this->rule_.point_changed(p, true);
+            this->rule_.point_changed(p, is_added);
         }
     }
     void set_skin(const mesh::Surface& surface) override {

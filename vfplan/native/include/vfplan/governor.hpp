@@ -132,7 +132,6 @@ class Governor {
         return g;
     }
 
-    const GovernorLimits& limits() const noexcept { return limits_; }
     /// J^T F to command [N m], of the last tick that had a Jacobian.
     const double* torque() const noexcept { return torque_; }
     /// What forces held back since the reset have given, had each pushed the mass freely [J].

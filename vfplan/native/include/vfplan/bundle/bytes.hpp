@@ -344,8 +344,9 @@ class ByteReader {
 
     View take(std::uint64_t count) {
         require(count <= left(), {"has an object header that is cut short"});
-        at_ += static_cast<std::size_t>(count);
-        return data_.part(at_ - static_cast<std::size_t>(count), static_cast<std::size_t>(count));
+        const View taken = data_.first(static_cast<std::size_t>(count));
+        data_ = data_.from(taken.size());
+        return taken;
     }
     std::uint64_t number(std::size_t width) { return number_at(take(width), 0, width); }
     void expect(std::size_t width, std::uint64_t value, const char* what) {
@@ -354,7 +355,7 @@ class ByteReader {
     }
     void expect_end() const { require(left() == 0, {"has a header message that is too long"}); }
 
-    [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
+    [[nodiscard]] std::size_t left() const { return data_.size(); }
 
     void require(bool good, Sentence wrong, std::string_view code = "corrupt.hdf5",
                  std::string_view todo = {}) const {
@@ -364,7 +365,6 @@ class ByteReader {
   private:
     View data_;
     std::string where_;
-    std::size_t at_ = 0;
 };
 
 }  // namespace detail

@@ -201,9 +201,9 @@ inline const Row& row_at(std::string_view path) {
 inline bool is_newer(const Object& root) {
     const auto text = [&](std::string_view path) {
         const Row& row = row_at(path);
-        const Attribute* attribute = root.attributes.find(parent_and_name(row).second);
-        require(attribute != nullptr, "corrupt.missing", row, {"is missing"});
-        return scalar_of(*attribute, row).string();
+        const auto attribute = root.attributes.find(parent_and_name(row).second);
+        require(attribute != root.attributes.end(), "corrupt.missing", row, {"is missing"});
+        return scalar_of(attribute->second, row).string();
     };
     const std::string format = text("/@format"), version = text("/@version");
     require(format == format_name, "corrupt.format", "/@format",
@@ -225,11 +225,11 @@ class Reader {
   public:
     /// `file_length` is that of the whole bundle, with its seal.
     Reader(View payload, std::uint64_t file_length, Findings& findings)
-        : data_(payload), file_(payload), file_length_(file_length), findings_(findings) {}
+        : file_(payload), file_length_(file_length), findings_(findings) {}
 
     /// All values that the table knows in the version of the file.
     Content read() {
-        const std::uint64_t address = root_address(file_, data_, file_length_);
+        const std::uint64_t address = root_address(file_, file_length_);
         addresses_.insert(address);
         open_group(row_at("/"), address);
         is_newer_ = is_newer(groups_.at("/"));
@@ -258,15 +258,16 @@ class Reader {
         const auto [parent, name] = parent_and_name(row);
         const auto group = groups_.find(parent);
         if (group == groups_.end()) return;  // its own row has reported that it is missing
+        const Object& object = group->second;
         if (row.kind == Kind::attribute) {
-            const Attribute* attribute = group->second.attributes.find(name);
-            if (attribute == nullptr) return check_absence(row);
-            return keep(row, scalar_of(*attribute, row));
+            const auto attribute = object.attributes.find(name);
+            if (attribute == object.attributes.end()) return check_absence(row);
+            return keep(row, scalar_of(attribute->second, row));
         }
-        const Link* link = group->second.links.find(name);
-        if (link == nullptr) return check_absence(row);
-        if (row.kind == Kind::dataset) return keep(row, table(row, link->address));
-        open_group(row, link->address);
+        const auto link = object.links.find(name);
+        if (link == object.links.end()) return check_absence(row);
+        if (row.kind == Kind::dataset) return keep(row, table(row, link->second));
+        open_group(row, link->second);
         check_names(row);
     }
 
@@ -299,15 +300,15 @@ class Reader {
                        parent_and_name(other) == std::pair(row.path, name);
             });
         };
-        for (const Link& link : group.links) {
-            const bool known = has(link.name, false);
-            check_known(known, link.name, row);
+        for (const auto& [name, address] : group.links) {
+            const bool known = has(name, false);
+            check_known(known, name, row);
             unknown_ = unknown_ || !known;
-            require(addresses_.insert(link.address).second, "unsafe.link", row,
-                    {"holds a second link, ", Quoted{link.name}, ", to one object"});
+            require(addresses_.insert(address).second, "unsafe.link", row,
+                    {"holds a second link, ", Quoted{name}, ", to one object"});
         }
-        for (const Attribute& attribute : group.attributes)
-            check_known(has(attribute.name, true), attribute.name, row);
+        for (const auto& [name, attribute] : group.attributes)
+            check_known(has(name, true), name, row);
     }
 
     void check_known(bool known, std::string_view name, const Row& row) const {
@@ -334,19 +335,18 @@ class Reader {
     void check_unit_and_frame(const Object& object, const Row& row) {
         Row plain = row;
         plain.type = Type::text;
-        for (const Attribute& attribute : object.attributes) {
-            const bool known = (attribute.name == "unit" && !row.unit.empty()) ||
-                               (attribute.name == "frame" && !row.frame.empty());
-            check_known(known, attribute.name, row);
-        }
+        for (const auto& [name, attribute] : object.attributes)
+            check_known(
+                (name == "unit" && !row.unit.empty()) || (name == "frame" && !row.frame.empty()),
+                name, row);
         for (const auto& [name, text] :
              {std::pair{"unit", with_frame_names(row.unit, content_, true)},
               std::pair{"frame", with_frame_names(row.frame, content_, false)}}) {
             if (text.empty()) continue;
-            const Attribute* attribute = object.attributes.find(name);
-            require(attribute != nullptr, "corrupt.missing", row,
+            const auto attribute = object.attributes.find(name);
+            require(attribute != object.attributes.end(), "corrupt.missing", row,
                     {"has no attribute ", Quoted{name}});
-            const std::string found = scalar_of(*attribute, plain).string();
+            const std::string found = scalar_of(attribute->second, plain).string();
             require(found == text, "corrupt." + std::string(name), row,
                     {name, " is ", Quoted{found}, "; ", Quoted{text}, " wanted"});
         }
@@ -373,7 +373,6 @@ class Reader {
         }
     }
 
-    View data_;
     File file_;
     std::uint64_t file_length_;
     Findings& findings_;
