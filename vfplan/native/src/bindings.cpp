@@ -8,13 +8,10 @@
 #include "vfplan/tick_time.hpp"
 #include "vfplan/version.hpp"
 
-void bind_governor(nb::module_& m);
-void bind_guide(nb::module_& m);
-void bind_moving(nb::module_& m);
+void bind_beside(nb::module_& m);
 void bind_bundle(nb::module_& m);
-void bind_picture(nb::module_& m);
 void bind_controller(nb::module_& m);
-void bind_arcs(nb::module_& m);
+void bind_extraction(nb::module_& m);
 
 namespace {
 
@@ -257,11 +254,8 @@ NB_MODULE(_core, m) {
     bind_shape(m, engine, &strokes, "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a);
     bind_shape(m, engine, &surface, "points"_a, "triangles"_a);
 
-    bind_governor(m);
-    bind_guide(m);
-    bind_moving(m);
+    bind_beside(m);
     bind_bundle(m);
-    bind_picture(m);
     bind_controller(m);
-    bind_arcs(m);
+    bind_extraction(m);
 }

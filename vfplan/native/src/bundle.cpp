@@ -4,8 +4,6 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include <span>
-
 #include "numpy.hpp"
 #include "vfplan/bundle/fixture.hpp"
 
@@ -56,12 +54,6 @@ struct Sealed : vb::Seal {
     vb::View payload;
 };
 
-template <class Array>
-auto values(const std::optional<Array>& array) {
-    using T = typename Array::Scalar;
-    return array ? std::span<const T>(array->data(), array->size()) : std::span<const T>();
-}
-
 /// Throws std::invalid_argument unless all numbers name one of `count` things.
 void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
     for (const std::int32_t number : numbers)
@@ -72,16 +64,15 @@ void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
 /// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
 /// back, and the points around the largest opening.
 nb::tuple certificate(const Rows& points, const std::optional<vfplan::Vec3>& axis, double reach,
-                      const std::optional<Ids>& stroke, const std::optional<Flags>& closed,
-                      const std::optional<Triples>& triangles,
+                      const Ids& stroke, const Flags& closed, const Triples& triangles,
                       std::optional<double> sample_radius) {
-    vb::detail::CertifiedShape shape;
-    shape.points = {points.data(), points.size()};
-    shape.axis = axis.value_or(shape.axis);
-    shape.stroke = values(stroke);
-    shape.closed = values(closed);
-    shape.triangles = values(triangles);
-    if (sample_radius) shape.sample_radius = *sample_radius;
+    const vb::detail::CertifiedShape shape{
+        .points = {points.data(), points.size()},
+        .axis = axis.value_or(vfplan::Vec3{}),
+        .stroke = {stroke.data(), stroke.size()},
+        .closed = {closed.data(), closed.size()},
+        .triangles = {triangles.data(), triangles.size()},
+        .sample_radius = sample_radius.value_or(vfplan::infinity)};
     vb::detail::Certificate made;
     {
         nb::gil_scoped_release release;
@@ -122,8 +113,9 @@ void bind_bundle(nb::module_& m) {
         "lookup3", [](const nb::bytes& data) { return vb::detail::lookup3(view(data)); }, "data"_a,
         "The checksum of HDF5's metadata");
     m.def("certificate", &certificate, "points"_a, "axis"_a.none(), "reach"_a,
-          "stroke"_a = nb::none(), "closed"_a = nb::none(), "triangles"_a = nb::none(),
-          "sample_radius"_a = nb::none(), "what the leak certificate of a fixture must say");
+          "stroke"_a.none() = nb::none(), "closed"_a.none() = nb::none(),
+          "triangles"_a.none() = nb::none(), "sample_radius"_a = nb::none(),
+          "what the leak certificate of a fixture must say");
     nb::class_<Sealed>(m, "Sealed", "A bundle's bytes, whose seal holds")
         .def(nb::init<nb::bytes>(), "data"_a)
         .def(

@@ -15,8 +15,6 @@
 // target vfplan::engine (find_package(vfplan COMPONENTS engine)) does both.
 #pragma once
 
-#include <atomic>
-
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/exchange.hpp"
 #include "vfplan/mesh/triangles.hpp"
@@ -30,19 +28,20 @@ struct Fixture;
 namespace detail {
 
 /// The engine of n points [m], x y z of each in turn. Throws std::invalid_argument, as the others.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p);
-/// The engine of lines and arcs.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p);
-/// The engine of a mesh.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
+VFPLAN_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p);
+/// The engine of lines and arcs, or of a mesh, by rule exact.
+VFPLAN_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p);
+VFPLAN_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
 
 }  // namespace detail
 
-/// As of points (exchange.hpp), of rule exact among lines and arcs.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p);
+/// Time [s] that a tick among n points takes at most (tick_time.hpp). Throws std::invalid_argument,
+/// as the others.
+VFPLAN_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
+/// The same of rule exact among lines and arcs.
+VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Parameters& p);
 /// The same of rule exact among triangles.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
+VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
 
 /// What an engine is made for: a loop of 1 kHz, or a replay or study, which can wait.
 enum class Use { real_time, replay, offline = replay };
@@ -61,11 +60,11 @@ class Engine {
     /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters,
     /// band and gain have no part. Throws std::invalid_argument.
     Engine(const std::vector<Stroke>& strokes, const Parameters& p)
-        : impl_(detail::make_impl(strokes, p)), parameters_(exactly(p)) {}
+        : impl_(detail::make_impl(strokes, exactly(p))), parameters_(exactly(p)) {}
 
     /// A mesh, rendered from its triangles: rule `exact`, in space. As for a curve.
     Engine(const mesh::Surface& surface, const Parameters& p)
-        : impl_(detail::make_impl(surface, p)), parameters_(exactly(p)) {}
+        : impl_(detail::make_impl(surface, exactly(p))), parameters_(exactly(p)) {}
 
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used for a replay, for
@@ -113,11 +112,7 @@ class Engine {
 
     /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
-        if (!impl_) {
-            Step none;
-            none.status = Status::bad_hip;
-            return none;
-        }
+        if (!impl_) return {.status = Status::bad_hip};
         auto* changes = changes_.load(std::memory_order_acquire);
         if (changes) {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
@@ -171,7 +166,7 @@ class Engine {
         auto& c = changes();
         const bool fits = parameters_.rule == Rule::robust && numbers_->fits_in_place(m);
         const std::vector<detail::PendingChange> all =
-            numbers_->edit(remove, n, add, m, parameters_);
+            numbers_->edit(remove, n, add, m, parameters_, tick_time_bound);
         if (fits && all.size() <= max_edit_in_place && c.queue.push(all.data(), all.size()))
             return true;
         return remake();

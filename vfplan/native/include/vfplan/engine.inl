@@ -172,15 +172,14 @@ ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Param
                                                                std::move(all));
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {
+VFPLAN_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
     if (p.ignore_axis) return make_in_space(Slice(*p.ignore_axis), xyz, n, p);
     return make_in_space(Space{}, xyz, n, p);
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
-    p.rule = Rule::exact;
+VFPLAN_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
     double largest = 0;
     for (const Stroke& s : strokes)
         largest = std::max(largest, largest_of(s.vertices.data(), s.vertices.size() / 3));
@@ -193,8 +192,7 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
         space, p, p.R(), p.band, p.pace(), curve::Curve(strokes, space, p.R()), p);
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
-    p.rule = Rule::exact;
+VFPLAN_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
     mesh::check(surface);
     p.band = exact_band(p, largest_of(surface.points, surface.n));
     check(p);
@@ -245,14 +243,13 @@ double tick_time_in(Space space, const double* xyz, std::size_t n, const Paramet
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.ignore_axis) return detail::tick_time_in(Slice(*p.ignore_axis), xyz, n, p);
     return detail::tick_time_in(Space{}, xyz, n, p);
 }
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Parameters& p) {
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
     using curve::CurveMotion;
@@ -267,7 +264,7 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
                            an_iteration + a_feature * near);
 }
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
     mesh::check(surface);
     std::vector<Box<3>> boxes;
     std::vector<std::uint32_t> steps;

@@ -6,15 +6,10 @@
 // and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
-#include <atomic>
-
 #include "vfplan/base/queue.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
 namespace vfplan::inline v1 {
-
-/// Time [s] that a tick among n points takes at most (tick_time.hpp). Throws std::invalid_argument.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
 
 namespace detail {
 
@@ -170,15 +165,18 @@ class PointNumbers {
     /// The edit, in the numbers of that engine. Throws std::invalid_argument, and changes nothing,
     /// for a number that is no point's or no longer, for coordinates out of range, and where no
     /// point would be left.
+    /// `tick_time`: what a tick among n points takes at most [s].
     std::vector<PendingChange> edit(const std::uint32_t* remove, std::size_t n, const double* add,
-                                    std::size_t m, const Parameters& p) {
+                                    std::size_t m, const Parameters& p,
+                                    double (*tick_time)(const double*, std::size_t,
+                                                        const Parameters&)) {
         check_coordinates(add, m);
         check_resolved(p, add, m);
         const std::size_t added = next_ - base_;
         if ((added + m) / points_a_check > added / points_a_check) {
             std::vector<double> all_added = points_left(local_.size() - added);
             all_added.insert(all_added.end(), add, add + 3 * m);
-            if (!(tick_time_bound(all_added.data(), all_added.size() / 3, p) <= max_tick_time))
+            if (!(tick_time(all_added.data(), all_added.size() / 3, p) <= max_tick_time))
                 reject(
                     "add: so many points in one place that a tick would take longer than 0.3 ms");
         }

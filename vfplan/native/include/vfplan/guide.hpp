@@ -136,7 +136,11 @@ class Guide {
         lead(before);
         last_.force = p_.stiffness * stretch_ + pull_;
         last_.proxy = hip + stretch_;
-        report();
+        last_.arc = path_[place_.piece].arc(place_.at);
+        last_.lateral = norm(x_ - place_.at);
+        last_.remaining = std::max(0.0, strand().length - last_.arc);
+        last_.strand = static_cast<std::uint32_t>(place_.strand);
+        last_.held = is_held_;
         return last_;
     }
 
@@ -296,20 +300,7 @@ class Guide {
         // overshoot the speed limit.
         double max_change = p_.stiffness * give * (p_.period / 1e-3);
         if (norm(wanted) > norm(pull_)) max_change *= 0.25;
-        const Vec3 change = wanted - pull_;
-        const double size = norm(change);
-        if (size > max_change)
-            pull_ = pull_ + (max_change / size) * change;
-        else
-            pull_ = pull_ + change;
-    }
-
-    void report() noexcept {
-        last_.arc = path_[place_.piece].arc(place_.at);
-        last_.lateral = norm(x_ - place_.at);
-        last_.remaining = std::max(0.0, strand().length - last_.arc);
-        last_.strand = static_cast<std::uint32_t>(place_.strand);
-        last_.held = is_held_;
+        pull_ += shortened(wanted - pull_, max_change);
     }
 
     GuideParameters p_;

@@ -12,8 +12,6 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <atomic>
-#include <bit>
 #include <chrono>
 #include <cstring>
 #include <thread>

@@ -253,8 +253,7 @@ inline constexpr std::array<Advice, 20> advice{{
     std::string message;
     for (const Part& part : wrong) message += part.text;
     if (todo.empty()) {
-        const auto* found = std::find_if(advice.begin(), advice.end(),
-                                         [&](const Advice& a) { return a.code == code; });
+        const auto* found = std::ranges::find(advice, code, &Advice::code);
         todo = found == advice.end()
                    ? "Write what the format has there, or let vfplan write the bundle"
                    : found->text;
@@ -284,7 +283,6 @@ class Findings {
 
     void add(Finding found) {
         if (strict_ && found.error) throw BundleError(std::move(found));
-        sound_ = sound_ && !found.error;
         all_.push_back(std::move(found));
     }
     void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
@@ -295,12 +293,11 @@ class Findings {
                std::string_view todo = {}) {
         require(false, code, where, wrong, todo);
     }
-    [[nodiscard]] bool sound() const { return sound_; }
+    [[nodiscard]] bool sound() const { return std::ranges::none_of(all_, &Finding::error); }
     [[nodiscard]] const std::vector<Finding>& all() const { return all_; }
 
   private:
     bool strict_;
-    bool sound_ = true;
     std::vector<Finding> all_;
 };
 

@@ -106,8 +106,7 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
 }  // namespace bundle
 
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
-VFPLAN_COMPILED_ONCE Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule,
-                                    Use use)
+VFPLAN_ONCE Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule, Use use)
     : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}
 #endif
 

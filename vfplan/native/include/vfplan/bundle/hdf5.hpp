@@ -4,7 +4,6 @@
 #pragma once
 
 #include <map>
-#include <tuple>
 
 #include "vfplan/bundle/schema.hpp"
 

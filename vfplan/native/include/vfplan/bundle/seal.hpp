@@ -154,13 +154,10 @@ inline Seal read_seal(View block) {
     };
     const std::size_t flags = count(10), robot = head_size + count(144), end = robot + count(146);
     require(end <= body.size(), {"has a seal into which its texts do not fit"});
-    const auto* shortest =
-        std::find_if(seal_sizes.begin(), seal_sizes.end(),
-                     [&](std::uint32_t size) { return size >= end + tail_size; });
+    const auto* shortest = std::ranges::lower_bound(seal_sizes, end + tail_size);
     require(*shortest == block.size(), {"has a seal that is longer than its texts need"});
     require(flags <= 3 && body.from(end).all_zero(), {"has a seal that holds something unknown"});
-    const Digest digest = sha256(body);
-    require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
+    require(std::ranges::equal(sha256(body), block.part(body.size(), 32)),
             {"has a damaged seal: its SHA-256 differs"});
     Seal seal;
     seal.is_signed = (flags & 1) != 0;

@@ -8,7 +8,6 @@
 #include <openssl/pem.h>
 
 #include <chrono>
-#include <filesystem>
 
 #include "vfplan/bundle/fixture.hpp"
 
@@ -76,8 +75,7 @@ struct Trust {
 /// Throws "signature..." unless a trusted key signed this seal for this case, robot and time.
 inline void require_signature(const Seal& seal, const Trust& trust) {
     detail::require(seal.is_signed, "signature.missing", "", {"is not signed"});
-    const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
-                                  [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
+    const auto key = std::ranges::find(trust.keys, seal.key_id, key_id);
     detail::require(key != trust.keys.end(), "signature.key", "",
                     {"is signed by key ", to_hex(seal.key_id), ", which is not trusted"});
     const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
