@@ -194,11 +194,8 @@ struct Row {{
     bool unique = false;         // its texts differ, and none is empty
 }};
 
-/// The schema's name of a type.
-constexpr std::string_view name_of(Type type) {{
-    constexpr std::array<std::string_view, 5> names{{"none", "text", "f8", "i4", "u1"}};
-    return names[static_cast<std::size_t>(type)];
-}}
+/// The schema's names of types.
+inline constexpr std::array<std::string_view, 5> type_names{{"none", "text", "f8", "i4", "u1"}};
 
 /// The most that a shape's letter may stand for.
 struct Size {{

@@ -54,10 +54,8 @@ class JsonWriter {
     void write(const vfplan::bundle::Seal& seal) {
         out_ << "{\"ok\": true, \"signed\": " << (seal.is_signed ? "true" : "false")
              << ", \"key_id\": "
-             << (seal.is_signed ? string(vfplan::bundle::to_hex(vfplan::bundle::view(seal.key_id)))
-                                : "null")
-             << ", \"sha256\": "
-             << string(vfplan::bundle::to_hex(vfplan::bundle::view(seal.digest)));
+             << (seal.is_signed ? string(vfplan::bundle::to_hex(seal.key_id)) : "null")
+             << ", \"sha256\": " << string(vfplan::bundle::to_hex(seal.digest));
         if (!seal.case_token.empty()) out_ << ", \"case\": " << string(seal.case_token);
         if (!seal.robot_serial.empty()) out_ << ", \"robot_serial\": " << string(seal.robot_serial);
         if (seal.signed_at != 0) {
@@ -120,7 +118,7 @@ class JsonWriter {
         number(*high);
         const auto* bytes = reinterpret_cast<const unsigned char*>(data.data());
         const auto digest = vfplan::bundle::sha256({bytes, data.size() * sizeof(T)});
-        out_ << ", \"sha256\": " << string(vfplan::bundle::to_hex(vfplan::bundle::view(digest)));
+        out_ << ", \"sha256\": " << string(vfplan::bundle::to_hex(digest));
     }
 
     void summary(const vfplan::bundle::Value& value) {

@@ -157,20 +157,28 @@ def test_the_rule_takes_over_below_a_hand_that_never_rests():
     assert longest > 100
 
 
-def test_one_engine_serves_one_thread():
-    engine = vfplan.ProxyEngine(dust())
-    hips = np.tile([0.03, 0.03, 0.03], (3_000_000, 1))
-    run = threading.Thread(target=engine.run, args=(hips,))
-    run.start()
+ENGINE = vfplan.ProxyEngine(dust())
+GOVERNOR = vfplan.Governor(force_step_n=1, force_max_n=20, stiffness_n_per_m=1000, mass_kg=1)
+
+
+@pytest.mark.parametrize(("run", "act", "noun"), [
+    (ENGINE.run, lambda: ENGINE.step([0.03, 0.03, 0.03]), "engine"),
+    (GOVERNOR.run, GOVERNOR.reset, "governor"),
+    (GOVERNOR.run, lambda: GOVERNOR.energy_given_j, "governor"),
+    (GOVERNOR.run, lambda: GOVERNOR.energy_stored_j, "governor")])  # fmt: skip
+def test_one_engine_or_governor_serves_one_thread(run, act, noun):
+    """What would race with the ticks of another thread is refused."""
+    thread = threading.Thread(target=run, args=(np.full((3_000_000, 3), 0.03),))
+    thread.start()
     refused = ""
-    while run.is_alive() and not refused:
+    while thread.is_alive() and not refused:
         try:
-            engine.step(hips[0])
+            act()
         except RuntimeError as error:
             refused = str(error)
-    run.join()
-    assert "one engine serves one thread" in refused
-    engine.step(hips[0])
+    thread.join()
+    assert f"one {noun} serves one thread" in refused
+    act()
 
 
 def test_two_threads_run_at_once():

@@ -44,7 +44,7 @@ def pen(draw):
 
 
 def test_a_tick_over_a_dense_sheet_fits_into_a_loop_where_one_over_all_points_does_not():
-    dense, table = sheet(R / 140, 0.02), _core.Parameters(band=1e-5)
+    dense, table = sheet(R / 140, 0.02), _core.Parameters(band=1e-5, stiffness=np.ones(3))
     assert _core.tick_time_bound(dense, table) < 0.8 * _core.max_tick_time
     all_points = _core.Parameters(table, search="editable")
     assert _core.tick_time_bound(dense, all_points) > 2 * _core.max_tick_time

@@ -69,7 +69,8 @@ def test_the_bound_counts_at_least_what_is_around_any_place(planar):
     draw = np.random.default_rng(5)
     points = draw.uniform(0, 0.05, (3000, 3)) * [1, 1, 0.1]
     axis = np.array([0.0, 0, 1]) if planar else None
-    bound = _core.tick_time_bound(points, _core.Parameters(ignore_axis=axis, max_iterations=1))
+    table = _core.Parameters(ignore_axis=axis, max_iterations=1, stiffness=np.ones(3))
+    bound = _core.tick_time_bound(points, table)
     an_iteration, columns = bound / 5, points[:, :2] if planar else points
     reach = 1.35 * 5e-3  # of the list of neighbours: 1.2 R and what it lasts
     most = cKDTree(columns).query_ball_point(columns[::10], reach, return_length=True).max()

@@ -77,6 +77,10 @@ int main() {
         return false;
     };
     assert(given.was_exchanged() && given.bytes() == 0 && given.distance(a) > 1e9);
+    // After a reset a bad position keeps its place, also where changes were handed over.
+    taken.set_stiffness(a);
+    taken.reset(a);
+    assert(taken.step(Vec3(NAN, 0, 0)).proxy == a);
     assert(refused([&] { given.set_stiffness(a); }) &&
            refused([&] { taken.exchange(std::move(given)); }));
     vfplan::bundle::Fixture wall;

@@ -149,8 +149,9 @@ def default_band(
     at most r_c / 2. Of rule "exact" it is what roundings need.
     """
     parameters = _core.Parameters(
-        contact_radius=contact_radius, point_radius=point_radius, ignore_axis=axis, rule=rule
-    )
+        contact_radius=contact_radius, point_radius=point_radius, ignore_axis=axis, rule=rule,
+        stiffness=np.ones(3),
+    )  # fmt: skip
     with core_settings():
         return _core.band_for(points, parameters)
 

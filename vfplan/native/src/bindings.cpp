@@ -3,19 +3,15 @@
 // The Python face of the native engine. No logic here.
 #include <nanobind/stl/pair.h>
 
-#include "strokes.hpp"
 #include "ticks.hpp"
 #include "vfplan/cloud/band.hpp"
 #include "vfplan/tick_time.hpp"
 #include "vfplan/version.hpp"
 
-void bind_governor(nb::module_& m);
-void bind_guide(nb::module_& m);
-void bind_moving(nb::module_& m);
+void bind_beside(nb::module_& m);
 void bind_bundle(nb::module_& m);
-void bind_picture(nb::module_& m);
 void bind_controller(nb::module_& m);
-void bind_arcs(nb::module_& m);
+void bind_extraction(nb::module_& m);
 
 namespace {
 
@@ -78,15 +74,13 @@ bool exchange(Engine& engine, Engine& other) {
 // A number (T,) for each of some points (T, 3).
 template <class F>
 nb::object each(const Rows& points, F&& number) {
-    const std::size_t n = points.shape(0);
-    auto out = array<double>(n, 1);
-    double* to = out.data();
-    const double* x = points.data();
+    std::vector<double> all(points.shape(0));
     {
         nb::gil_scoped_release release;
-        for (std::size_t i = 0; i < n; ++i) to[i] = number(vfplan::point_at(x, i));
+        for (std::size_t i = 0; i < all.size(); ++i)
+            all[i] = number(vfplan::point_at(points.data(), i));
     }
-    return nb::cast(out);
+    return array(std::move(all), {points.shape(0)});
 }
 
 // Distances (T,) of points (T, 3) from lines and arcs, across an axis.
@@ -129,26 +123,13 @@ NB_MODULE(_core, m) {
     const Parameters usual;
     nb::class_<Parameters>(m, "Parameters", "Table I, SI")
         // No default is an array: a build imports this module where there is no NumPy.
-        .def(
-            "__init__",
-            [](Parameters* self, double contact_radius, double band, double point_radius,
-               double outer_radius, double gain, const std::optional<vfplan::Vec3>& stiffness,
-               const std::optional<vfplan::Vec3>& ignore_axis, vfplan::Rule rule,
-               vfplan::Search search, int max_iterations, double max_hip_step) {
-                Parameters& made = *new (self) Parameters;
-                std::tie(made.contact_radius, made.band, made.point_radius, made.outer_radius) =
-                    std::tie(contact_radius, band, point_radius, outer_radius);
-                std::tie(made.gain, made.ignore_axis, made.rule, made.search) =
-                    std::tie(gain, ignore_axis, rule, search);
-                std::tie(made.max_iterations, made.max_hip_step) =
-                    std::tie(max_iterations, max_hip_step);
-                if (stiffness) made.stiffness = *stiffness;
-            },
-            nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
-            "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
-            "gain"_a = usual.gain, "stiffness"_a = nb::none(), "ignore_axis"_a = nb::none(),
-            "rule"_a = usual.rule, "search"_a = usual.search,
-            "max_iterations"_a = usual.max_iterations, "max_hip_step"_a = 0.0)
+        .def(nb::init<double, double, double, double, double, vfplan::Vec3,
+                      std::optional<vfplan::Vec3>, vfplan::Rule, vfplan::Search, int, double>(),
+             nb::kw_only(), "contact_radius"_a = usual.contact_radius, "band"_a = usual.band,
+             "point_radius"_a = usual.point_radius, "outer_radius"_a = usual.outer_radius,
+             "gain"_a = usual.gain, "stiffness"_a, "ignore_axis"_a = nb::none(),
+             "rule"_a = usual.rule, "search"_a = usual.search,
+             "max_iterations"_a = usual.max_iterations, "max_hip_step"_a = 0.0)
         .def(
             "__init__",
             [](Parameters* self, const Parameters& other, const std::optional<double>& band,
@@ -273,11 +254,8 @@ NB_MODULE(_core, m) {
     bind_shape(m, engine, &strokes, "vertices"_a, "bulges"_a, "stroke"_a, "closed"_a);
     bind_shape(m, engine, &surface, "points"_a, "triangles"_a);
 
-    bind_governor(m);
-    bind_guide(m);
-    bind_moving(m);
+    bind_beside(m);
     bind_bundle(m);
-    bind_picture(m);
     bind_controller(m);
-    bind_arcs(m);
+    bind_extraction(m);
 }

@@ -64,48 +64,45 @@ vfplan::GuideParameters guide_parameters(const Array& array) {
 /// The strokes of rows and ties.
 std::vector<vfplan::Stroke> strokes(const Array& rows, const Array& ties) {
     const std::size_t n = rows.size() / 3;
-    std::vector<vfplan::Stroke> all(ties.size() - 2 * n);
-    for (std::size_t s = 0; s < all.size(); ++s) all[s].closed = ties[2 * n + s] != 0;
+    Array bulges(n), stroke(n);
     for (std::size_t i = 0; i < n; ++i) {
-        vfplan::Stroke& s = all.at(static_cast<std::size_t>(ties[2 * i + 1]));
-        const double* x = rows.data() + 3 * i;
-        s.vertices.insert(s.vertices.end(), x, x + 3);
-        s.bulges.push_back(ties[2 * i]);
+        bulges[i] = ties[2 * i];
+        stroke[i] = ties[2 * i + 1];
     }
-    return all;
+    return vfplan::drawn_strokes(rows.data(), n, bulges, stroke, ties.data() + 2 * n,
+                                 ties.size() - 2 * n);
 }
 
 /// An engine or a guide, and its last answer: proxy, normal, force, state, status.
 struct Rendered {
-    std::unique_ptr<vfplan::Engine> engine;
-    std::unique_ptr<vfplan::Guide> guide;
+    std::optional<vfplan::Engine> engine;
+    std::optional<vfplan::Guide> guide;
     double answer[11] = {};
 };
 
-std::unique_ptr<vfplan::Guide> guide_of(Shape shape, const Array& parameters, const Array& rows,
-                                        const Array& ties) {
+vfplan::Guide guide_of(Shape shape, const Array& parameters, const Array& rows, const Array& ties) {
     const vfplan::GuideParameters p = guide_parameters(parameters);
     const std::vector<vfplan::Stroke> all = strokes(rows, ties);
-    if (shape == Shape::guide_pieces) return std::make_unique<vfplan::Guide>(all, p);
+    if (shape == Shape::guide_pieces) return {all, p};
     std::vector<std::size_t> counts;
     std::vector<bool> closed;
     for (const vfplan::Stroke& s : all) {
         counts.push_back(s.bulges.size());
         closed.push_back(s.closed);
     }
-    return std::make_unique<vfplan::Guide>(rows.data(), counts, closed, p);
+    return {rows.data(), counts, closed, p};
 }
 
-std::unique_ptr<vfplan::Engine> engine_of(Shape shape, const Array& parameters, const Array& rows,
-                                          const Array& ties) {
+vfplan::Engine engine_of(Shape shape, const Array& parameters, const Array& rows,
+                         const Array& ties) {
     const vfplan::Parameters p = engine_parameters(parameters);
     const std::size_t n = rows.size() / 3;
-    if (shape == Shape::pieces) return std::make_unique<vfplan::Engine>(strokes(rows, ties), p);
+    if (shape == Shape::pieces) return {strokes(rows, ties), p};
     const std::vector<std::int32_t> triangles(ties.begin(), ties.end());
     const vfplan::mesh::Surface surface{rows.data(), n, triangles.data(), triangles.size() / 3};
-    if (shape == Shape::mesh) return std::make_unique<vfplan::Engine>(surface, p);
-    auto engine = std::make_unique<vfplan::Engine>(rows.data(), n, p);
-    if (surface.k > 0) engine->set_skin(surface);
+    if (shape == Shape::mesh) return {surface, p};
+    vfplan::Engine engine(rows.data(), n, p);
+    if (surface.k > 0) engine.set_skin(surface);
     return engine;
 }
 
@@ -123,9 +120,9 @@ Rendered* make(int shape_number, const Array* parameters, const Array* rows, con
     const auto shape = static_cast<Shape>(shape_number);
     auto* made = new Rendered;
     if (shape == Shape::guide_points || shape == Shape::guide_pieces)
-        made->guide = guide_of(shape, *parameters, *rows, *ties);
+        made->guide.emplace(guide_of(shape, *parameters, *rows, *ties));
     else
-        made->engine = engine_of(shape, *parameters, *rows, *ties);
+        made->engine.emplace(engine_of(shape, *parameters, *rows, *ties));
     return made;
 }
 

@@ -4,8 +4,6 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
-#include <span>
-
 #include "numpy.hpp"
 #include "vfplan/bundle/fixture.hpp"
 
@@ -45,23 +43,16 @@ nb::tuple read(vb::View payload, std::uint64_t file_length, bool strict, const v
     return nb::make_tuple(values, found);
 }
 
-/// A bundle's bytes, whose seal holds.
-struct Sealed {
+/// A bundle's bytes, and its seal, which holds.
+struct Sealed : vb::Seal {
     explicit Sealed(nb::bytes bytes) : data(std::move(bytes)) {
         const vb::View all = view(data);
         nb::gil_scoped_release release;
-        seal = vb::unseal(all, payload);
+        static_cast<vb::Seal&>(*this) = vb::unseal(all, payload);
     }
     nb::bytes data;
     vb::View payload;
-    vb::Seal seal;
 };
-
-template <class Array>
-auto values(const std::optional<Array>& array) {
-    using T = typename Array::Scalar;
-    return array ? std::span<const T>(array->data(), array->size()) : std::span<const T>();
-}
 
 /// Throws std::invalid_argument unless all numbers name one of `count` things.
 void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
@@ -73,16 +64,15 @@ void check_numbers(std::span<const std::int32_t> numbers, std::size_t count) {
 /// The certificate of a fixture: kind, largest opening [m], limit [m], whether the proxy is held
 /// back, and the points around the largest opening.
 nb::tuple certificate(const Rows& points, const std::optional<vfplan::Vec3>& axis, double reach,
-                      const std::optional<Ids>& stroke, const std::optional<Flags>& closed,
-                      const std::optional<Triples>& triangles,
+                      const Ids& stroke, const Flags& closed, const Triples& triangles,
                       std::optional<double> sample_radius) {
-    vb::detail::CertifiedShape shape;
-    shape.points = {points.data(), points.size()};
-    shape.axis = axis.value_or(shape.axis);
-    shape.stroke = values(stroke);
-    shape.closed = values(closed);
-    shape.triangles = values(triangles);
-    if (sample_radius) shape.sample_radius = *sample_radius;
+    const vb::detail::CertifiedShape shape{
+        .points = {points.data(), points.size()},
+        .axis = axis.value_or(vfplan::Vec3{}),
+        .stroke = {stroke.data(), stroke.size()},
+        .closed = {closed.data(), closed.size()},
+        .triangles = {triangles.data(), triangles.size()},
+        .sample_radius = sample_radius.value_or(vfplan::infinity)};
     vb::detail::Certificate made;
     {
         nb::gil_scoped_release release;
@@ -123,27 +113,24 @@ void bind_bundle(nb::module_& m) {
         "lookup3", [](const nb::bytes& data) { return vb::detail::lookup3(view(data)); }, "data"_a,
         "The checksum of HDF5's metadata");
     m.def("certificate", &certificate, "points"_a, "axis"_a.none(), "reach"_a,
-          "stroke"_a = nb::none(), "closed"_a = nb::none(), "triangles"_a = nb::none(),
-          "sample_radius"_a = nb::none(), "what the leak certificate of a fixture must say");
+          "stroke"_a.none() = nb::none(), "closed"_a.none() = nb::none(),
+          "triangles"_a.none() = nb::none(), "sample_radius"_a = nb::none(),
+          "what the leak certificate of a fixture must say");
     nb::class_<Sealed>(m, "Sealed", "A bundle's bytes, whose seal holds")
         .def(nb::init<nb::bytes>(), "data"_a)
         .def(
             "read",
-            [](const Sealed& s, bool strict) {
-                return read(s.payload, s.data.size(), strict, &s.seal);
-            },
+            [](const Sealed& s, bool strict) { return read(s.payload, s.data.size(), strict, &s); },
             "strict"_a = true)
         .def_ro("data", &Sealed::data)
         .def_prop_ro("payload", [](const Sealed& s) { return to_bytes(s.payload); })
-        .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(vb::view(s.seal.digest)); })
-        .def_prop_ro("signed", [](const Sealed& s) { return s.seal.is_signed; })
-        .def_prop_ro("despite_findings", [](const Sealed& s) { return s.seal.despite_findings; })
-        .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(vb::view(s.seal.key_id)); })
-        .def_prop_ro("signature",
-                     [](const Sealed& s) { return to_bytes(vb::view(s.seal.signature)); })
-        .def_prop_ro("signed_message",
-                     [](const Sealed& s) { return to_bytes(s.seal.signed_message); })
-        .def_prop_ro("case", [](const Sealed& s) { return s.seal.case_token; })
-        .def_prop_ro("robot_serial", [](const Sealed& s) { return s.seal.robot_serial; })
-        .def_prop_ro("signed_at", [](const Sealed& s) { return s.seal.signed_at; });
+        .def_prop_ro("sha256", [](const Sealed& s) { return to_bytes(s.digest); })
+        .def_ro("signed", &Sealed::is_signed)
+        .def_ro("despite_findings", &Sealed::despite_findings)
+        .def_prop_ro("key_id", [](const Sealed& s) { return to_bytes(s.key_id); })
+        .def_prop_ro("signature", [](const Sealed& s) { return to_bytes(s.signature); })
+        .def_prop_ro("signed_message", [](const Sealed& s) { return to_bytes(s.signed_message); })
+        .def_ro("case", &Sealed::case_token)
+        .def_ro("robot_serial", &Sealed::robot_serial)
+        .def_ro("signed_at", &Sealed::signed_at);
 }

@@ -51,15 +51,13 @@ void bind_controller(nb::module_& m) {
                const std::optional<std::string>& tool, const vfplan::GovernorLimits& governor,
                double max_hip_step, double hold_time, double max_stiffness,
                const std::optional<vfplan::Vec3>& moving) {
-                vfplan::Demand demand;
-                demand.accept_unreviewed = accept_unreviewed;
-                demand.accept_doubts = accept_doubts;
-                demand.tool = tool;
-                vfplan::ControllerSettings settings;
-                settings.governor = governor;
-                settings.max_hip_step = max_hip_step;
-                settings.hold_time = hold_time;
-                settings.max_stiffness = max_stiffness;
+                const vfplan::Demand demand{.tool = tool,
+                                            .accept_unreviewed = accept_unreviewed,
+                                            .accept_doubts = accept_doubts};
+                vfplan::ControllerSettings settings{.governor = governor,
+                                                    .max_stiffness = max_stiffness,
+                                                    .max_hip_step = max_hip_step,
+                                                    .hold_time = hold_time};
                 if (moving) settings.moving = {(*moving)[0], (*moving)[1], (*moving)[2], {}};
                 new (self) Controller(fixture_of(data, demand), demand, settings);
                 self->demand = demand;
@@ -75,9 +73,9 @@ void bind_controller(nb::module_& m) {
         .def("reset", &Controller::reset)
         .def("step", &step, "tip"_a, "time_s"_a.none(), "jacobian"_a.none())
         .def("pose",
-             [](Controller& c, double stamp,
-                const nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>&
-                    matrix) { return c.pose(stamp, vfplan::Pose::of_rows(matrix.data())); })
+             [](Controller& c, double stamp, const Matrix& matrix) {
+                 return c.pose(stamp, vfplan::Pose::of_rows(matrix.data()));
+             })
         .def("torque",
              [](const Controller& c, std::size_t joints) {
                  auto torque = array<double>(joints, 1);

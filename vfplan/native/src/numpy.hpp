@@ -9,7 +9,6 @@
 
 #include <atomic>
 #include <cstring>
-#include <stdexcept>
 
 #include "vfplan/guide.hpp"
 
@@ -23,6 +22,7 @@ using Places = nb::ndarray<const double, nb::shape<-1, 2>, nb::c_contig, nb::dev
 using Ids = nb::ndarray<const std::int32_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
 using Triples = nb::ndarray<const std::int32_t, nb::shape<-1, 3>, nb::c_contig, nb::device::cpu>;
 using Flags = nb::ndarray<const std::uint8_t, nb::shape<-1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::shape<4, 4>, nb::c_contig, nb::device::cpu>;
 using Jacobian = nb::ndarray<const double, nb::shape<3, -1>, nb::c_contig, nb::device::cpu>;
 
 template <class T>
@@ -45,31 +45,25 @@ nb::object array(std::vector<T>&& values, const std::vector<std::size_t>& shape)
     return nb::cast(nb::ndarray<nb::numpy, T>(data, shape.size(), shape.data(), owner));
 }
 
-// How NumPy holds a member of a row.
+// A number as NumPy holds it in a member of a row.
 template <class V>
-struct Held {
-    using type = V;
-};
-template <>
-struct Held<vfplan::Vec3> {
-    using type = double;
-};
-template <>
-struct Held<std::uint32_t> {
-    using type = std::int32_t;
-};
-template <class V>
-    requires std::is_enum_v<V>
-struct Held<V> {
-    using type = std::underlying_type_t<V>;
-};
+auto held() {
+    if constexpr (std::is_same_v<V, vfplan::Vec3>)
+        return double{};
+    else if constexpr (std::is_same_v<V, std::uint32_t>)
+        return std::int32_t{};
+    else if constexpr (std::is_enum_v<V>)
+        return std::underlying_type_t<V>{};
+    else
+        return V{};
+}
 
 // An array for each member of the n rows that `row` gives by number, (n, 3) of a position, else
 // (n,). Other threads of Python run meanwhile.
 template <class F, class... T, class... V>
 nb::tuple table(std::size_t n, F&& row, V T::*... member) {
     const auto column = [&]<class M>(M*) {
-        using type = typename Held<M>::type;
+        using type = decltype(held<M>());
         return array<type>(n, sizeof(M) / sizeof(type));
     };
     const std::tuple columns{column(static_cast<V*>(nullptr))...};
@@ -84,6 +78,15 @@ nb::tuple table(std::size_t n, F&& row, V T::*... member) {
         }
     }
     return std::apply([](auto&... arrays) { return nb::make_tuple(arrays...); }, columns);
+}
+
+// Lines and arcs as NumPy holds them.
+inline std::vector<vfplan::Stroke> strokes(const Rows& vertices, const Numbers& bulges,
+                                           const Ids& stroke, const Flags& closed) {
+    if (bulges.shape(0) != vertices.shape(0) || stroke.shape(0) != vertices.shape(0))
+        throw std::invalid_argument("vfplan: a bulge and a stroke a vertex");
+    return vfplan::drawn_strokes(vertices.data(), vertices.shape(0), bulges.data(), stroke.data(),
+                                 closed.data(), closed.shape(0));
 }
 
 namespace nanobind::detail {
@@ -148,8 +151,6 @@ class ExclusiveUse {
                                      " serves one thread, make one for each");
     }
     ~ExclusiveUse() { busy_.clear(std::memory_order_release); }
-    ExclusiveUse(const ExclusiveUse&) = delete;
-    ExclusiveUse& operator=(const ExclusiveUse&) = delete;
 
   private:
     std::atomic_flag& busy_;

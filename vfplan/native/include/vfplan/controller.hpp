@@ -38,25 +38,26 @@ struct ControllerImpl;
 /// What a bundle must be so that a controller renders it. In any case it is whole, keeps to the
 /// format, and lies in the frame robot_base.
 struct Demand {
-    std::vector<std::filesystem::path> keys;  ///< files of public keys, one of which has signed it
-    std::optional<std::string> case_id;       ///< for which it was signed
-    std::optional<std::string> robot_serial;  ///< for which it was signed
-    std::optional<double> max_age_s;          ///< how long ago it was signed at most [s]
-    std::optional<std::string> tool;          ///< that touched the markers
-    bool accept_unsigned = false;             ///< anybody may have made it, where no keys are given
-    bool accept_unreviewed = false;           ///< nobody may have looked at its plan
-    bool accept_doubts = false;               ///< doubts about its plan may be open
+    std::vector<std::filesystem::path> keys =
+        {};                                   ///< files of public keys, one of which has signed it
+    std::optional<std::string> case_id = {};  ///< for which it was signed
+    std::optional<std::string> robot_serial = {};  ///< for which it was signed
+    std::optional<double> max_age_s = {};          ///< how long ago it was signed at most [s]
+    std::optional<std::string> tool = {};          ///< that touched the markers
+    bool accept_unsigned = false;    ///< anybody may have made it, where no keys are given
+    bool accept_unreviewed = false;  ///< nobody may have looked at its plan
+    bool accept_doubts = false;      ///< doubts about its plan may be open
 };
 
 /// The fixture of a bundle that meets the demands. Throws bundle::BundleError.
-VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand);
+VFPLAN_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand);
 
 struct ControllerSettings {
     GovernorLimits governor;  ///< its `period` is a tick's; its `stiffness` follows from the bundle
     double max_stiffness = 0;  ///< K to which set_stiffness may raise that of the bundle, and of
                                ///< what the fixture may be exchanged for [N/m]
-    std::optional<MovingLimits> moving;  ///< of a fixture that moves
-    std::optional<Rule> rule;            ///< without one, each fixture's best
+    std::optional<MovingLimits> moving = {};  ///< of a fixture that moves
+    std::optional<Rule> rule = {};            ///< without one, each fixture's best
     Search search = Search::automatic;
     double max_hip_step = 0.02;  ///< a tip further from the last one counts as no position [m]
     double hold_time = 0.02;     ///< for which the force is held without a good position [s]; ten
@@ -94,9 +95,8 @@ class Controller {
     /// Renders a fixture that `load` or another reader gave; the demands are of what is exchanged.
     explicit Controller(const bundle::Fixture& fixture, const Demand& demand = {},
                         const ControllerSettings& settings = {});
-    ~Controller();
-    Controller(Controller&&) noexcept;
-    Controller& operator=(Controller&&) noexcept;
+    Controller(Controller&&) noexcept = default;
+    Controller& operator=(Controller&&) noexcept = default;
 
     /// Renders another fixture too, before the loop begins: forces add up. One that is rendered
     /// already is felt once.
@@ -168,7 +168,7 @@ class Controller {
   private:
     detail::ControllerImpl& impl() const;
 
-    std::unique_ptr<detail::ControllerImpl> impl_;
+    std::shared_ptr<detail::ControllerImpl> impl_;  // which no other controller has
 };
 
 }  // namespace vfplan::inline v1

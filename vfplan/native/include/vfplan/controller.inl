@@ -4,9 +4,6 @@
 // OpenSSL.
 #pragma once
 
-#include <atomic>
-#include <chrono>
-
 #include "vfplan/bundle/engine.hpp"
 #ifdef VFPLAN_SIGNED
 #include "vfplan/bundle/trust.hpp"
@@ -266,11 +263,6 @@ struct ControllerImpl {
     /// Throws std::invalid_argument unless the only fixture of this controller has met all that
     /// another one demands of it.
     void check_meets(const ControllerImpl& other) const {
-        const auto require = [](bool meets, const char* what) {
-            if (!meets)
-                reject("exchange for a controller that differs in " + std::string(what) +
-                       ". Make it with the demands and settings of the one that takes it.");
-        };
         const auto is_as_demanded = [](const auto& has, const auto& demanded) {
             return !demanded || has == demanded;
         };
@@ -278,23 +270,28 @@ struct ControllerImpl {
             return std::ranges::find(other.demand.keys, key) != other.demand.keys.end();
         };
         const Demand &has = demand, &demanded = other.demand;
-        const bool is_signed = !has.keys.empty();
-        require(demanded.keys.empty() || (is_signed && std::ranges::all_of(has.keys, is_taken)),
-                "keys");
-        require(is_signed || !has.accept_unsigned || demanded.accept_unsigned, "accept_unsigned");
-        require(is_as_demanded(has.case_id, demanded.case_id), "case_id");
-        require(is_as_demanded(has.robot_serial, demanded.robot_serial), "robot_serial");
-        require(!demanded.max_age_s || (has.max_age_s && *has.max_age_s <= *demanded.max_age_s),
-                "max_age_s");
-        require(is_as_demanded(has.tool, demanded.tool), "tool");
-        require(!has.accept_unreviewed || demanded.accept_unreviewed, "accept_unreviewed");
-        require(!has.accept_doubts || demanded.accept_doubts, "accept_doubts");
-        require(!settings.any_tick_time || other.settings.any_tick_time, "any_tick_time");
-        require(settings.governor.period == other.settings.governor.period, "period");
-        require(settings.max_stiffness <= other.settings.max_stiffness, "max_stiffness");
-        require(other.settings.search != Search::editable || settings.search == Search::editable,
-                "search");
-        require(all.parts.size() == 1, "size: it has more fixtures than one");
+        const bool is_signed = !has.keys.empty(),
+                   has_keys = std::ranges::all_of(has.keys, is_taken);
+        const bool is_young = has.max_age_s && *has.max_age_s <= demanded.max_age_s;
+        const Search search = other.settings.search;
+        const std::pair<const char*, bool> met[]{
+            {"keys", demanded.keys.empty() || (is_signed && has_keys)},
+            {"accept_unsigned", is_signed || has.accept_unsigned <= demanded.accept_unsigned},
+            {"case_id", is_as_demanded(has.case_id, demanded.case_id)},
+            {"robot_serial", is_as_demanded(has.robot_serial, demanded.robot_serial)},
+            {"max_age_s", !demanded.max_age_s || is_young},
+            {"tool", is_as_demanded(has.tool, demanded.tool)},
+            {"accept_unreviewed", has.accept_unreviewed <= demanded.accept_unreviewed},
+            {"accept_doubts", has.accept_doubts <= demanded.accept_doubts},
+            {"any_tick_time", settings.any_tick_time <= other.settings.any_tick_time},
+            {"period", settings.governor.period == other.settings.governor.period},
+            {"max_stiffness", settings.max_stiffness <= other.settings.max_stiffness},
+            {"search", search != Search::editable || settings.search == Search::editable},
+            {"size: it has more fixtures than one", all.parts.size() == 1}};
+        for (const auto& [what, is_good] : met)
+            if (!is_good)
+                reject("exchange for a controller that differs in " + std::string(what) +
+                       ". Make it with the demands and settings of the one that takes it.");
     }
     /// Throws std::invalid_argument where it would not be passive.
     Governor governor_of(double stiffness) const {
@@ -363,10 +360,7 @@ struct ControllerImpl {
         else
             bad_ticks = std::max(bad_ticks - recovery, 0.0);
         if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
-        if (is_asked.load(std::memory_order_relaxed)) {
-            is_asked.store(false, std::memory_order_relaxed);
-            stopping |= Controller::asked;
-        }
+        if (is_asked.exchange(false, std::memory_order_relaxed)) stopping |= Controller::asked;
     }
     bool has_torque_left() const noexcept {
         const double* torque = governor.torque();
@@ -398,7 +392,7 @@ inline Command command_of_nothing() noexcept {
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand) {
+VFPLAN_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand& demand) {
     return bundle::of_file(path, [&](bundle::View data) {
         bundle::Fixture fixture = detail::load_signed(data, demand);
         detail::check(fixture, demand);
@@ -406,82 +400,73 @@ VFPLAN_COMPILED_ONCE bundle::Fixture load(const std::filesystem::path& path, con
     });
 }
 
-VFPLAN_COMPILED_ONCE Controller::Controller(const std::filesystem::path& fixture,
-                                            const Demand& demand,
-                                            const ControllerSettings& settings)
+VFPLAN_ONCE Controller::Controller(const std::filesystem::path& fixture, const Demand& demand,
+                                   const ControllerSettings& settings)
     : Controller(load(fixture, demand), demand, settings) {}
-VFPLAN_COMPILED_ONCE Controller::Controller(const bundle::Fixture& fixture, const Demand& demand,
-                                            const ControllerSettings& settings)
-    : impl_(std::make_unique<detail::ControllerImpl>(fixture, demand, settings)) {}
-VFPLAN_COMPILED_ONCE Controller::~Controller() = default;
-VFPLAN_COMPILED_ONCE Controller::Controller(Controller&&) noexcept = default;
-VFPLAN_COMPILED_ONCE Controller& Controller::operator=(Controller&&) noexcept = default;
+VFPLAN_ONCE Controller::Controller(const bundle::Fixture& fixture, const Demand& demand,
+                                   const ControllerSettings& settings)
+    : impl_(std::make_shared<detail::ControllerImpl>(fixture, demand, settings)) {}
 
-VFPLAN_COMPILED_ONCE detail::ControllerImpl& Controller::impl() const {
+VFPLAN_ONCE detail::ControllerImpl& Controller::impl() const {
     if (!impl_) reject("this controller was moved from, and holds nothing. Make another one.");
     return *impl_;
 }
 
-VFPLAN_COMPILED_ONCE void Controller::add(const std::filesystem::path& fixture) {
+VFPLAN_ONCE void Controller::add(const std::filesystem::path& fixture) {
     add(load(fixture, impl().demand));
 }
-VFPLAN_COMPILED_ONCE void Controller::add(const bundle::Fixture& fixture) { impl().add(fixture); }
+VFPLAN_ONCE void Controller::add(const bundle::Fixture& fixture) { impl().add(fixture); }
 
-VFPLAN_COMPILED_ONCE void Controller::reset(const Vec3& tip) noexcept {
+VFPLAN_ONCE void Controller::reset(const Vec3& tip) noexcept {
     if (impl_) impl_->reset(tip);
 }
-VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip,
-                                              std::optional<double> time_s) noexcept {
+VFPLAN_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s) noexcept {
     if (!impl_) return detail::command_of_nothing();
     if (impl_->joints) return step(tip, time_s, nullptr, 0);  // an arm that takes torques
     return impl_->step(tip, time_s, [&](const Vec3& f) { return impl_->governor.step(f); });
 }
-VFPLAN_COMPILED_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
-                                              const double* jacobian, int joints) noexcept {
+VFPLAN_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
+                                     const double* jacobian, int joints) noexcept {
     if (!impl_) return detail::command_of_nothing();
     if (!impl_->joints) impl_->joints = joints;
     const int n = joints == impl_->joints ? joints : 0;  // another arm's is none
     return impl_->step(tip, time_s,
                        [&](const Vec3& f) { return impl_->governor.step(f, jacobian, n); });
 }
-VFPLAN_COMPILED_ONCE const double* Controller::torque() const noexcept {
+VFPLAN_ONCE const double* Controller::torque() const noexcept {
     static constexpr double none[Governor::max_joints] = {};
     return impl_ ? impl_->governor.torque() : none;
 }
-VFPLAN_COMPILED_ONCE void Controller::request_stop() noexcept {
+VFPLAN_ONCE void Controller::request_stop() noexcept {
     if (impl_) impl_->is_asked.store(true, std::memory_order_relaxed);
 }
 
-VFPLAN_COMPILED_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
+VFPLAN_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
     return impl_ && impl_->frame && impl_->frame->pose(stamp, pose);
 }
-VFPLAN_COMPILED_ONCE void Controller::take_poses(double time_s) noexcept {
+VFPLAN_ONCE void Controller::take_poses(double time_s) noexcept {
     if (impl_ && impl_->frame) impl_->frame->at(time_s);
 }
-VFPLAN_COMPILED_ONCE bool Controller::exchange(const std::filesystem::path& fixture,
-                                               std::size_t which) {
+VFPLAN_ONCE bool Controller::exchange(const std::filesystem::path& fixture, std::size_t which) {
     return exchange(load(fixture, impl().demand), which);
 }
-VFPLAN_COMPILED_ONCE bool Controller::exchange(const bundle::Fixture& fixture, std::size_t which) {
+VFPLAN_ONCE bool Controller::exchange(const bundle::Fixture& fixture, std::size_t which) {
     return impl().exchange(impl_->make(fixture), which);
 }
-VFPLAN_COMPILED_ONCE bool Controller::exchange(Controller&& other, std::size_t which) {
+VFPLAN_ONCE bool Controller::exchange(Controller&& other, std::size_t which) {
     if (this == &other) reject("exchange of a fixture for itself. Make another controller.");
     other.impl().check_meets(impl());
     return impl().exchange(std::move(other.impl().all.parts[0]), which);
 }
-VFPLAN_COMPILED_ONCE bool Controller::edit(const std::uint32_t* remove, std::size_t n,
-                                           const double* add, std::size_t m, std::size_t which) {
+VFPLAN_ONCE bool Controller::edit(const std::uint32_t* remove, std::size_t n, const double* add,
+                                  std::size_t m, std::size_t which) {
     return impl().region(which).edit(remove, n, add, m);
 }
-VFPLAN_COMPILED_ONCE bool Controller::remake(std::size_t which) {
-    return impl().region(which).remake();
-}
-VFPLAN_COMPILED_ONCE void Controller::collect(std::size_t which) { impl().region(which).collect(); }
-VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
+VFPLAN_ONCE bool Controller::remake(std::size_t which) { return impl().region(which).remake(); }
+VFPLAN_ONCE void Controller::collect(std::size_t which) { impl().region(which).collect(); }
+VFPLAN_ONCE bool Controller::set_stiffness(double stiffness, std::size_t which) {
     const Vec3 k{{stiffness, stiffness, stiffness}};
     detail::Rendered& part = impl().part(which);
-    check_stiffness(k);
     check_from("stiffness", stiffness, 0,
                std::max(part.stiffness_of_bundle(), impl_->settings.max_stiffness), " N/m",
                "at most the bundle's, or max_stiffness of the controller's settings");
@@ -490,25 +475,23 @@ VFPLAN_COMPILED_ONCE bool Controller::set_stiffness(double stiffness, std::size_
     part.parameters.stiffness = k;
     return true;
 }
-VFPLAN_COMPILED_ONCE double Controller::stiffness() const noexcept {
-    return impl_ ? impl_->stiffness() : 0;
-}
-VFPLAN_COMPILED_ONCE double Controller::contact_radius(std::size_t which) const {
+VFPLAN_ONCE double Controller::stiffness() const noexcept { return impl_ ? impl_->stiffness() : 0; }
+VFPLAN_ONCE double Controller::contact_radius(std::size_t which) const {
     return impl().part(which).parameters.contact_radius;
 }
-VFPLAN_COMPILED_ONCE Rule Controller::rule(std::size_t which) const {
+VFPLAN_ONCE Rule Controller::rule(std::size_t which) const {
     return impl().part(which).parameters.rule;
 }
-VFPLAN_COMPILED_ONCE std::size_t Controller::size() const noexcept {
+VFPLAN_ONCE std::size_t Controller::size() const noexcept {
     return impl_ ? impl_->all.parts.size() : 0;
 }
-VFPLAN_COMPILED_ONCE const Engine* Controller::region(std::size_t which) const {
+VFPLAN_ONCE const Engine* Controller::region(std::size_t which) const {
     const auto& region = impl().part(which).region;
     return region ? &*region : nullptr;
 }
-VFPLAN_COMPILED_ONCE const MovingFrame* Controller::frame() const noexcept {
+VFPLAN_ONCE const MovingFrame* Controller::frame() const noexcept {
     return impl_ ? impl_->frame.get() : nullptr;
 }
-VFPLAN_COMPILED_ONCE const Governor& Controller::governor() const { return impl().governor; }
+VFPLAN_ONCE const Governor& Controller::governor() const { return impl().governor; }
 
 }  // namespace vfplan::inline v1

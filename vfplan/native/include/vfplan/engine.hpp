@@ -15,8 +15,6 @@
 // target vfplan::engine (find_package(vfplan COMPONENTS engine)) does both.
 #pragma once
 
-#include <atomic>
-
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/exchange.hpp"
 #include "vfplan/mesh/triangles.hpp"
@@ -30,29 +28,26 @@ struct Fixture;
 namespace detail {
 
 /// The engine of n points [m], x y z of each in turn. Throws std::invalid_argument, as the others.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p);
-/// The engine of lines and arcs.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p);
-/// The engine of a mesh.
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
+VFPLAN_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p);
+/// The engine of lines and arcs, or of a mesh, by rule exact.
+VFPLAN_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p);
+VFPLAN_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p);
 
 }  // namespace detail
 
 /// Time [s] that a tick among n points takes at most (tick_time.hpp). Throws std::invalid_argument,
 /// as the others.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
+VFPLAN_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p);
 /// The same of rule exact among lines and arcs.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p);
+VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Parameters& p);
 /// The same of rule exact among triangles.
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
+VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p);
 
 /// What an engine is made for: a loop of 1 kHz, or a replay or study, which can wait.
 enum class Use { real_time, replay, offline = replay };
 
 class Engine {
   public:
-    static constexpr std::size_t small_cloud = vfplan::small_cloud;
     /// An edit of more points makes the engine anew.
     static constexpr std::size_t max_edit_in_place = detail::PendingChanges::capacity / 2;
 
@@ -65,11 +60,11 @@ class Engine {
     /// A drawn curve, rendered as it is: rule `exact`, across p.ignore_axis. Of the parameters,
     /// band and gain have no part. Throws std::invalid_argument.
     Engine(const std::vector<Stroke>& strokes, const Parameters& p)
-        : impl_(detail::make_impl(strokes, p)), parameters_(exactly(p)) {}
+        : impl_(detail::make_impl(strokes, exactly(p))), parameters_(exactly(p)) {}
 
     /// A mesh, rendered from its triangles: rule `exact`, in space. As for a curve.
     Engine(const mesh::Surface& surface, const Parameters& p)
-        : impl_(detail::make_impl(surface, p)), parameters_(exactly(p)) {}
+        : impl_(detail::make_impl(surface, exactly(p))), parameters_(exactly(p)) {}
 
     /// The engine of a bundle's fixture; include "vfplan/bundle/engine.hpp". Throws
     /// std::invalid_argument for one without rendering, and, unless it is used for a replay, for
@@ -117,21 +112,23 @@ class Engine {
 
     /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
-        if (!impl_) {
-            Step none;
-            none.status = Status::bad_hip;
-            return none;
-        }
+        if (!impl_) return {.status = Status::bad_hip};
         auto* changes = changes_.load(std::memory_order_acquire);
         if (changes) {
             for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
                 if (!apply_next(*changes)) break;
         }
-        const bool jumps = gate_.refuses(hip, impl_->max_hip_step);
+        const bool jumps = gate_.refuses(hip, impl_->parameters.max_hip_step);
         Step s = impl_->step(jumps ? HipGate::nowhere : hip);
         if (jumps) s.status = Status::jumped;
-        if (changes) limit_force(*changes, s, hip);
-        if (s.status & (Status::bad_hip | Status::jumped)) return s;
+        const bool is_led = changes && last_.is_placed;
+        if (s.status & (Status::bad_hip | Status::jumped)) {
+            if (is_led) std::tie(s.proxy, s.force) = std::tie(last_.proxy, last_.force);
+            return s;
+        }
+        if (is_led)
+            changes->force_ramp.limit_force(s, impl_->parameters, last_.force,
+                                            norm(hip - gate_.last));
         if (previous_ && !(s.status & Status::inside)) changes->retire(previous_.release());
         last_ = {s.proxy, s.force, true};
         gate_.reset(hip);
@@ -203,14 +200,14 @@ class Engine {
     }
 
     /// R of what the loop renders [m].
-    double radius() const noexcept { return impl_ ? impl_->radius : 0; }
+    double radius() const noexcept { return impl_ ? impl_->parameters.R() : 0; }
     /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
-    double band() const noexcept { return impl_ ? impl_->band : 0; }
+    double band() const noexcept { return impl_ ? impl_->parameters.band : 0; }
     /// Memory in use [bytes].
     std::size_t bytes() const noexcept { return impl_ ? impl_->bytes() : 0; }
     /// Cells of the grid; 0 without one.
     std::size_t cells() const noexcept { return impl_ ? impl_->cells() : 0; }
-    bool planar() const noexcept { return impl_ && impl_->planar(); }
+    bool planar() const noexcept { return impl_ && impl_->parameters.ignore_axis; }
     /// What it was made with: of the thread that edits, as handed over last.
     const Parameters& parameters() const noexcept { return parameters_; }
     /// Distance from x to the nearest geometry [m]; infinity of an engine that was given away.
@@ -257,48 +254,30 @@ class Engine {
     bool apply_next(detail::PendingChanges& changes, bool at_once = false) noexcept {
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
-        const double stiffness = impl_->stiffness;
-        switch (change->what) {
-            case detail::PendingChange::exchange:
-                // While the proxy is on its way out, its side is the one that it had before. Where
-                // what comes next has gone beyond it, it goes on from where it would come out.
-                if (previous_) {
-                    detail::EngineImpl& next = *change->engine;
-                    if (next.is_outside(last_.proxy)) {
-                        const std::optional<Vec3> end = impl_->end_of_way();
-                        if (!end && !at_once) return false;
-                        if (end && !next.is_outside(*end)) last_.proxy = *end;
-                    }
-                    changes.retire(impl_.release());
-                } else {
-                    previous_ = std::move(impl_);
+        const double stiffness = impl_->parameters.stiffest();
+        if (change->what == detail::PendingChange::exchange) {
+            // While the proxy is on its way out, its side is the one that it had before. Where what
+            // comes next has gone beyond it, it goes on from where it would come out.
+            if (previous_) {
+                detail::EngineImpl& next = *change->engine;
+                if (next.is_outside(last_.proxy)) {
+                    const std::optional<Vec3> end = impl_->end_of_way();
+                    if (!end && !at_once) return false;
+                    if (end && !next.is_outside(*end)) last_.proxy = *end;
                 }
-                impl_.reset(change->engine);
-                if (last_.is_placed) impl_->continue_from(last_.proxy, previous_.get());
-                break;
-            case detail::PendingChange::add:
-                impl_->add(change->point);
-                break;
-            case detail::PendingChange::stiffness:
-                impl_->set_stiffness(change->point);
-                break;
-            case detail::PendingChange::remove:
-                impl_->remove(change->id);
-                break;
+                changes.retire(impl_.release());
+            } else {
+                previous_ = std::move(impl_);
+            }
+            impl_.reset(change->engine);
+            if (last_.is_placed) impl_->continue_from(last_.proxy, previous_.get());
+        } else {
+            impl_->change(*change);
         }
         if (last_.is_placed) changes.force_ramp.begin(stiffness);
         changes.applied.fetch_add(1, std::memory_order_relaxed);
         changes.queue.pop();
         return true;
-    }
-
-    void limit_force(detail::PendingChanges& changes, Step& s, const Vec3& hip) noexcept {
-        if (s.status & (Status::bad_hip | Status::jumped)) {
-            s.proxy = last_.proxy;
-            s.force = last_.force;
-        } else if (last_.is_placed) {
-            changes.force_ramp.limit_force(s, *impl_, last_.force, norm(hip - gate_.last));
-        }
     }
 
     detail::ImplPtr impl_;

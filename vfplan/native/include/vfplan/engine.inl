@@ -69,11 +69,11 @@ class RuleInSpace : public EngineImpl {
         // Field by field: a copy of the whole would wait until the fields have reached the cache.
         return {last_.proxy, last_.normal, last_.force, last_.state, last_.status};
     }
-    void set_stiffness(const Vec3& k) noexcept final {
-        stiffness_ = Stiffness{k};
-        stiffness = std::max({k[0], k[1], k[2]});
+    /// Of a rule whose points cannot be edited, K alone changes.
+    void change(const PendingChange& change) noexcept override {
+        stiffness_ = Stiffness{change.point};
+        this->parameters.stiffness = change.point;
     }
-    bool planar() noexcept final { return D == 2; }
 
   protected:
     Space space_;
@@ -100,18 +100,18 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
                 std::unique_ptr<PointIndex<D>> all)
         : RuleInSpace<Space, RuleOf>(space, p, points, p), all_(std::move(all)) {}
 
-    void remove(std::size_t id) noexcept override {
-        if constexpr (is_editable) {
+    void change(const PendingChange& change) noexcept override {
+        if (change.what == PendingChange::stiffness) {
+            RuleInSpace<Space, RuleOf>::change(change);
+        } else if constexpr (is_editable) {
+            const bool is_added = change.what == PendingChange::add;
+            Vec<D> p = this->space_.project(change.point);
+            if (is_added)
+                index().add(p);
+            else
+                p = index().remove(change.id);
             this->rule_.set_skin(nullptr);
-            this->rule_.point_changed(index().remove(id), false);
-        }
-    }
-    void add(const Vec3& point) noexcept override {
-        if constexpr (is_editable) {
-            const Vec<D> p = this->space_.project(point);
-            index().add(p);
-            this->rule_.set_skin(nullptr);
-            this->rule_.point_changed(p, true);
+            this->rule_.point_changed(p, is_added);
         }
     }
     void set_skin(const mesh::Surface& surface) override {
@@ -172,15 +172,14 @@ ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Param
                                                                std::move(all));
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {
+VFPLAN_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.rule == Rule::exact) reject("rule exact renders a curve, not points");
     if (p.ignore_axis) return make_in_space(Slice(*p.ignore_axis), xyz, n, p);
     return make_in_space(Space{}, xyz, n, p);
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
-    p.rule = Rule::exact;
+VFPLAN_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Parameters p) {
     double largest = 0;
     for (const Stroke& s : strokes)
         largest = std::max(largest, largest_of(s.vertices.data(), s.vertices.size() / 3));
@@ -193,8 +192,7 @@ VFPLAN_COMPILED_ONCE ImplPtr make_impl(const std::vector<Stroke>& strokes, Param
         space, p, p.R(), p.band, p.pace(), curve::Curve(strokes, space, p.R()), p);
 }
 
-VFPLAN_COMPILED_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
-    p.rule = Rule::exact;
+VFPLAN_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
     mesh::check(surface);
     p.band = exact_band(p, largest_of(surface.points, surface.n));
     check(p);
@@ -245,14 +243,13 @@ double tick_time_in(Space space, const double* xyz, std::size_t n, const Paramet
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const double* xyz, std::size_t n, const Parameters& p) {
     check(p);
     if (p.ignore_axis) return detail::tick_time_in(Slice(*p.ignore_axis), xyz, n, p);
     return detail::tick_time_in(Space{}, xyz, n, p);
 }
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
-                                            const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Parameters& p) {
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
     using curve::CurveMotion;
@@ -267,7 +264,7 @@ VFPLAN_COMPILED_ONCE double tick_time_bound(const std::vector<Stroke>& strokes,
                            an_iteration + a_feature * near);
 }
 
-VFPLAN_COMPILED_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
+VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
     mesh::check(surface);
     std::vector<Box<3>> boxes;
     std::vector<std::uint32_t> steps;

@@ -6,8 +6,6 @@
 // and ForceBall of rules/start_inside.hpp instead.
 #pragma once
 
-#include <atomic>
-
 #include "vfplan/base/queue.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
@@ -15,49 +13,7 @@ namespace vfplan::inline v1 {
 
 namespace detail {
 
-/// An engine behind its type.
-struct EngineImpl {
-    explicit EngineImpl(const Parameters& p) noexcept
-        : stiffness(p.stiffest()),
-          radius(p.R()),
-          ramp(tuned::force_ramp * p.R() * p.pace()),
-          period(p.period),
-          band(p.band),
-          max_hip_step(p.max_hip_step) {}
-    virtual ~EngineImpl() = default;
-    virtual void reset(const Vec3& hip) noexcept = 0;
-    /// The next tick starts with the proxy of another engine, which was outside of `previous`.
-    virtual void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept = 0;
-    /// Where the proxy is, or comes out if it is led out since an exchange; nothing while that is
-    /// not known.
-    virtual std::optional<Vec3> end_of_way() noexcept = 0;
-    virtual Step step(const Vec3& hip) noexcept = 0;
-    virtual void set_stiffness(const Vec3& k) noexcept = 0;
-    virtual void remove(std::size_t) noexcept {}
-    virtual void add(const Vec3&) noexcept {}
-    /// The points are samples of this mesh.
-    virtual void set_skin(const mesh::Surface&) {}
-    virtual std::size_t bytes() noexcept = 0;
-    virtual std::size_t cells() noexcept = 0;
-    virtual bool planar() noexcept = 0;
-    /// Distance from x to the geometry [m].
-    virtual double distance(const Vec3& x) noexcept = 0;
-    /// The same, or `reach` where that is less [m].
-    virtual double distance_within(const Vec3& x, double reach) noexcept = 0;
-    bool is_outside(const Vec3& x) noexcept {
-        return distance_within(x, radius) >= radius - 2 * band;
-    }
-
-    double stiffness;            ///< the largest of K [N/m]
-    double radius;               ///< R [m]
-    double ramp;                 ///< of the spring, a tick [m]
-    double period;               ///< of a tick [s]
-    double band;                 ///< [m]
-    double max_hip_step;         ///< [m]
-    EngineImpl* next = nullptr;  ///< in the list of those that are retired
-};
-
-using ImplPtr = std::unique_ptr<EngineImpl>;
+struct EngineImpl;
 
 /// What the editor hands to the loop.
 struct PendingChange {
@@ -66,6 +22,37 @@ struct PendingChange {
     std::size_t id = 0;
     Vec3 point;  ///< or K [N/m]
 };
+
+/// An engine behind its type.
+struct EngineImpl {
+    explicit EngineImpl(const Parameters& p) noexcept : parameters(p) {}
+    virtual ~EngineImpl() = default;
+    virtual void reset(const Vec3& hip) noexcept = 0;
+    /// The next tick starts with the proxy of another engine, which was outside of `previous`.
+    virtual void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept = 0;
+    /// Where the proxy is, or comes out if it is led out since an exchange; nothing while that is
+    /// not known.
+    virtual std::optional<Vec3> end_of_way() noexcept = 0;
+    virtual Step step(const Vec3& hip) noexcept = 0;
+    /// Takes up what is no exchange.
+    virtual void change(const PendingChange& change) noexcept = 0;
+    /// The points are samples of this mesh.
+    virtual void set_skin(const mesh::Surface&) {}
+    virtual std::size_t bytes() noexcept = 0;
+    virtual std::size_t cells() noexcept = 0;
+    /// Distance from x to the geometry [m].
+    virtual double distance(const Vec3& x) noexcept = 0;
+    /// The same, or `reach` where that is less [m].
+    virtual double distance_within(const Vec3& x, double reach) noexcept = 0;
+    bool is_outside(const Vec3& x) noexcept {
+        return distance_within(x, parameters.R()) >= parameters.R() - 2 * parameters.band;
+    }
+
+    Parameters parameters;       ///< of the loop: of a mesh with the band of its smooth body
+    EngineImpl* next = nullptr;  ///< in the list of those that are retired
+};
+
+using ImplPtr = std::unique_ptr<EngineImpl>;
 
 /// The ramp of the force after an exchange, an edit or another K. The force follows that of the
 /// engine by K (R/256 + |motion of the HIP|) in a millisecond, and by a newton at most, until it is
@@ -81,17 +68,17 @@ class ForceRamp {
     }
     void stop() noexcept { is_on_ = false; }
     /// `last`: the force of the tick before; `moved`: how far the HIP has moved since [m].
-    void limit_force(Step& s, const EngineImpl& engine, const Vec3& last, double moved) noexcept {
+    void limit_force(Step& s, const Parameters& p, const Vec3& last, double moved) noexcept {
         if (!is_on_) return;
         const bool is_free = s.force == Vec3{};
         if (!is_free)
             release_ = 0;
         else if (release_ == 0)
-            release_ = norm(last) * engine.period / tuned::release_time;
+            release_ = norm(last) * p.period / tuned::release_time;
+        const double ramp = tuned::force_ramp * p.R() * p.pace();
+        const double by_spring = std::max(stiffness_, p.stiffest()) * (ramp + moved);
         const double allowed =
-            std::max(std::min(std::max(stiffness_, engine.stiffness) * (engine.ramp + moved),
-                              tuned::max_force_ramp * engine.period),
-                     release_);
+            std::max(std::min(by_spring, tuned::max_force_ramp * p.period), release_);
         const Vec3 change = s.force - last;
         const double size = norm(change);
         if (size <= allowed) {
@@ -241,8 +228,8 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
 
     bool is_free(const Vec<S::dimension>& direction, double length,
                  const Vec<S::dimension>& out) const noexcept override {
-        const double R = engine->radius;
-        const double enough = R - 2 * engine->band;
+        const double R = engine->parameters.R();
+        const double enough = R - 2 * engine->parameters.band;
         const Vec3 way = space->direction(direction);
         const Vec3 up = 2 * stride * R * space->direction(out);
         if (engine->distance_within(from + up, 2 * R) < engine->distance_within(from - up, 2 * R))

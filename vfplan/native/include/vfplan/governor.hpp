@@ -18,8 +18,6 @@
 // more than the F0^2 / 2 K which the spring had stored if s >= F0 T sqrt(K / m) / 2.
 #pragma once
 
-#include <concepts>
-
 #include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {
@@ -32,8 +30,8 @@ struct GovernorLimits {
     double stiffness = 1000.0;  ///< K of the fixture's spring, its largest [N/m]
     double mass = 1.0;          ///< least moving mass at the tip, the arm's alone [kg]
     double period = 1e-3;       ///< of one tick [s]
-    double
-        torque_step[max_joints];    ///< largest |change of torque| of each joint [N m], or infinity
+    /// Largest |change of torque| of each joint [N m], or infinity.
+    double torque_step[max_joints];
     double torque_max[max_joints];  ///< largest |torque| of each joint [N m], or infinity
 
     GovernorLimits() {
@@ -50,11 +48,11 @@ struct GovernorLimits {
 struct GovernorStatus {
     enum Bit : std::uint8_t {
         bad_force = 1,  ///< the force is not finite or beyond 1e6 N, counts as none and fades out
-        bad_jacobian =
-            2,  ///< the Jacobian is not finite or beyond 1e6 m; force and torques fade out
+        /// The Jacobian is not finite or beyond 1e6 m; force and torques fade out.
+        bad_jacobian = 2,
         no_jacobian = 4,  ///< torques have limits, but without a Jacobian only forces were limited
-        torque_lags =
-            8,  ///< the arm turns faster than its torques may follow; torque() is not J^T F
+        /// The arm turns faster than its torques may follow; torque() is not J^T F.
+        torque_lags = 8,
         overdrawn = 16,  ///< the force held back gave more than the spring had stored
     };
 };
@@ -132,7 +130,6 @@ class Governor {
         return g;
     }
 
-    const GovernorLimits& limits() const noexcept { return limits_; }
     /// J^T F to command [N m], of the last tick that had a Jacobian.
     const double* torque() const noexcept { return torque_; }
     /// What forces held back since the reset have given, had each pushed the mass freely [J].
@@ -241,15 +238,15 @@ class Governor {
     /// the force keeps to (G1) and the torques follow as fast as (G2) lets them; false then.
     bool ramp_towards(const Vec3& target, const Jacobian& jacobian) noexcept {
         const Vec3 change = target - force_;
-        const double force_share =
-            std::min(1.0, below * limits_.force_step / norm(change));  // (G1)
+        // (G1)
+        const double force_share = std::min(1.0, below * limits_.force_step / norm(change));
         Shares shares{0, force_share};
         for (int j = 0; j < jacobian.joints; ++j) {
             const double torque = jacobian.torque(j, force_);
             const double torque_change = jacobian.torque(j, change);
-            shares.keep(torque - torque_[j], torque_change,
-                        below * limits_.torque_step[j]);                         // (G2)
-            shares.keep(torque, torque_change, nearly * limits_.torque_max[j]);  // (G3)
+            // (G2), (G3)
+            shares.keep(torque - torque_[j], torque_change, below * limits_.torque_step[j]);
+            shares.keep(torque, torque_change, nearly * limits_.torque_max[j]);
         }
         if (shares.is_empty()) {
             // The Jacobian has changed by more than the torques' steps allow.

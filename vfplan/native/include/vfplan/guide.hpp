@@ -109,7 +109,7 @@ class Guide {
         if (!is_placed_) return;
         x_ = across(hip);
         search(p_.hold == Hold::at_once);
-        if (is_held_) stretch_ = stretch_at(at_);
+        if (is_held_) stretch_ = stretch_at(place_.at);
         last_.proxy = hip;
     }
 
@@ -136,7 +136,11 @@ class Guide {
         lead(before);
         last_.force = p_.stiffness * stretch_ + pull_;
         last_.proxy = hip + stretch_;
-        report();
+        last_.arc = path_[place_.piece].arc(place_.at);
+        last_.lateral = norm(x_ - place_.at);
+        last_.remaining = std::max(0.0, strand().length - last_.arc);
+        last_.strand = static_cast<std::uint32_t>(place_.strand);
+        last_.held = is_held_;
         return last_;
     }
 
@@ -186,7 +190,7 @@ class Guide {
     Vec3 across(const Vec3& x) const noexcept {
         return p_.ignore_axis ? vfplan::across(x, *p_.ignore_axis) : x;
     }
-    const Strand& strand() const noexcept { return path_.strands()[strand_]; }
+    const Strand& strand() const noexcept { return path_.strands()[place_.strand]; }
     /// What the stretch may change in a tick besides following the HIP [m]. A pull takes the other
     /// half of it.
     double step_allowance() const noexcept {
@@ -206,21 +210,21 @@ class Guide {
     void follow_hip(double allowed) noexcept {
         int side = 0;  // of the last piece, on which the place left it
         for (std::size_t n = 0; n <= path_.size(); ++n) {
-            const Piece& piece = path_[piece_];
-            const Piece::PieceDescent foot = piece.descend(x_, at_);
+            const Piece& piece = path_[place_.piece];
+            const Piece::PieceDescent foot = piece.descend(x_, place_.at);
             const Vec3 next = stretch_at(foot.at);
             if (norm(next - stretch_) > allowed) return move_partly(piece, foot.at, allowed);
-            at_ = foot.at;
+            place_.at = foot.at;
             if (foot.side == 0 || foot.side == -side) break;
-            const std::size_t next_piece = path_.next_piece(strand(), piece_, foot.side);
+            const std::size_t next_piece = path_.next_piece(strand(), place_.piece, foot.side);
             if (next_piece == Path::none) break;
             Vec3 ahead = path_[next_piece].leaving;
             if (foot.side > 0) ahead = path_[next_piece].entering;
-            if (!(foot.side * dot(x_ - at_, ahead) > 0)) break;
-            piece_ = next_piece;
+            if (!(foot.side * dot(x_ - place_.at, ahead) > 0)) break;
+            place_.piece = next_piece;
             side = foot.side;
         }
-        stretch_ = stretch_at(at_);
+        stretch_ = stretch_at(place_.at);
     }
     /// Moves the place as far towards `goal` on the piece as the stretch may change.
     void move_partly(const Piece& piece, const Vec3& goal, double allowed) noexcept {
@@ -229,14 +233,14 @@ class Guide {
         double refused_share = 1;
         for (int n = 0; n < halvings; ++n) {
             const double middle = 0.5 * (allowed_share + refused_share);
-            const Vec3 next = stretch_at(piece.between(at_, goal, middle));
+            const Vec3 next = stretch_at(piece.between(place_.at, goal, middle));
             if (norm(next - stretch_) <= allowed)
                 allowed_share = middle;
             else
                 refused_share = middle;
         }
-        at_ = piece.between(at_, goal, allowed_share);
-        stretch_ = stretch_at(at_);
+        place_.at = piece.between(place_.at, goal, allowed_share);
+        stretch_ = stretch_at(place_.at);
         last_.status = Status::limit;
     }
 
@@ -256,21 +260,18 @@ class Guide {
     /// Takes the nearest place of the whole curve. The tip is held there if it is within the tube,
     /// or in any case if `at_once`.
     void search(bool at_once) noexcept {
-        const Path::PathPlace nearest = path_.nearest(x_);
-        strand_ = nearest.strand;
-        piece_ = nearest.piece;
-        at_ = nearest.at;
-        const bool is_in_tube = nearest.distance <= p_.radius;
+        place_ = path_.nearest(x_);
+        const bool is_in_tube = place_.distance <= p_.radius;
         is_held_ = at_once || (is_in_tube && norm(stretch_) == 0 && !is_beyond_end());
-        distance_to_tube_ = nearest.distance - p_.radius;
+        distance_to_tube_ = place_.distance - p_.radius;
     }
     /// Whether the place is at an end that lets the tip go, and the HIP is past it.
     bool is_beyond_end() const noexcept {
         if (p_.ends == Ends::stop || strand().closed) return false;
         const Piece& first = path_[strand().first];
         const Piece& last = path_[strand().first + strand().count - 1];
-        return (at_ == first.from && dot(x_ - at_, first.entering) < 0) ||
-               (at_ == last.to && dot(x_ - at_, last.leaving) > 0);
+        return (place_.at == first.from && dot(x_ - place_.at, first.entering) < 0) ||
+               (place_.at == last.to && dot(x_ - place_.at, last.leaving) > 0);
     }
 
     /// Pulls along the curve, with a force that falls to 0 at the speed limit and at the end of the
@@ -279,7 +280,7 @@ class Guide {
         if (p_.lead_force == 0) return;
         // How fast the tip goes along the curve, averaged over this time [s].
         constexpr double settling = 0.01;
-        const Vec3 tangent = path_[piece_].tangent(at_);
+        const Vec3 tangent = path_[place_.piece].tangent(place_.at);
         const double speed = dot(x_ - before, tangent) / p_.period;
         speed_ += (speed - speed_) * std::min(1.0, p_.period / settling);
 
@@ -299,20 +300,7 @@ class Guide {
         // overshoot the speed limit.
         double max_change = p_.stiffness * give * (p_.period / 1e-3);
         if (norm(wanted) > norm(pull_)) max_change *= 0.25;
-        const Vec3 change = wanted - pull_;
-        const double size = norm(change);
-        if (size > max_change)
-            pull_ = pull_ + (max_change / size) * change;
-        else
-            pull_ = pull_ + change;
-    }
-
-    void report() noexcept {
-        last_.arc = path_[piece_].arc(at_);
-        last_.lateral = norm(x_ - at_);
-        last_.remaining = std::max(0.0, strand().length - last_.arc);
-        last_.strand = static_cast<std::uint32_t>(strand_);
-        last_.held = is_held_;
+        pull_ += shortened(wanted - pull_, max_change);
     }
 
     GuideParameters p_;
@@ -320,11 +308,10 @@ class Guide {
     Vec3 along_axis_;
     double given_ = 0;  // number of points, of which that is the mean
     GuideStep last_;
-    Vec3 x_;        // the HIP, across an ignored axis
-    Vec3 at_;       // the place of the curve
-    Vec3 stretch_;  // proxy less HIP [m]
-    Vec3 pull_;     // along the curve [N]
-    std::size_t strand_ = 0, piece_ = 0;
+    Vec3 x_;                       // the HIP, across an ignored axis
+    Vec3 stretch_;                 // proxy less HIP [m]
+    Vec3 pull_;                    // along the curve [N]
+    Path::PathPlace place_;        // of the curve; `distance` where it was searched for last
     double distance_to_tube_ = 0;  // while not held: the HIP has to go as far at least [m]
     double speed_ = 0;             // of the HIP along the curve [m/s]
     bool is_placed_ = false;

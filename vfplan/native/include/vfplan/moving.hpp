@@ -12,8 +12,6 @@
 // ignore_axis turn with the fixture.
 #pragma once
 
-#include <atomic>
-
 #include "vfplan/base/queue.hpp"
 #include "vfplan/parameters.hpp"
 
@@ -139,25 +137,17 @@ class MovingFrame : private detail::FrameState {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));
         const bool is_rigid = std::abs(size - 1) < rigid_tolerance;
-        bool is_taken = std::isfinite(stamp) && norm(p.place) <= largest_distance && is_rigid;
-        if (is_taken) {
-            p.w /= size;
-            p.v = (1 / size) * p.v;
-            const bool is_younger = !has_given_ || !(stamp <= youngest_);
-            if (!is_younger) {
-                older_ = stamp > last_older_ ? older_ + 1 : 1;
-                last_older_ = stamp;
-            }
-            is_taken = (is_younger || older_ >= resyncs_after) && poses_.push({stamp, p});
-        }
-        if (is_taken) {
-            older_ = 0;
-            has_given_ = true;
-            youngest_ = stamp;
-        } else {
+        const bool is_good = std::isfinite(stamp) && norm(p.place) <= largest_distance && is_rigid;
+        p.w /= size;
+        p.v = (1 / size) * p.v;
+        if (!is_good || !is_due(stamp) || !poses_.push({stamp, p})) {
             refused_.fetch_add(1, std::memory_order_relaxed);
+            return false;
         }
-        return is_taken;
+        older_ = 0;
+        has_given_ = true;
+        youngest_ = stamp;
+        return true;
     }
     /// How many more poses may wait; for the thread of the tracker.
     std::size_t room() const noexcept { return poses_.free_slots(); }
@@ -248,6 +238,15 @@ class MovingFrame : private detail::FrameState {
         Pose pose;
     };
 
+    /// Whether a stamp is younger than the last one, or of poses that are all older the one that is
+    /// taken.
+    bool is_due(double stamp) noexcept {
+        if (!has_given_ || !(stamp <= youngest_)) return true;
+        older_ = stamp > last_older_ ? older_ + 1 : 1;
+        last_older_ = stamp;
+        return older_ >= resyncs_after;
+    }
+
     /// Lets the frame arrive at this pose when the next one is due. It begins at the first one.
     void accept_pose(const Stamped& next, double t) noexcept {
         arrives_at_ = t + std::min(next.stamp - stamp_, limits_.max_age);
@@ -265,17 +264,15 @@ class MovingFrame : private detail::FrameState {
         const Vec3 from = now_.out(limits_.pivot);
         const Vec3 to = goal_.out(limits_.pivot);
         const Vec3 way = fraction * (to - from);
-        const double length = norm(way);
         const double max_length = limits_.max_speed * dt;
-        const bool is_too_fast = length > max_length;
+        const bool is_too_fast = norm(way) > max_length;
         const double max_half_turn = std::min(0.5 * limits_.max_turn * dt, 1.0);
         const bool has_turned = rotate_towards(fraction, max_half_turn);
         if (fraction == 1 && !is_too_fast && has_turned) {
             now_ = goal_;
             return;
         }
-        Vec3 pivot = from + way;
-        if (is_too_fast) pivot = from + (max_length / length) * way;
+        const Vec3 pivot = from + shortened(way, max_length);
         now_.place = pivot - now_.turn(limits_.pivot);
     }
     /// Turns the frame by `fraction` of what is left, but by at most the angle whose half has the

@@ -180,11 +180,11 @@ struct RuleAnswer {
 };
 
 struct Step {
-    Vec3 proxy;   ///< [m]
-    Vec3 normal;  ///< unit, 0 when there is none. Rule exact on a mesh, once the proxy has come out
-                  ///< and while the status still has `inside`: at the end of its way, whatever the
-                  ///< state says of the place where it is
-    Vec3 force;   ///< on the hand [N]
+    Vec3 proxy{};   ///< [m]
+    Vec3 normal{};  ///< unit, 0 when there is none. Rule exact on a mesh, once the proxy has come
+                    ///< out and while the status still has `inside`: at the end of its way,
+                    ///< whatever the state says of the place where it is
+    Vec3 force{};   ///< on the hand [N]
     State state = State::no_neighbour;
     std::uint8_t status = Status::ok;
 };

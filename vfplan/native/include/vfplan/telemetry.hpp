@@ -12,13 +12,12 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include <atomic>
-#include <bit>
 #include <chrono>
 #include <cstring>
 #include <thread>
 
-#include "vfplan/exchange.hpp"
+#include "vfplan/base/queue.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -97,19 +96,17 @@ class Telemetry {
         const auto pause = std::chrono::duration<double>(period_);
         for (;;) {
             const bool last = stop_.load(std::memory_order_acquire);
-            while (send_some()) {
-            }
+            while (queue_.front()) send_some();
             if (last) return;
             std::this_thread::sleep_for(pause);
         }
     }
-    bool send_some() noexcept {
+    void send_some() noexcept {
         std::array<char, header_bytes + most_ticks * tick_bytes> bytes{};
         std::uint16_t count = 0;
         for (; count < most_ticks && queue_.front(); ++count, queue_.pop())
             std::memcpy(bytes.data() + header_bytes + count * tick_bytes, queue_.front(),
                         tick_bytes);
-        if (count == 0) return false;
         const Header header{{'V', 'F', 'P', 'T'}, 1, count, sent_, dropped()};
         std::memcpy(bytes.data(), &header, header_bytes);
         const std::size_t size = header_bytes + count * tick_bytes;
@@ -117,7 +114,6 @@ class Telemetry {
         if (::sendto(socket_, bytes.data(), size, MSG_NOSIGNAL, to, sizeof to_) != ssize_t(size))
             unsent_.fetch_add(1, std::memory_order_relaxed);
         ++sent_;
-        return true;
     }
 
     SpscQueue<TelemetryRecord> queue_;

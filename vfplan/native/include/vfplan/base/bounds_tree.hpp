@@ -4,10 +4,7 @@
 // behind all that hang on it.
 #pragma once
 
-#include <cstddef>
-#include <cstdint>
-#include <utility>
-#include <vector>
+#include "vfplan/base/compiler.hpp"
 
 namespace vfplan::inline v1 {
 

@@ -1,7 +1,8 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // What the headers ask of a compiler, how they say that it is missing, and what all of them may use
-// of the standard library: each other header includes only what it uses beside.
+// of the standard library: each other header includes only what it uses beside, and what the
+// headers that it includes do not.
 #pragma once
 
 #if !defined(__cpp_concepts)
@@ -33,9 +34,9 @@
 /// Stands before a function that engine.inl or controller.inl defines. With
 /// VFPLAN_COMPILED it is compiled in engine.cpp alone, without it in each source file.
 #ifdef VFPLAN_COMPILED
-#define VFPLAN_COMPILED_ONCE
+#define VFPLAN_ONCE
 #else
-#define VFPLAN_COMPILED_ONCE inline
+#define VFPLAN_ONCE inline
 #endif
 
 /// All names stand in a namespace of their version, so that two versions in one program do not mix.

@@ -17,8 +17,6 @@ class SpscQueue {
     /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
     explicit SpscQueue(std::size_t capacity)
         : items_(std::bit_ceil(capacity)), mask_(items_.size() - 1) {}
-    SpscQueue(const SpscQueue&) = delete;
-    SpscQueue& operator=(const SpscQueue&) = delete;
 
     /// How many more items fit; for the thread that gives.
     std::size_t free_slots() const noexcept {

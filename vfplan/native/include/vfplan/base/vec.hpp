@@ -193,14 +193,20 @@ inline Vec3 point_at(const double* xyz, std::size_t i) noexcept {
 inline Vec2 left(const Vec2& v) noexcept { return {-v[1], v[0]}; }
 /// Whether each coordinate is finite and within 1e6 m.
 inline bool is_within_range(const Vec3& x) noexcept {
-    return std::abs(x[0]) <= largest_coordinate && std::abs(x[1]) <= largest_coordinate &&
-           std::abs(x[2]) <= largest_coordinate;
+    return std::all_of(x.c, x.c + 3, [](double c) { return std::abs(c) <= largest_coordinate; });
 }
 /// d v / |v|; 0 when v is 0.
 template <int D>
 Vec<D> along(const Vec<D>& v, double d) noexcept {
     const double length = norm(v);
     return length > 0 ? (d / length) * v : Vec<D>{};
+}
+
+/// v, or as much of it as is `most` long.
+template <int D>
+Vec<D> shortened(const Vec<D>& v, double most) noexcept {
+    const double length = norm(v);
+    return length > most ? (most / length) * v : v;
 }
 
 /// x without its part along a unit vector.

@@ -5,7 +5,7 @@
 // tick.
 #pragma once
 
-#include <cstdint>
+#include "vfplan/base/compiler.hpp"
 
 namespace vfplan::inline v1 {
 

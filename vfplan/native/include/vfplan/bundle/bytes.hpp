@@ -253,8 +253,7 @@ inline constexpr std::array<Advice, 20> advice{{
     std::string message;
     for (const Part& part : wrong) message += part.text;
     if (todo.empty()) {
-        const auto* found = std::find_if(advice.begin(), advice.end(),
-                                         [&](const Advice& a) { return a.code == code; });
+        const auto* found = std::ranges::find(advice, code, &Advice::code);
         todo = found == advice.end()
                    ? "Write what the format has there, or let vfplan write the bundle"
                    : found->text;
@@ -284,7 +283,6 @@ class Findings {
 
     void add(Finding found) {
         if (strict_ && found.error) throw BundleError(std::move(found));
-        sound_ = sound_ && !found.error;
         all_.push_back(std::move(found));
     }
     void require(bool good, std::string_view code, std::string_view where, Sentence wrong,
@@ -295,12 +293,11 @@ class Findings {
                std::string_view todo = {}) {
         require(false, code, where, wrong, todo);
     }
-    [[nodiscard]] bool sound() const { return sound_; }
+    [[nodiscard]] bool sound() const { return std::ranges::none_of(all_, &Finding::error); }
     [[nodiscard]] const std::vector<Finding>& all() const { return all_; }
 
   private:
     bool strict_;
-    bool sound_ = true;
     std::vector<Finding> all_;
 };
 
@@ -344,8 +341,9 @@ class ByteReader {
 
     View take(std::uint64_t count) {
         require(count <= left(), {"has an object header that is cut short"});
-        at_ += static_cast<std::size_t>(count);
-        return data_.part(at_ - static_cast<std::size_t>(count), static_cast<std::size_t>(count));
+        const View taken = data_.first(static_cast<std::size_t>(count));
+        data_ = data_.from(taken.size());
+        return taken;
     }
     std::uint64_t number(std::size_t width) { return number_at(take(width), 0, width); }
     void expect(std::size_t width, std::uint64_t value, const char* what) {
@@ -354,7 +352,7 @@ class ByteReader {
     }
     void expect_end() const { require(left() == 0, {"has a header message that is too long"}); }
 
-    [[nodiscard]] std::size_t left() const { return data_.size() - at_; }
+    [[nodiscard]] std::size_t left() const { return data_.size(); }
 
     void require(bool good, Sentence wrong, std::string_view code = "corrupt.hdf5",
                  std::string_view todo = {}) const {
@@ -364,7 +362,6 @@ class ByteReader {
   private:
     View data_;
     std::string where_;
-    std::size_t at_ = 0;
 };
 
 }  // namespace detail

@@ -4,9 +4,6 @@
 // format. The leak certificate stands in leak.hpp.
 #pragma once
 
-#include <initializer_list>
-#include <set>
-
 #include "vfplan/bundle/leak.hpp"
 #include "vfplan/bundle/reader.hpp"
 #include "vfplan/bundle/seal.hpp"
@@ -169,20 +166,15 @@ inline double largest_stiffness(const Content& content) {
     const std::vector<double>& K = content.at("/rendering/stiffness").f8;
     const Value* axis = content.find("/rendering/ignore_axis");
     if (axis == nullptr) return std::max({K[0], K[1], K[2]});
-    // One eigenvalue is 0. The trace is the sum of the two others, and the elements' squares add up
-    // to the sum of theirs.
-    const std::vector<double>& a = axis->f8;
-    double trace = 0, squares = 0;
-    for (std::size_t i = 0; i < 3; ++i) {
-        for (std::size_t j = 0; j < 3; ++j) {
-            double element = 0;
-            for (std::size_t k = 0; k < 3; ++k)
-                element += ((i == k) - a[i] * a[k]) * K[k] * ((k == j) - a[k] * a[j]);
-            if (i == j) trace += element;
-            squares += element * element;
-        }
-    }
-    return (trace + std::sqrt(std::max(0.0, 2 * squares - trace * trace))) / 2;
+    const Slice plane(point_at(axis->f8.data(), 0));
+    // K between two directions of the plane: a symmetric matrix of 2 rows.
+    const auto element = [&](int i, int j) {
+        double sum = 0;
+        for (std::size_t k = 0; k < 3; ++k) sum += plane.e[i][k] * K[k] * plane.e[j][k];
+        return sum;
+    };
+    const double a = element(0, 0), b = element(1, 1);
+    return (a + b) / 2 + std::hypot((a - b) / 2, element(0, 1));
 }
 
 /// The verdict of the stability gate is about the K of this file, and says that it is stable.
@@ -249,7 +241,7 @@ inline void check_registered(const Content& content, Findings& findings) {
 inline void check_understood(const Content& content, Findings& findings) {
     if (!content.has("/@must_understand")) return;
     for (const std::string_view path : split(content.at("/@must_understand").string(), ' '))
-        findings.require(path.empty() || is_known(path), "version.must_understand", path,
+        findings.require(path.empty() || row_of(path) != nullptr, "version.must_understand", path,
                          {"must be understood, and this program does not"},
                          "Get a program that does: pip install --upgrade vfplan");
 }
@@ -310,21 +302,22 @@ inline void check_frames(const Content& content, Findings& findings) {
                      {"has a third column that is not 0, in the frame image"}, "Write 0 there");
 }
 
-inline void add(Sha256& sum, const void* data, std::size_t size) {
-    sum.update({static_cast<const unsigned char*>(data), size});
+inline void add(Bytes& all, const void* data, std::size_t size) {
+    const auto* first = static_cast<const unsigned char*>(data);
+    all.insert(all.end(), first, first + size);
 }
-inline void add_count(Sha256& sum, std::uint64_t count) { add(sum, &count, sizeof count); }
-inline void add_text(Sha256& sum, std::string_view text) {
-    add_count(sum, text.size());
-    add(sum, text.data(), text.size());
+inline void add_count(Bytes& all, std::uint64_t count) { add(all, &count, sizeof count); }
+inline void add_text(Bytes& all, std::string_view text) {
+    add_count(all, text.size());
+    add(all, text.data(), text.size());
 }
 /// Adds numbers as they are stored, and texts each behind its length.
-inline void add_elements(Sha256& sum, const Value& value) {
+inline void add_elements(Bytes& all, const Value& value) {
     value.visit([&]<class T>(const std::vector<T>& elements) {
         if constexpr (std::is_arithmetic_v<T>)
-            add(sum, elements.data(), elements.size() * sizeof(T));
+            add(all, elements.data(), elements.size() * sizeof(T));
         else
-            for (const std::string& text : elements) add_text(sum, text);
+            for (const std::string& text : elements) add_text(all, text);
     });
 }
 
@@ -334,17 +327,17 @@ inline constexpr std::array<std::string_view, 5> geometry{
 
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
-    Sha256 sum;
-    add(sum, frame.c_str(), frame.size() + 1);
+    Bytes all;
+    add(all, frame.c_str(), frame.size() + 1);
     for (const std::string_view path : geometry)
         if (path == "/points" || content.has_group(group_of(path)))
-            add_elements(sum, content.at(path));
-    return sum.digest();
+            add_elements(all, content.at(path));
+    return sha256(all);
 }
 
 inline void check_identity(const Content& content, Findings& findings) {
     const std::string& found = content.at("/@id").string();
-    const std::string wanted = to_hex(view(geometry_digest(content))).substr(0, 32);
+    const std::string wanted = to_hex(geometry_digest(content)).substr(0, 32);
     findings.require(found == wanted, "corrupt.id", "/@id",
                      {"is ", Quoted{found}, "; the geometry gives ", Quoted{wanted}});
 }
@@ -489,19 +482,19 @@ inline void check_findings(const Content& content, Findings& findings) {
 
 /// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
 inline std::string review_digest(const Content& content) {
-    Sha256 sum;
-    add_text(sum, "vfplan review 1");
-    sum.update(view(geometry_digest(content)));
+    Bytes all;
+    add_text(all, "vfplan review 1");
+    const Digest drawn = geometry_digest(content);
+    add(all, drawn.data(), drawn.size());
     for (const auto& [path, value] : content) {
-        if (row_at(path).mark == Mark::none) continue;
-        add_text(sum, path);
-        add_text(sum, name_of(value.type));
-        add_count(sum, value.shape.size());
-        for (const std::size_t side : value.shape) add_count(sum, side);
-        if (std::find(geometry.begin(), geometry.end(), path) == geometry.end())
-            add_elements(sum, value);
+        if (row_of(path)->mark == Mark::none) continue;
+        add_text(all, path);
+        add_text(all, type_names[static_cast<std::size_t>(value.type)]);
+        add_count(all, value.shape.size());
+        for (const std::size_t side : value.shape) add_count(all, side);
+        if (std::ranges::find(geometry, path) == geometry.end()) add_elements(all, value);
     }
-    return to_hex(view(sum.digest()));
+    return to_hex(sha256(all));
 }
 
 /// The review is that of this plan, and not of what it was before somebody changed it.
@@ -517,8 +510,8 @@ inline void check_reviewed(const Content& content, Findings& findings) {
 /// or of a group that is not there; else the bundle is refused.
 inline void check_absent(const Content& content, std::string_view path, Findings& findings) {
     const std::string_view group = group_of(path);
-    const bool is_of_no_group = is_known(group) && group != path && !content.has_group(group);
-    if (is_known(path) && (is_of_no_group || !findings.sound())) return;
+    const bool is_of_no_group = row_of(group) && group != path && !content.has_group(group);
+    if (row_of(path) && (is_of_no_group || !findings.sound())) return;
     findings.error("corrupt.missing", path, {"is asked for by a rule, and is not there"},
                    "Get a program of another version: pip install --upgrade vfplan");
 }

@@ -5,7 +5,6 @@
 
 #include <functional>
 #include <map>
-#include <stdexcept>
 
 #include "vfplan/bundle/schema.hpp"
 #include "vfplan/curve/pieces.hpp"
@@ -44,9 +43,10 @@ struct Absent : std::out_of_range {
     using std::out_of_range::out_of_range;
 };
 
-/// Whether the format has a value or a group of this path.
-inline bool is_known(std::string_view path) {
-    return std::any_of(rows.begin(), rows.end(), [&](const Row& row) { return row.path == path; });
+/// The row of the format's table for a value or a group; null where the format has none.
+inline const Row* row_of(std::string_view path) {
+    const auto* row = std::ranges::find(rows, path, &Row::path);
+    return row == rows.end() ? nullptr : row;
 }
 
 /// The group at the root in which a value lies.
@@ -56,8 +56,9 @@ inline std::string_view group_of(std::string_view path) {
 
 /// Everything a bundle holds, by its path in the format. Whoever asks for a path that the format
 /// does not have gets Absent, and not the answer that nothing is there.
-class Content {
+class Content : std::map<std::string, Value, std::less<>> {
   public:
+    using map::begin, map::end;
     bool operator==(const Content&) const = default;
     [[nodiscard]] bool has(std::string_view path) const { return find(path) != nullptr; }
     /// Throws Absent if there is no such value.
@@ -67,43 +68,34 @@ class Content {
         return *value;
     }
     [[nodiscard]] const Value* find(std::string_view path) const {
-        const auto found = values_.find(path);
-        if (found != values_.end()) return &found->second;
-        if (!is_known(path)) throw Absent(std::string(path));
+        const auto found = map::find(path);
+        if (found != end()) return &found->second;
+        if (row_of(path) == nullptr) throw Absent(std::string(path));
         return nullptr;
     }
     /// A number. Without `otherwise` it must be there, or Absent is thrown.
-    [[nodiscard]] double number(std::string_view path) const { return at(path).number(); }
-    [[nodiscard]] double number(std::string_view path, double otherwise) const {
-        return has(path) ? number(path) : otherwise;
+    [[nodiscard]] double number(std::string_view path, std::optional<double> otherwise = {}) const {
+        return otherwise && !has(path) ? *otherwise : at(path).number();
     }
     [[nodiscard]] std::optional<int> integer(std::string_view path) const {
         return has(path) ? std::optional<int>(at(path).i4.front()) : std::nullopt;
     }
     /// Whether any value of a group is there.
     [[nodiscard]] bool has_group(std::string_view group) const {
-        if (!is_known(group)) throw Absent(std::string(group));
-        return std::any_of(values_.begin(), values_.end(), [&](const auto& value) {
+        if (row_of(group) == nullptr) throw Absent(std::string(group));
+        return std::any_of(begin(), end(), [&](const auto& value) {
             return value.first != group && group_of(value.first) == group;
         });
     }
     void put(std::string_view path, Value value) {
-        values_.insert_or_assign(std::string(path), std::move(value));
+        insert_or_assign(std::string(path), std::move(value));
     }
     /// Moves a value out; throws Absent if there is none.
     Value take(std::string_view path) {
-        const auto found = values_.find(path);
-        if (found == values_.end()) throw Absent(std::string(path));
-        return std::move(values_.extract(found).mapped());
+        const auto found = map::find(path);
+        if (found == end()) throw Absent(std::string(path));
+        return std::move(extract(found).mapped());
     }
-
-    [[nodiscard]] auto begin() { return values_.begin(); }
-    [[nodiscard]] auto end() { return values_.end(); }
-    [[nodiscard]] auto begin() const { return values_.begin(); }
-    [[nodiscard]] auto end() const { return values_.end(); }
-
-  private:
-    std::map<std::string, Value, std::less<>> values_;
 };
 
 /// A stroke of the drawn curve: `count` points from the `first` on.
@@ -142,18 +134,10 @@ inline std::vector<StrokeRange> strokes_of(const Content& content) {
 
 /// The lines and arcs of each stroke.
 inline std::vector<Stroke> pieces_of(const Content& content) {
-    const std::vector<double>& vertices = content.at("/pieces/vertices").f8;
-    const std::vector<std::int32_t>& stroke = content.at("/pieces/stroke").i4;
+    const std::vector<double>& bulges = content.at("/pieces/bulges").f8;
     const std::vector<std::uint8_t>& closed = content.at("/curve/closed").u1;
-    std::vector<Stroke> pieces(closed.size());
-    for (std::size_t s = 0; s < closed.size(); ++s) pieces[s].closed = closed[s] != 0;
-    for (std::size_t i = 0; i < stroke.size(); ++i) {
-        Stroke& own = pieces[static_cast<std::size_t>(stroke[i])];
-        const auto from = vertices.begin() + static_cast<std::ptrdiff_t>(3 * i);
-        own.vertices.insert(own.vertices.end(), from, from + 3);
-        own.bulges.push_back(content.at("/pieces/bulges").f8[i]);
-    }
-    return pieces;
+    return drawn_strokes(content.at("/pieces/vertices").f8.data(), bulges.size(), bulges,
+                         content.at("/pieces/stroke").i4, closed, closed.size());
 }
 
 }  // namespace detail

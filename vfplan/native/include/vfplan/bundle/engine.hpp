@@ -15,8 +15,6 @@ namespace vfplan::inline v1 {
 
 namespace bundle {
 
-inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt);
-
 /// The rule nearest to the truth: exact where lines and arcs across an axis are known of what is
 /// forbidden, and for a mesh in space with so few triangles that a tick is short enough
 /// (docs/make_mesh.py).
@@ -25,13 +23,13 @@ inline Rule best_rule(const Fixture& fixture) {
     const bool is_mesh = !fixture.mesh.empty() && !fixture.guidance && fixture.rendering &&
                          !fixture.rendering->ignore_axis;
     if (!is_mesh) return Rule::robust;
-    const double time = tick_time_bound(fixture.surface(), parameters(fixture, Rule::exact));
+    const double time = tick_time_bound(fixture.surface(), *fixture.rendering);
     return time <= max_tick_time ? Rule::exact : Rule::robust;
 }
 
 /// Table I as the bundle holds it, for its best rule or another one; the paper's keeps its own
 /// band. Throws std::invalid_argument for a fixture without rendering.
-inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked) {
+inline Parameters parameters(const Fixture& fixture, std::optional<Rule> asked = std::nullopt) {
     const Rule rule = asked ? *asked : best_rule(fixture);
     if (!fixture.rendering)
         reject("the fixture is in frame " + fixture.frame +
@@ -108,8 +106,7 @@ inline Guide make_guide(const Fixture& fixture, double period = 1e-3) {
 }  // namespace bundle
 
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
-VFPLAN_COMPILED_ONCE Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule,
-                                    Use use)
+VFPLAN_ONCE Engine::Engine(const bundle::Fixture& fixture, std::optional<Rule> rule, Use use)
     : Engine(bundle::make_engine(fixture, bundle::parameters(fixture, rule), use)) {}
 #endif
 

@@ -6,8 +6,6 @@
 // nothing of this belongs into a control loop. Calls from several threads do not meet.
 #pragma once
 
-#include <filesystem>
-
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/seal.hpp"
 #include "vfplan/guide.hpp"
@@ -99,27 +97,19 @@ struct Bundle {
 /// Findings that are strict throw BundleError at the first error. Others collect what there is, and
 /// the content is what could be read. What is defined below, with VFPLAN_COMPILED only
 /// vfplan/engine.cpp compiles.
-VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings, const Seal* seal = nullptr);
+VFPLAN_ONCE Content read_payload(View payload, std::uint64_t file_length, Findings& findings,
+                                 const Seal* seal = nullptr);
 
 /// Checks seal, structure and every rule; `check_seal` looks at the seal before the rest is read.
 /// Throws BundleError.
-template <class CheckSeal>
-Bundle read_bundle(View data, const CheckSeal& check_seal) {
-    View payload;
-    Bundle bundle{{}, unseal(data, payload)};
-    check_seal(bundle.seal);
-    Findings findings(true);
-    bundle.content = read_payload(payload, data.size(), findings, &bundle.seal);
-    return bundle;
-}
-VFPLAN_COMPILED_ONCE Bundle read_bundle(View data);
+using CheckSeal = std::function<void(const Seal&)>;
+VFPLAN_ONCE Bundle read_bundle(View data, const CheckSeal& check_seal = {});
 
 /// Every finding of a bundle's bytes; it is sound when none is an error.
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data);
+VFPLAN_ONCE std::vector<Finding> examine(View data);
 
 /// The fixture of a checked bundle; moves the points out of it.
-VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle);
+VFPLAN_ONCE Fixture to_fixture(Bundle bundle);
 
 /// What `read` gives of a file's bytes; errors name the file.
 template <class Read>
@@ -139,7 +129,7 @@ auto of_file(const std::filesystem::path& path, const Read& read) {
 /// What is known of it is that it is whole, undamaged and within the format's rules; not who made
 /// it, for which patient, or when. vfplan/bundle/trust.hpp has the same for who demands a
 /// signature.
-VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path);
+VFPLAN_ONCE Fixture read_fixture(const std::filesystem::path& path);
 
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
@@ -187,8 +177,8 @@ inline Rendering rendering_of(const Content& content) {
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_length,
-                                          Findings& findings, const Seal* seal) {
+VFPLAN_ONCE Content read_payload(View payload, std::uint64_t file_length, Findings& findings,
+                                 const Seal* seal) {
     Content content;
     try {
         content = detail::Reader(payload, file_length, findings).read();
@@ -201,11 +191,16 @@ VFPLAN_COMPILED_ONCE Content read_payload(View payload, std::uint64_t file_lengt
     return content;
 }
 
-VFPLAN_COMPILED_ONCE Bundle read_bundle(View data) {
-    return read_bundle(data, [](const Seal&) {});
+VFPLAN_ONCE Bundle read_bundle(View data, const CheckSeal& check_seal) {
+    View payload;
+    Bundle bundle{{}, unseal(data, payload)};
+    if (check_seal) check_seal(bundle.seal);
+    Findings findings(true);
+    bundle.content = read_payload(payload, data.size(), findings, &bundle.seal);
+    return bundle;
 }
 
-VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
+VFPLAN_ONCE std::vector<Finding> examine(View data) {
     Findings findings(false);
     try {
         View payload;
@@ -217,7 +212,7 @@ VFPLAN_COMPILED_ONCE std::vector<Finding> examine(View data) {
     return findings.all();
 }
 
-VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
+VFPLAN_ONCE Fixture to_fixture(Bundle bundle) {
     Content& content = bundle.content;
     Fixture fixture;
     fixture.frame = content.at("/@frame").string();
@@ -243,7 +238,7 @@ VFPLAN_COMPILED_ONCE Fixture to_fixture(Bundle bundle) {
     return fixture;
 }
 
-VFPLAN_COMPILED_ONCE Fixture read_fixture(const std::filesystem::path& path) {
+VFPLAN_ONCE Fixture read_fixture(const std::filesystem::path& path) {
     return of_file(path, [](View data) { return to_fixture(read_bundle(data)); });
 }
 #endif

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <map>
-#include <tuple>
 
 #include "vfplan/bundle/schema.hpp"
 
@@ -47,21 +46,24 @@ inline std::uint32_t lookup3(View data) {
 // Links of an HDF5 file: hard ones only. A soft or an external one, which could lead out of the
 // file, is refused; that no two lead to one object is seen to where all are known, in content.hpp.
 
-struct Link {
-    std::string name;
-    std::uint64_t address;
-};
+/// What an object has by name: links' addresses, which are not looked at here, or attributes.
+template <class T>
+using Named = std::map<std::string, T, std::less<>>;
 
-/// The name of a link or an attribute: UTF-8 that can be shown.
-inline void check_name(const ByteReader& body, std::string_view name) {
+/// Adds one under a name that no other has, UTF-8 that can be shown.
+template <class T>
+void add(Named<T>& all, std::string_view name, T one, const ByteReader& body,
+         std::uint64_t max_count, const char* noun) {
     body.require(!name.empty() && is_utf8(name) && !has_control(name) &&
                      name.find('/') == std::string_view::npos,
                  {"has the name ", Quoted{name}, ", which is none"}, "corrupt.hdf5",
                  "Give it a name that can be shown");
+    body.require(all.emplace(name, std::move(one)).second,
+                 {"has two ", noun, " of the name ", Quoted{name}});
+    body.require(all.size() <= max_count, {"has more than ", max_count, " ", noun}, "unsafe.cap");
 }
 
-/// A link message; its address is not looked at here.
-inline Link read_link(ByteReader& body) {
+inline void read_link(ByteReader& body, Named<std::uint64_t>& links) {
     body.expect(1, 1, "version of a link");
     const auto flags = body.number(1);
     body.require((flags & 0x08) == 0 || body.number(1) == 0, {"holds a link that is not hard"},
@@ -69,8 +71,7 @@ inline Link read_link(ByteReader& body) {
     body.require((flags & ~std::uint64_t{0x1B}) == 0, {"has unknown flags of a link: ", flags});
     body.require((flags & 0x10) == 0 || body.number(1) <= 1, {"has a name of another encoding"});
     const auto name = body.take(body.number(std::size_t{1} << (flags & 3))).text();
-    check_name(body, name);
-    return {std::string(name), body.number(8)};
+    add(links, name, body.number(8), body, limits::links_per_group, "links");
 }
 
 // Where an HDF5 file begins, a plain superblock as `h5py` writes it for a bundle, and its object
@@ -134,27 +135,9 @@ class File {
     std::uint64_t claimed_ = 0;
 };
 
-/// An attribute, its parts as they are written.
+/// The parts of an attribute, as they are written.
 struct Attribute {
-    std::string name;
     View type, space, data;
-};
-
-/// Links or attributes of one object: a few, each with a name of its own.
-template <class T>
-struct Named : std::vector<T> {
-    [[nodiscard]] const T* find(std::string_view name) const {
-        const auto found =
-            std::find_if(this->begin(), this->end(), [&](const T& t) { return t.name == name; });
-        return found == this->end() ? nullptr : &*found;
-    }
-    void add(const ByteReader& body, T one, std::uint64_t max_count, const std::string& noun) {
-        body.require(find(one.name) == nullptr,
-                     {"has two ", noun, " of the name ", Quoted{one.name}});
-        this->push_back(std::move(one));
-        body.require(this->size() <= max_count, {"has more than ", max_count, " ", noun},
-                     "unsafe.cap");
-    }
 };
 
 // Messages that an object has at most once.
@@ -165,7 +148,7 @@ inline constexpr std::uint64_t dataspace = 0x01, link_info = 0x02, datatype = 0x
 /// What one object header says.
 struct Object {
     std::string path;
-    Named<Link> links;
+    Named<std::uint64_t> links;
     Named<Attribute> attributes;
     std::map<std::uint64_t, View> single;                       // messages, by their kinds
     std::vector<std::pair<std::uint64_t, std::uint64_t>> more;  // blocks in which it goes on
@@ -196,19 +179,16 @@ inline void read_group_info(ByteReader& body) {
     body.take(((flags & 1) != 0 ? 4u : 0u) + ((flags & 2) != 0 ? 4u : 0u));
 }
 
-inline Attribute read_attribute(ByteReader& body) {
+inline void read_attribute(ByteReader& body, Named<Attribute>& attributes) {
     body.expect(1, 3, "version of an attribute");
     body.expect(1, 0, "flags of an attribute");
     const auto name = body.number(2), type = body.number(2), space = body.number(2);
     body.require(body.number(1) <= 1, {"has a name of another encoding"});
     const auto ended = body.take(name).text();
     body.require(ended.ends_with('\0'), {"has an attribute without a name"});
-    Attribute attribute{std::string(ended.substr(0, ended.size() - 1)), {}, {}, {}};
-    check_name(body, attribute.name);
-    attribute.type = body.take(type);
-    attribute.space = body.take(space);
-    attribute.data = body.take(body.left());
-    return attribute;
+    const Attribute attribute{body.take(type), body.take(space), body.take(body.left())};
+    add(attributes, ended.substr(0, ended.size() - 1), attribute, body,
+        limits::attributes_per_object, "attributes");
 }
 
 inline constexpr char nonzero_gap[] = "has a gap in its object header that is not zero";
@@ -233,16 +213,13 @@ inline void read_message(std::uint64_t kind, ByteReader& body, Object& object) {
             keep({});
             return read_group_info(body);
         case 0x06:
-            return object.links.add(body, read_link(body), limits::links_per_group, "links");
+            return read_link(body, object.links);
         case 0x0B:
             return body.require(false, {"passes its data through a filter"}, "unsafe.filter");
         case 0x0C:
-            return object.attributes.add(body, read_attribute(body), limits::attributes_per_object,
-                                         "attributes");
+            return read_attribute(body, object.attributes);
         case 0x10:
-            object.more.emplace_back(body.number(8), 0);
-            object.more.back().second = body.number(8);
-            return;
+            return object.more.push_back({body.number(8), body.number(8)});
         default:
             body.require(false, {"holds header message ", kind, ", which no bundle needs"},
                          "unsafe.message");
@@ -299,13 +276,11 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
 
 /// The address of the root, from a payload's first 48 bytes: a plain superblock, as `libver` v108
 /// makes it, but that its end of file is that of the whole bundle, seal included.
-inline std::uint64_t root_address(File& file, View data, std::uint64_t file_length) {
+inline std::uint64_t root_address(File& file, std::uint64_t file_length) {
     const auto must = [](bool good, Sentence wrong) { require(good, "corrupt.hdf5", "", wrong); };
-    must(data.begins("\x89HDF\r\n\x1a\n"), {"is no HDF5 file: the signature is missing"});
-    must(data.size() >= 48, {"is too short for an HDF5 file"});
+    const View data = file.claim_checked(0, 48, "");
     must(data[8] == 2 && data[9] == 8 && data[10] == 8 && data[11] == 0,
          {"has a superblock of another version, or with other sizes"});
-    file.claim_checked(0, 48, "");
     must(number_at(data, 12, 8) == 0, {"has another base address than 0"});
     must(number_at(data, 20, 8) == nowhere, {"has a superblock with an extension"});
     const auto end = number_at(data, 28, 8);

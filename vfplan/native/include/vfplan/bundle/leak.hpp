@@ -7,8 +7,6 @@
 // how they connect is not in the file. With an ignored axis everything is measured across it.
 #pragma once
 
-#include <span>
-
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/mesh/triangles.hpp"
 

@@ -4,9 +4,7 @@
 #pragma once
 
 #include <cstring>
-#include <map>
 #include <set>
-#include <type_traits>
 
 #include "vfplan/bundle/content.hpp"
 #include "vfplan/bundle/hdf5.hpp"
@@ -15,11 +13,6 @@ namespace vfplan::bundle::detail {
 
 // Datatypes, dataspaces and values of single fields, each compared with its row of the format's
 // table before a value is read.
-
-inline void require(bool good, std::string_view code, const Row& row, Sentence wrong,
-                    std::string_view todo = {}) {
-    require(good, code, row.path, wrong, todo);
-}
 
 /// The datatype messages of float64, int32 and uint8, little-endian. No other encoding of a number
 /// is allowed.
@@ -33,26 +26,27 @@ inline std::string_view encoding_of(Type type) {
 /// The size in bytes of one element. Its datatype must be that of the row, byte for byte.
 inline std::size_t element_size(View message, const Row& row) {
     constexpr std::uint64_t integer = 0, floating = 1, string = 3;
-    require(message.size() >= 8, "corrupt.hdf5", row, {"has a datatype that is cut short"});
+    require(message.size() >= 8, "corrupt.hdf5", row.path, {"has a datatype that is cut short"});
     const std::uint64_t kind = message[0] & 15u, version = message[0] >> 4u;
-    require(kind == integer || kind == floating || kind == string, "unsafe.type", row,
+    require(kind == integer || kind == floating || kind == string, "unsafe.type", row.path,
             {"has a datatype of class ", kind, "; numbers and fixed-length strings are allowed"},
             "Write numbers, or text of a fixed length");
-    require(version == 1, "corrupt.hdf5", row,
+    require(version == 1, "corrupt.hdf5", row.path,
             {"has a datatype of version ", version, "; 1 wanted"});
     const auto size = number_at(message, 4, 4);
     if (row.type != Type::text) {
-        require(message.text() == encoding_of(row.type), "corrupt.type", row,
-                {"has another type than ", name_of(row.type)});
+        require(message.text() == encoding_of(row.type), "corrupt.type", row.path,
+                {"has another type than ", type_names[static_cast<std::size_t>(row.type)]});
         return static_cast<std::size_t>(size);
     }
-    require(kind == string, "unsafe.type", row, {"is not a fixed-length string"},
+    require(kind == string, "unsafe.type", row.path, {"is not a fixed-length string"},
             "Write text of a fixed length");
     const std::uint64_t padding = message[1] & 15u, encoding = message[1] >> 4u;
     require(message.size() == 8 && encoding <= 1 && message[2] == 0 && message[3] == 0 && size > 0,
-            "corrupt.type", row, {"is text of another encoding"});
-    require(padding <= 1, "corrupt.type", row, {"is text padded with blanks"}, "Pad it with NUL");
-    require(size <= limits::text_bytes, "unsafe.cap", row,
+            "corrupt.type", row.path, {"is text of another encoding"});
+    require(padding <= 1, "corrupt.type", row.path, {"is text padded with blanks"},
+            "Pad it with NUL");
+    require(size <= limits::text_bytes, "unsafe.cap", row.path,
             {"is text of ", size, " bytes; at most ", limits::text_bytes, " allowed"});
     return static_cast<std::size_t>(size);
 }
@@ -65,12 +59,12 @@ inline std::vector<std::uint64_t> sides_of(View message, const Row& row) {
     const auto rank = body.number(1), flags = body.number(1), kind = body.number(1);
     const bool array = kind == simple && rank > 0;
     require(rank <= 3 && flags <= 1 && (array || (kind == scalar && rank == 0 && flags == 0)),
-            "corrupt.shape", row, {"has a dataspace of kind ", kind, ", rank ", rank});
+            "corrupt.shape", row.path, {"has a dataspace of kind ", kind, ", rank ", rank});
     std::vector<std::uint64_t> sides, max_sides;
     for (std::uint64_t i = 0; i < rank; ++i) sides.push_back(body.number(8));
     for (std::uint64_t i = 0; i < rank * flags; ++i) max_sides.push_back(body.number(8));
     body.expect_end();
-    require(flags == 0 || sides == max_sides, "unsafe.layout", row, {"can grow"},
+    require(flags == 0 || sides == max_sides, "unsafe.layout", row.path, {"can grow"},
             "Write an array of fixed size");
     return sides;
 }
@@ -80,8 +74,8 @@ inline std::string text_of(View raw, const Row& row) {
     std::size_t size = raw.size();
     while (size > 0 && raw[size - 1] == 0) --size;
     const std::string_view text = raw.first(size).text();
-    require(is_utf8(text), "corrupt.text", row, {"is not UTF-8"});
-    require(!has_control(text), "corrupt.text", row, {"holds control characters"});
+    require(is_utf8(text), "corrupt.text", row.path, {"is not UTF-8"});
+    require(!has_control(text), "corrupt.text", row.path, {"holds control characters"});
     return std::string(text);
 }
 
@@ -123,18 +117,18 @@ inline View data_of(File& file, const Object& object, std::uint64_t bytes, const
                    {"is not stored in one piece"}, "unsafe.layout");
     const auto address = layout.number(8), size = layout.number(8);
     layout.expect_end();
-    require(address != nowhere, "corrupt.storage", row, {"has no data"});
-    require(size == bytes, "corrupt.storage", row,
+    require(address != nowhere, "corrupt.storage", row.path, {"has no data"});
+    require(size == bytes, "corrupt.storage", row.path,
             {"has ", size, " bytes of data; its shape and type need ", bytes});
     return file.claim(address, size, object.path);
 }
 
 /// A scalar attribute of a row's type.
 inline Value scalar_of(const Attribute& attribute, const Row& row) {
-    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row, {"is not a scalar"},
+    require(sides_of(attribute.space, row).empty(), "corrupt.shape", row.path, {"is not a scalar"},
             "Write a single value");
     const std::size_t size = element_size(attribute.type, row);
-    require(attribute.data.size() == size, "corrupt.hdf5", row,
+    require(attribute.data.size() == size, "corrupt.hdf5", row.path,
             {"has ", attribute.data.size(), " bytes; ", size, " wanted"});
     return value_of(attribute.data, {}, size, row);
 }
@@ -142,8 +136,8 @@ inline Value scalar_of(const Attribute& attribute, const Row& row) {
 /// Refuses a value outside of its row's range, which may depend on its unit.
 inline void check_range(const Value& value, const Row& row, std::string_view unit) {
     for (const std::string& text : value.text)
-        require(row.allowed.empty() || holds(split(row.allowed, '|'), text), "corrupt.value", row,
-                {"is ", Quoted{text}, "; one of ", row.allowed, " allowed"});
+        require(row.allowed.empty() || holds(split(row.allowed, '|'), text), "corrupt.value",
+                row.path, {"is ", Quoted{text}, "; one of ", row.allowed, " allowed"});
     double low = infinity, high = -infinity;
     bool is_finite = true;
     value.visit([&]<class T>(const std::vector<T>& numbers) {
@@ -154,15 +148,15 @@ inline void check_range(const Value& value, const Row& row, std::string_view uni
                 high = std::max(high, x);
             }
     });
-    require(is_finite, "corrupt.value", row, {"holds a number that is not finite"},
+    require(is_finite, "corrupt.value", row.path, {"holds a number that is not finite"},
             "Write finite numbers");
     double cap = infinity;
     if (unit == "m") cap = row.max_abs_m;
     if (unit == "px") cap = row.max_abs_px;
     const double lowest = std::max(-cap, row.min), highest = std::min(cap, row.max);
-    require(low >= lowest && high <= highest, "corrupt.range", row,
+    require(low >= lowest && high <= highest, "corrupt.range", row.path,
             {"runs from ", low, " to ", high, "; ", lowest, " to ", highest, " allowed"});
-    require(low > row.above, "corrupt.range", row,
+    require(low > row.above, "corrupt.range", row.path,
             {"is ", low, "; more than ", row.above, " wanted"});
 }
 
@@ -192,18 +186,13 @@ inline std::string with_frame_names(std::string_view text, const Content& conten
     return out;
 }
 
-inline const Row& row_at(std::string_view path) {
-    return *std::find_if(rows.begin(), rows.end(),
-                         [&](const Row& row) { return row.path == path; });
-}
-
 /// Refuses another major version of the format; whether it is a newer minor one.
 inline bool is_newer(const Object& root) {
     const auto text = [&](std::string_view path) {
-        const Row& row = row_at(path);
-        const Attribute* attribute = root.attributes.find(parent_and_name(row).second);
-        require(attribute != nullptr, "corrupt.missing", row, {"is missing"});
-        return scalar_of(*attribute, row).string();
+        const Row& row = *row_of(path);
+        const auto attribute = root.attributes.find(parent_and_name(row).second);
+        require(attribute != root.attributes.end(), "corrupt.missing", row.path, {"is missing"});
+        return scalar_of(attribute->second, row).string();
     };
     const std::string format = text("/@format"), version = text("/@version");
     require(format == format_name, "corrupt.format", "/@format",
@@ -225,13 +214,13 @@ class Reader {
   public:
     /// `file_length` is that of the whole bundle, with its seal.
     Reader(View payload, std::uint64_t file_length, Findings& findings)
-        : data_(payload), file_(payload), file_length_(file_length), findings_(findings) {}
+        : file_(payload), file_length_(file_length), findings_(findings) {}
 
     /// All values that the table knows in the version of the file.
     Content read() {
-        const std::uint64_t address = root_address(file_, data_, file_length_);
+        const std::uint64_t address = root_address(file_, file_length_);
         addresses_.insert(address);
-        open_group(row_at("/"), address);
+        open_group(*row_of("/"), address);
         is_newer_ = is_newer(groups_.at("/"));
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
@@ -258,15 +247,16 @@ class Reader {
         const auto [parent, name] = parent_and_name(row);
         const auto group = groups_.find(parent);
         if (group == groups_.end()) return;  // its own row has reported that it is missing
+        const Object& object = group->second;
         if (row.kind == Kind::attribute) {
-            const Attribute* attribute = group->second.attributes.find(name);
-            if (attribute == nullptr) return check_absence(row);
-            return keep(row, scalar_of(*attribute, row));
+            const auto attribute = object.attributes.find(name);
+            if (attribute == object.attributes.end()) return check_absence(row);
+            return keep(row, scalar_of(attribute->second, row));
         }
-        const Link* link = group->second.links.find(name);
-        if (link == nullptr) return check_absence(row);
-        if (row.kind == Kind::dataset) return keep(row, table(row, link->address));
-        open_group(row, link->address);
+        const auto link = object.links.find(name);
+        if (link == object.links.end()) return check_absence(row);
+        if (row.kind == Kind::dataset) return keep(row, table(row, link->second));
+        open_group(row, link->second);
         check_names(row);
     }
 
@@ -280,12 +270,12 @@ class Reader {
         const bool may_miss =
             row.required == Required::optional ||
             (row.required == Required::rendering && !groups_.contains("/rendering"));
-        require(may_miss, "corrupt.missing", row, {"is missing"});
+        require(may_miss, "corrupt.missing", row.path, {"is missing"});
     }
 
     void open_group(const Row& row, std::uint64_t address) {
         Object object = read_object(file_, address, std::string(row.path));
-        require(object.is_group(), "corrupt.kind", row, {"is not a group"});
+        require(object.is_group(), "corrupt.kind", row.path, {"is not a group"});
         groups_.emplace(row.path, std::move(object));
     }
 
@@ -294,30 +284,30 @@ class Reader {
     void check_names(const Row& row) {
         const Object& group = groups_.at(row.path);
         const auto has = [&](std::string_view name, bool attribute) {
-            return std::any_of(rows.begin(), rows.end(), [&](const Row& other) {
+            return std::ranges::any_of(rows, [&](const Row& other) {
                 return (other.kind == Kind::attribute) == attribute &&
                        parent_and_name(other) == std::pair(row.path, name);
             });
         };
-        for (const Link& link : group.links) {
-            const bool known = has(link.name, false);
-            check_known(known, link.name, row);
+        for (const auto& [name, address] : group.links) {
+            const bool known = has(name, false);
+            check_known(known, name, row);
             unknown_ = unknown_ || !known;
-            require(addresses_.insert(link.address).second, "unsafe.link", row,
-                    {"holds a second link, ", Quoted{link.name}, ", to one object"});
+            require(addresses_.insert(address).second, "unsafe.link", row.path,
+                    {"holds a second link, ", Quoted{name}, ", to one object"});
         }
-        for (const Attribute& attribute : group.attributes)
-            check_known(has(attribute.name, true), attribute.name, row);
+        for (const auto& [name, attribute] : group.attributes)
+            check_known(has(name, true), name, row);
     }
 
     void check_known(bool known, std::string_view name, const Row& row) const {
-        require(known || is_newer_, "unsafe.unknown", row,
+        require(known || is_newer_, "unsafe.unknown", row.path,
                 {"holds ", Quoted{name}, ", which this format lacks"});
     }
 
     Value table(const Row& row, std::uint64_t address) {
         const Object object = read_object(file_, address, std::string(row.path));
-        require(object.is_dataset(), "corrupt.kind", row, {"is not a dataset"});
+        require(object.is_dataset(), "corrupt.kind", row.path, {"is not a dataset"});
         const auto sides = sides_of(object.single.at(dataspace), row);
         check_shape(sides, row);
         const std::size_t element = element_size(object.single.at(datatype), row);
@@ -334,46 +324,43 @@ class Reader {
     void check_unit_and_frame(const Object& object, const Row& row) {
         Row plain = row;
         plain.type = Type::text;
-        for (const Attribute& attribute : object.attributes) {
-            const bool known = (attribute.name == "unit" && !row.unit.empty()) ||
-                               (attribute.name == "frame" && !row.frame.empty());
-            check_known(known, attribute.name, row);
-        }
+        for (const auto& [name, attribute] : object.attributes)
+            check_known(
+                (name == "unit" && !row.unit.empty()) || (name == "frame" && !row.frame.empty()),
+                name, row);
         for (const auto& [name, text] :
              {std::pair{"unit", with_frame_names(row.unit, content_, true)},
               std::pair{"frame", with_frame_names(row.frame, content_, false)}}) {
             if (text.empty()) continue;
-            const Attribute* attribute = object.attributes.find(name);
-            require(attribute != nullptr, "corrupt.missing", row,
+            const auto attribute = object.attributes.find(name);
+            require(attribute != object.attributes.end(), "corrupt.missing", row.path,
                     {"has no attribute ", Quoted{name}});
-            const std::string found = scalar_of(*attribute, plain).string();
-            require(found == text, "corrupt." + std::string(name), row,
+            const std::string found = scalar_of(attribute->second, plain).string();
+            require(found == text, "corrupt." + std::string(name), row.path,
                     {name, " is ", Quoted{found}, "; ", Quoted{text}, " wanted"});
         }
     }
 
     void check_shape(const std::vector<std::uint64_t>& sides, const Row& row) {
         const std::size_t rank = row.shape[1].empty() ? 1 : 2;
-        require(sides.size() == rank, "corrupt.shape", row,
+        require(sides.size() == rank, "corrupt.shape", row.path,
                 {"has ", sides.size(), " dimensions; ", rank, " wanted"});
         for (std::size_t i = 0; i < rank; ++i) {
             const std::string_view wanted = row.shape[i];
-            const auto* size = std::find_if(sizes.begin(), sizes.end(),
-                                            [&](const Size& s) { return s.letter == wanted[0]; });
+            const auto* size = std::ranges::find(sizes, wanted[0], &Size::letter);
             if (size == sizes.end()) {
-                require(std::to_string(sides[i]) == wanted, "corrupt.shape", row,
+                require(std::to_string(sides[i]) == wanted, "corrupt.shape", row.path,
                         {"has a side of ", sides[i], "; ", wanted, " wanted"});
                 continue;
             }
-            require(sides[i] >= 1 && sides[i] <= size->max, "unsafe.cap", row,
+            require(sides[i] >= 1 && sides[i] <= size->max, "unsafe.cap", row.path,
                     {wanted, " is ", sides[i], "; 1 to ", size->max, " allowed"});
             const auto known = sizes_.emplace(wanted[0], sides[i]).first->second;
-            require(known == sides[i], "corrupt.shape", row,
+            require(known == sides[i], "corrupt.shape", row.path,
                     {wanted, " is ", sides[i], " here and ", known, " elsewhere"});
         }
     }
 
-    View data_;
     File file_;
     std::uint64_t file_length_;
     Findings& findings_;

@@ -53,60 +53,30 @@ inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t b
 
 }  // namespace detail
 
-/// SHA-256 of bytes that come in parts, of which none is copied.
-class Sha256 {
-  public:
-    void update(View data) {
-        length_ += data.size();
-        while (!data.empty()) {
-            const std::size_t blocks = held_ == 0 ? data.size() / block_.size() : 0;
-            detail::sha_blocks(state_, data.data(), blocks);
-            data = data.from(blocks * block_.size());
-            if (data.empty()) return;
-            block_[held_++] = data[0];
-            data = data.from(1);
-            if (held_ < block_.size()) continue;
-            detail::sha_blocks(state_, block_.data(), 1);
-            held_ = 0;
-        }
-    }
-    Digest digest() {
-        // A bit, zeros, and the number of bits in front of them, to the end of a block.
-        const std::uint64_t bits = 8 * length_;
-        Bytes padding(1 + (119 - held_) % 64 + 8, 0);
-        padding[0] = 0x80;
-        for (std::size_t i = 0; i < 8; ++i)
-            padding[padding.size() - 1 - i] = static_cast<unsigned char>(bits >> (8 * i));
-        update(padding);
-        Digest out{};
-        for (std::size_t i = 0; i < out.size(); ++i)
-            out[i] = static_cast<unsigned char>(state_[i / 4] >> (24 - 8 * (i % 4)));
-        return out;
-    }
-
-  private:
-    detail::ShaState state_{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
-                            0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-    std::array<unsigned char, 64> block_{};
-    std::size_t held_ = 0;
-    std::uint64_t length_ = 0;
-};
-
 inline Digest sha256(View data) {
-    Sha256 sum;
-    sum.update(data);
-    return sum.digest();
+    detail::ShaState state{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
+                           0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
+    const std::size_t blocks = data.size() / 64;
+    detail::sha_blocks(state, data.data(), blocks);
+    // Behind the rest: a bit, zeros, and the number of bits in all, to the end of a block.
+    const View rest = data.from(64 * blocks);
+    Bytes end(rest.begin(), rest.end());
+    end.push_back(0x80);
+    end.resize(rest.size() < 56 ? 64 : 128);
+    const std::uint64_t bits = 8 * data.size();
+    for (std::size_t i = 0; i < 8; ++i)
+        end[end.size() - 1 - i] = static_cast<unsigned char>(bits >> (8 * i));
+    detail::sha_blocks(state, end.data(), end.size() / 64);
+    Digest out{};
+    for (std::size_t i = 0; i < out.size(); ++i)
+        out[i] = static_cast<unsigned char>(state[i / 4] >> (24 - 8 * (i % 4)));
+    return out;
 }
 
 inline std::string to_hex(View data) {
     std::string hex;
     for (const unsigned char byte : data) hex += hex_of(byte);
     return hex;
-}
-
-template <std::size_t n>
-View view(const std::array<unsigned char, n>& bytes) {
-    return {bytes.data(), n};
 }
 
 // The seal behind every bundle (docs/format.md, section 4): checked before anything else.
@@ -184,13 +154,10 @@ inline Seal read_seal(View block) {
     };
     const std::size_t flags = count(10), robot = head_size + count(144), end = robot + count(146);
     require(end <= body.size(), {"has a seal into which its texts do not fit"});
-    const auto* shortest =
-        std::find_if(seal_sizes.begin(), seal_sizes.end(),
-                     [&](std::uint32_t size) { return size >= end + tail_size; });
+    const auto* shortest = std::ranges::lower_bound(seal_sizes, end + tail_size);
     require(*shortest == block.size(), {"has a seal that is longer than its texts need"});
     require(flags <= 3 && body.from(end).all_zero(), {"has a seal that holds something unknown"});
-    const Digest digest = sha256(body);
-    require(std::equal(digest.begin(), digest.end(), block.begin() + body.size()),
+    require(std::ranges::equal(sha256(body), block.part(body.size(), 32)),
             {"has a damaged seal: its SHA-256 differs"});
     Seal seal;
     seal.is_signed = (flags & 1) != 0;

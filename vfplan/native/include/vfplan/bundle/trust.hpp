@@ -8,7 +8,6 @@
 #include <openssl/pem.h>
 
 #include <chrono>
-#include <filesystem>
 
 #include "vfplan/bundle/fixture.hpp"
 
@@ -23,7 +22,7 @@ inline std::array<unsigned char, 16> key_id(const PublicKey& key) {
     const bool is_raw = EVP_PKEY_get_raw_public_key(key.get(), raw.data(), &length) == 1;
     detail::require(is_raw, "signature.key", "", {"has a trusted key that is not Ed25519"},
                     "Trust a key that `vfplan keygen` wrote");
-    const Digest digest = sha256(view(raw));
+    const Digest digest = sha256(raw);
     std::array<unsigned char, 16> id{};
     std::copy_n(digest.begin(), id.size(), id.begin());
     return id;
@@ -74,14 +73,11 @@ struct Trust {
 };
 
 /// Throws "signature..." unless a trusted key signed this seal for this case, robot and time.
-inline void require_signature(
-    const Seal& seal, const Trust& trust,
-    std::chrono::system_clock::time_point now = std::chrono::system_clock::now()) {
+inline void require_signature(const Seal& seal, const Trust& trust) {
     detail::require(seal.is_signed, "signature.missing", "", {"is not signed"});
-    const auto key = std::find_if(trust.keys.begin(), trust.keys.end(),
-                                  [&](const PublicKey& k) { return key_id(k) == seal.key_id; });
+    const auto key = std::ranges::find(trust.keys, seal.key_id, key_id);
     detail::require(key != trust.keys.end(), "signature.key", "",
-                    {"is signed by key ", to_hex(view(seal.key_id)), ", which is not trusted"});
+                    {"is signed by key ", to_hex(seal.key_id), ", which is not trusted"});
     const std::unique_ptr<EVP_MD_CTX, void (*)(EVP_MD_CTX*)> ctx(EVP_MD_CTX_new(), EVP_MD_CTX_free);
     const bool holds =
         ctx != nullptr &&
@@ -102,7 +98,8 @@ inline void require_signature(
     if (!trust.max_age) return;
     detail::require(seal.signed_at != 0, "signature.age", "",
                     {"does not state when it was signed"});
-    const auto age = std::chrono::duration_cast<std::chrono::seconds>(now.time_since_epoch()) -
+    const auto now = std::chrono::system_clock::now().time_since_epoch();
+    const auto age = std::chrono::duration_cast<std::chrono::seconds>(now) -
                      std::chrono::seconds(static_cast<std::int64_t>(seal.signed_at));
     detail::require(age <= *trust.max_age, "signature.age", "", {"was signed too long ago"});
     detail::require(age >= std::chrono::seconds(-60), "signature.age", "",

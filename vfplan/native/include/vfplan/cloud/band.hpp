@@ -13,7 +13,7 @@ namespace vfplan::inline v1 {
 /// or the depth of its dips. What nine in ten keep beyond the typical is roughness, as deep again
 /// where heights differ. Of `p` only the radii and the ignored axis count; between 1e-8 R and half
 /// of r_c. Throws as `check_radii` and `make_cloud`.
-VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p);
+VFPLAN_ONCE double band_for(const double* points, std::size_t n, const Parameters& p);
 
 #if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
 namespace detail {
@@ -189,7 +189,7 @@ class RollingBall {
 
 }  // namespace detail
 
-VFPLAN_COMPILED_ONCE double band_for(const double* points, std::size_t n, const Parameters& p) {
+VFPLAN_ONCE double band_for(const double* points, std::size_t n, const Parameters& p) {
     check_radii(p);
     const auto of = [&](const auto& rolling) {
         const double typical = rolling.depth(0.5), rough = rolling.depth(0.9) - typical;

@@ -42,8 +42,8 @@ double most_within(std::size_t n, const BoxOf& box, double reach, double max_cel
         const double at = std::clamp((place - all.low.c[k]) / side, 0.0, last[k]);
         return static_cast<std::size_t>(at) * stride[k];
     };
-    std::vector<std::uint32_t> sum(
-        stride[D]);  // unsigned: what falls below 0 on the way comes back
+    // Unsigned: what falls below 0 on the way comes back.
+    std::vector<std::uint32_t> sum(stride[D]);
     for (std::size_t i = 0; i < n; ++i) {
         const Box<D> b = box(i);
         std::size_t ends[D][2];
@@ -115,8 +115,8 @@ class Thinning {
             for (const std::uint32_t i : left)
                 if (is_alone(i, apart2) && (level == 0 || !is_held(i))) keep(i);
             std::erase_if(left, [&](std::uint32_t i) { return kept_[i] || is_held(i); });
-            std::reverse(left.begin(),
-                         left.end());  // so that each end of the order comes first once
+            // So that each end of the order comes first once.
+            std::reverse(left.begin(), left.end());
         }
         for (const std::uint32_t i : left) keep(i);
     }

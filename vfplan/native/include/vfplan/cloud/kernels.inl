@@ -1,6 +1,6 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The loops over points, eight at a time. Included by kernels.hpp once for each width; VFPLAN_LANES
+// The loops over points, eight at a time. Included by points.hpp once for each width; VFPLAN_LANES
 // says how wide the registers are, in float64.
 
 // Eight float64 and what is done with them, in registers of VFPLAN_LANES float64 each.

@@ -1,13 +1,51 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The cloud: one array a coordinate, in an order of the owner's choice, and the box around it.
+// The cloud of points, and the loops over them: eight points at a time, whatever the processor. The
+// loops exist once, in kernels.inl,
+// and are compiled for the baseline and, on x86-64, for AVX2 and AVX-512. The width is chosen once
+// in a program. All widths keep eight partial sums, add them in one order and use only correctly
+// rounded operations, so they give the same bits.
 #pragma once
 
-#include "vfplan/cloud/kernels.hpp"
+#include <cstring>
+
+#include "vfplan/base/vec.hpp"
 
 namespace vfplan::inline v1 {
 
-/// Points in arrays that may be read seven doubles past the end, as PointSpan asks.
+/// How many float64 the processor's registers are asked to hold.
+enum class Width { two = 2, four = 4, eight = 8 };
+
+/// Points stored as one array a coordinate. Seven doubles behind the last may be read.
+template <int D>
+struct PointSpan {
+    const double* c[D] = {};
+    std::size_t n = 0;
+
+    /// The first `count` of them, which are then left out.
+    PointSpan take(std::size_t count) noexcept {
+        PointSpan part = *this;
+        part.n = std::min(count, n);
+        for (int k = 0; k < D; ++k) c[k] += part.n;
+        n -= part.n;
+        return part;
+    }
+    Vec<D> operator[](std::size_t i) const noexcept {
+        Vec<D> p;
+        for (int k = 0; k < D; ++k) p.c[k] = c[k][i];
+        return p;
+    }
+};
+
+namespace detail {
+
+inline constexpr double far_away = 1e15;  // coordinate of a lane without a point
+inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
+
+}  // namespace detail
+
+/// The cloud: one array a coordinate, in an order of the owner's choice, which may be read seven
+/// doubles past the end, as PointSpan asks.
 template <int D>
 class Cloud {
   public:
@@ -72,4 +110,89 @@ Cloud<S::dimension> make_cloud(const S& space, const double* xyz, std::size_t n)
     return cloud;
 }
 
+/// What eq. (1) adds up, over how many points, and the nearest distance on the way.
+template <int D>
+struct NormalSum {
+    Vec<D> sum;
+    std::size_t count = 0;
+    double nearest2 = infinity;
+};
+
+/// Sums of the special case 2 of Algorithm 2.
+struct Distances {
+    double to_proxy = 0, to_hip = 0, count = 0;
+};
+
+/// A straight way from `from` along the unit vector `direction`; see Kernels::ray_hit.
+template <int D>
+struct Ray {
+    Vec<D> from, direction;
+    double outer2;  ///< R²: a sphere met steeply stops the proxy here
+    double inner2;  ///< a sphere grazed stops it only here
+    double steep2;  ///< (sine of the angle to the surface · R)² above which a meeting is steep
+};
+
+/// Normal equations of a weighted fit of heights: z over [1 s ss] or [1 s t ss tt st], s and t the
+/// lateral positions. The upper triangle, row by row.
+template <int D>
+struct NormalEquations {
+    static constexpr int terms = D == 2 ? 3 : 6;
+    double a[terms * (terms + 1) / 2] = {}, z[terms] = {};
+};
+
+/// Which points count for a fit, and how much; see Kernels::accumulate_fit.
+template <int D>
+struct FitWindow {
+    Vec<D> at, up, side[D - 1];
+    double height;   ///< subtracted from z
+    double scale;    ///< 1 / length unit of s, t and z
+    double inner2;   ///< weight 1 at this squared distance ...
+    double outer2;   ///< ... and 0 from this one on
+    double cosine2;  ///< points further off `up` do not count
+};
+
+/// The loops over points, for one width.
+template <int D>
+struct Kernels {
+    /// Copies the points of `in` within sqrt(reach2) of x to `out`; returns how many. Up to eight
+    /// places behind them are written too.
+    std::size_t (*gather)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
+                          double* const* out);
+    /// Smallest squared distance to x.
+    double (*nearest2)(const PointSpan<D>& in, const Vec<D>& x);
+    /// Eqs. (1) and (2).
+    void (*normal)(const PointSpan<D>& in, const Vec<D>& x, double r1, double r3, NormalSum<D>& to);
+    /// Eq. (3): smallest root that is not negative over the points within sqrt(reach2).
+    double (*first_root_eq3)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& way,
+                             double reach2, double radius2);
+    /// Distances of the points within sqrt(reach2) of x to x and to hip.
+    void (*distances)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& hip, double reach2,
+                      Distances& to);
+    /// Eq. (7): largest root over the points within sqrt(entrenched2).
+    double (*last_root_eq7)(const PointSpan<D>& in, const Vec<D>& x, const Vec<D>& n,
+                            double entrenched2, double radius2);
+    /// How far a ray gets before it meets a sphere; infinity when it meets none.
+    double (*ray_hit)(const PointSpan<D>& in, const Ray<D>& ray);
+    /// Numbers of the points within sqrt(reach2); returns how many there are.
+    std::size_t (*indices_within)(const PointSpan<D>& in, const Vec<D>& x, double reach2,
+                                  std::uint32_t* to);
+    void (*accumulate_fit)(const PointSpan<D>& in, const FitWindow<D>& patch,
+                           NormalEquations<D>& to);
+};
+
+/// The widest the processor at hand can run.
+VFPLAN_ONCE Width widest() noexcept;
+/// The loops in use.
+template <int D>
+inline Kernels<D> kernels{};
+/// Takes the widest loops, where there are none yet; who makes an index of points calls it.
+VFPLAN_ONCE void choose_kernels() noexcept;
+/// For tests, before any tick: takes the loops of another width for all engines of the program, or
+/// the widest where the processor lacks it. Who calls it sets `widest()` again.
+VFPLAN_ONCE void use_width(Width width) noexcept;
+
 }  // namespace vfplan::inline v1
+
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
+#include "vfplan/cloud/widths.inl"
+#endif

@@ -1,15 +1,13 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// The loops of kernels.hpp, compiled for each width: kernels.hpp includes this, with
+// The loops of points.hpp, compiled for each width: points.hpp includes this, with
 // VFPLAN_COMPILED only in engine.cpp.
 #pragma once
 
 // Define VFPLAN_NARROW to compile the baseline only, in a third of the time; the bits are the same.
 #if defined(__x86_64__) && !defined(VFPLAN_NARROW)
 #include <immintrin.h>
-#define VFPLAN_WIDE 1
-#else
-#define VFPLAN_WIDE 0
+#define VFPLAN_WIDE
 #endif
 
 namespace vfplan::inline v1 {
@@ -25,7 +23,7 @@ namespace lanes2 {
 #include "vfplan/cloud/kernels.inl"
 }
 
-#if VFPLAN_WIDE
+#ifdef VFPLAN_WIDE
 #define VFPLAN_LANES 4
 #define VFPLAN_TARGET target("avx2")
 namespace lanes4 {
@@ -41,11 +39,20 @@ namespace lanes8 {
 
 #pragma GCC diagnostic pop
 
+template <int D>
+Kernels<D> kernels_of([[maybe_unused]] Width width) noexcept {
+#ifdef VFPLAN_WIDE
+    if (width == Width::eight) return lanes8::table<D>();
+    if (width == Width::four) return lanes4::table<D>();
+#endif
+    return lanes2::table<D>();
+}
+
 }  // namespace detail
 
 /// The widest the processor at hand can run.
-VFPLAN_COMPILED_ONCE Width widest() noexcept {
-#if VFPLAN_WIDE
+VFPLAN_ONCE Width widest() noexcept {
+#ifdef VFPLAN_WIDE
     __builtin_cpu_init();
     if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
         __builtin_cpu_supports("avx512vl"))
@@ -55,20 +62,7 @@ VFPLAN_COMPILED_ONCE Width widest() noexcept {
     return Width::two;
 }
 
-namespace detail {
-
-template <int D>
-Kernels<D> kernels_of([[maybe_unused]] Width width) noexcept {
-#if VFPLAN_WIDE
-    if (width == Width::eight) return lanes8::table<D>();
-    if (width == Width::four) return lanes4::table<D>();
-#endif
-    return lanes2::table<D>();
-}
-
-}  // namespace detail
-
-VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept {
+VFPLAN_ONCE void use_width(Width width) noexcept {
     width = std::min(width, widest());
     // By name: g++'s ThreadSanitizer does not see what a call writes into its result.
     const Kernels<2> in_plane = detail::kernels_of<2>(width);
@@ -76,7 +70,7 @@ VFPLAN_COMPILED_ONCE void use_width(Width width) noexcept {
     kernels<2> = in_plane;
     kernels<3> = in_space;
 }
-VFPLAN_COMPILED_ONCE void choose_kernels() noexcept {
+VFPLAN_ONCE void choose_kernels() noexcept {
     [[maybe_unused]] static const bool once = [] {
         if (!kernels<2>.gather) use_width(widest());
         return true;

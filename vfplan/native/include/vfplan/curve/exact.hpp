@@ -48,8 +48,6 @@ class Curve {
     /// Inner steps that it takes to find one of the nearest features and to look at it.
     static constexpr int steps_an_item = 4;
 
-    Curve() = default;
-
     /// `strokes`: lines and arcs from vertex to vertex, in space. `plane`: what they are projected
     /// into, along the ignored axis. `radius`: R of the proxy that is to go round the curve [m].
     Curve(const std::vector<Stroke>& strokes, const Slice& plane, double radius) : R_(radius) {
@@ -574,9 +572,8 @@ class CurveMotion {
         const auto end_sooner = [&](double t, int next) noexcept {
             if (t < end.t) end = {t, Outcome::goes_on, next};
         };
-        // Round a bulge the HIP may be hidden by the bulge, and come into sight.
-        if (contact.curvature > 0)
-            end_sooner(path.in_sight(to_hip, contact.normal), feature);  // (E3)
+        // Round a bulge the HIP may be hidden by the bulge, and come into sight. (E3)
+        if (contact.curvature > 0) end_sooner(path.in_sight(to_hip, contact.normal), feature);
         end_sooner(path.quarter(), feature);
         for (const EndNormal& feature_end : curve_[feature].ends)
             end_sooner(feature_end.passed_at(path), feature_end.next);  // (E4)

@@ -21,6 +21,20 @@ struct Stroke {
     bool operator==(const Stroke&) const = default;
 };
 
+/// The strokes of n vertices x y z, each with a bulge and the number of its stroke.
+template <class Bulges, class Numbers, class Closed>
+std::vector<Stroke> drawn_strokes(const double* xyz, std::size_t n, const Bulges& bulges,
+                                  const Numbers& stroke, const Closed& closed, std::size_t count) {
+    std::vector<Stroke> all(count);
+    for (std::size_t s = 0; s < count; ++s) all[s].closed = closed[s] != 0;
+    for (std::size_t i = 0; i < n; ++i) {
+        Stroke& own = all.at(static_cast<std::size_t>(stroke[i]));
+        own.vertices.insert(own.vertices.end(), xyz + 3 * i, xyz + 3 * i + 3);
+        own.bulges.push_back(bulges[i]);
+    }
+    return all;
+}
+
 /// Points nearer than this are one [m]. A direction from one to the other would be rounding.
 inline constexpr double shortest_piece = 1e-9;
 
@@ -29,16 +43,14 @@ inline constexpr double quarter_bulge = 0.41421356237309515;
 
 /// Throws std::invalid_argument on strokes that no engine takes.
 inline void check(const std::vector<Stroke>& strokes) {
-    const auto must = [](bool holds, const char* what) {
-        if (!holds) reject(what);
-    };
-    must(!strokes.empty(), "a curve needs at least one stroke");
+    if (strokes.empty()) reject("a curve needs at least one stroke");
     for (const Stroke& s : strokes) {
-        must(!s.vertices.empty() && s.vertices.size() % 3 == 0,
-             "a stroke needs at least one vertex, of three coordinates");
-        must(s.bulges.size() == s.vertices.size() / 3, "a stroke needs a bulge a vertex");
+        if (s.vertices.empty() || s.vertices.size() % 3 != 0)
+            reject("a stroke needs at least one vertex, of three coordinates");
+        if (s.bulges.size() != s.vertices.size() / 3) reject("a stroke needs a bulge a vertex");
         check_coordinates(s.vertices.data(), s.bulges.size());
-        for (double b : s.bulges) must(std::abs(b) <= 1, "bulges must be from -1 to 1");
+        for (const double bulge : s.bulges)
+            if (!(std::abs(bulge) <= 1)) reject("bulges must be from -1 to 1");
     }
 }
 

@@ -42,7 +42,7 @@ namespace vfplan::inline v1 {
 /// `Thinned` is the cloud without points that can never be felt. Leaving them out lets the proxy
 /// sink a little deeper, and `lent` is how much of the band that takes [m] (cloud/density.hpp).
 /// `Neighbours` keeps a list of the points around the proxy (cloud/grid.hpp), and `Kernels` has the
-/// loops over points (cloud/kernels.hpp). `PlannedPath` records the corners of the way when a way
+/// loops over points (cloud/points.hpp). `PlannedPath` records the corners of the way when a way
 /// out of a start inside has just ended, and records nothing otherwise (rules/start_inside.hpp).
 template <int D>
 class RobustMotion {
