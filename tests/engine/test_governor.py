@@ -1,7 +1,5 @@
 """The governor: closed forms, an independent twin, and limits that nothing crosses."""
 
-import threading
-
 import numpy as np
 import pytest
 from motion import NATIVE, compiled, output
@@ -152,24 +150,6 @@ def test_steps_and_a_run_are_the_same():
     one.reset()
     assert (one.torque_nm.size, one.held_back_n, one.energy_given_j) == (0, 0.0, 0.0)
     assert np.array_equal(one.step(forces[0], jacobians[0]), stepped[0])
-
-
-def test_one_governor_serves_one_thread():
-    """What would race with the ticks of another thread is refused."""
-    governor = vfplan.Governor(force_step_n=1, force_max_n=20, stiffness_n_per_m=1000, mass_kg=1)
-    acts = [governor.reset, lambda: governor.energy_given_j, lambda: governor.energy_stored_j]
-    for act in acts:
-        run = threading.Thread(target=governor.run, args=(np.zeros((3_000_000, 3)),))
-        run.start()
-        refused = ""
-        while run.is_alive() and not refused:
-            try:
-                act()
-            except RuntimeError as error:
-                refused = str(error)
-        run.join()
-        assert "one governor serves one thread" in refused
-        act()
 
 
 def test_a_force_that_turns_round_stays_within_the_tank_from_twice_the_passive_step_on():
