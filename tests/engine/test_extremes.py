@@ -129,15 +129,12 @@ CLOUDS = {
 }
 
 
-@pytest.mark.parametrize("cloud", CLOUDS.values(), ids=CLOUDS)
+@pytest.mark.parametrize("cloud", [
+    *(pytest.param(cloud, id=name) for name, cloud in CLOUDS.items()),
+    pytest.param(lambda: sheet(3163), marks=pytest.mark.full, id="ten million points"),
+])  # fmt: skip
 def test_the_proxy_stays_outside_of_any_cloud(cloud):
     assert walked(cloud()) <= ROUNDING_M
-
-
-@pytest.mark.full
-@pytest.mark.parametrize("side", [1000, 3163])
-def test_the_proxy_stays_outside_of_millions_of_points(side):
-    assert walked(sheet(side)) <= ROUNDING_M
 
 
 def cusp():

@@ -12,11 +12,9 @@ LINE = np.stack([even(50e-3, 0.25e-3), *np.zeros((2, 401))], axis=1)
 BAD = [(1.0, 0.0, 0.0), (20.0, -2.0, 0.0), (0.1, 5e-3, 0.0), (20e-3, -2.3e-2, 0.0)]
 
 
-def pressed(rule, max_hip_step):
+def pressed(rule):
     """An engine pressed 7 mm deep near one end of a line; the place of the hand."""
-    engine = vfplan.ProxyEngine(
-        LINE, rule=rule, band=5e-5, ignore_axis="z", max_hip_step=max_hip_step
-    )
+    engine = vfplan.ProxyEngine(LINE, rule=rule, band=5e-5, ignore_axis="z", max_hip_step=0.02)
     path = np.linspace([20e-3, 10e-3, 0], [20e-3, -2e-3, 0], 200)
     assert engine.run(path).force[-1] == pytest.approx([0, 7, 0], abs=0.1)
     return engine, path[-1]
@@ -25,7 +23,7 @@ def pressed(rule, max_hip_step):
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("rule", ["robust", "paper"])
 def test_one_bad_sample_changes_nothing_for_good(rule, bad):
-    engine, hip = pressed(rule, 0.02)
+    engine, hip = pressed(rule)
     before = engine.step(hip)
     jump = engine.step(bad)
     assert jump.status == engine.status == Status.JUMPED
@@ -36,7 +34,7 @@ def test_one_bad_sample_changes_nothing_for_good(rule, bad):
 
 
 def test_a_jump_holds_until_the_tip_is_back_or_the_engine_is_reset():
-    engine, hip = pressed("robust", 0.02)
+    engine, hip = pressed("robust")
     away = np.add(hip, [0.05, 0, 0])
     assert (engine.run(np.tile(away, (300, 1))).status == Status.JUMPED).all()
     assert engine.step([np.nan, 0, 0]).status == Status.BAD_HIP

@@ -74,8 +74,8 @@ def test_a_number_outside_its_range_is_refused_by_its_name(setting, name):
 
 @pytest.mark.parametrize("setting", [
     {"contact_radius": "5"}, {"contact_radius": True}, {"stiffness": [1e3, 1e3]},
-    {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"},
-    {"ignore_axis": [1, 0]}])  # fmt: skip
+    {"stiffness": "stiff"}, {"rule": "fast"}, {"ignore_axis": "w"}, {"ignore_axis": [1, 0]},
+    {"search": "tree"}, {"max_iterations": 0}, {"max_iterations": 2.5}])  # fmt: skip
 def test_what_is_no_such_setting_is_refused(setting):
     with pytest.raises(SettingError) as caught:
         MAKE(POINT, **setting)

@@ -98,13 +98,13 @@ def program(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_meshes_of_needles_keep_to_the_work_of_a_tick_or_are_refused(tmp_path):
-    """Inner steps, counted: where discs of needles cover each other, few triangles are near."""
+def test_meshes_of_needles_keep_to_the_work_of_a_tick(tmp_path):
+    """Inner steps, counted: discs of needles cover each other, and steps meet needles grazingly."""
     program = compiled(tmp_path, NATIVE / "needle_work.cpp", "-O1", "-DVFPLAN_NARROW")
     bound, worst = np.array([line.split() for line in output(program).splitlines()], float).T
     taken = bound <= MAX_TICK_TIME / 16e-9
-    assert 3 < taken.sum() < len(taken)
-    assert (worst <= bound)[taken].all()
+    assert 7 < taken.sum() < len(taken)
+    assert (worst <= bound).all()
 
 
 @pytest.mark.slow

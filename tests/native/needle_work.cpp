@@ -12,7 +12,7 @@ namespace {
 using vfplan::Vec3;
 
 /// Needles of 50 mm, 10 um wide: parallel in space, side by side on a plane, in all directions,
-/// nearly parallel, or long around a cylinder.
+/// nearly parallel, long around a cylinder, or in a flat heap.
 std::vector<double> needles(int kind, int count, scenes::Random& random) {
     std::vector<double> corners;
     for (int i = 0; i < count; ++i) {
@@ -25,14 +25,20 @@ std::vector<double> needles(int kind, int count, scenes::Random& random) {
         if (kind == 3) from[2] *= 0.1;
         if (kind == 4) from = 0.02 * along(Vec3{any_way[0], any_way[1], 0}, 1);
         if (kind == 4) way = {0, 0, 0.3};
-        const Vec3 aside{random(-1e-5, 1e-5), random(-1e-5, 1e-5), random(-1e-5, 1e-5)};
+        if (kind == 5) {
+            from = {0.03 * anywhere[0], 0.03 * anywhere[1], 3e-5 * anywhere[2]};
+            way = {0.06 * any_way[0], 0.06 * any_way[1], 6e-5 * any_way[2]};
+        }
+        const double thick = kind == 5 ? 1e-4 : 1e-5;
+        const Vec3 aside{random(-thick, thick), random(-thick, thick), random(-thick, thick)};
         for (const Vec3& corner : {from, from + way, from + 0.5 * way + aside})
             corners.insert(corners.end(), corner.c, corner.c + 3);
     }
     return corners;
 }
 
-void measure(const std::vector<double>& corners, scenes::Random& random) {
+/// The HIP leaps about, `reach` from the middle at most [m].
+void measure(const std::vector<double>& corners, double reach, scenes::Random& random) {
     std::vector<std::int32_t> rows(corners.size() / 3);
     for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::int32_t>(i);
     const vfplan::mesh::Surface surface{corners.data(), rows.size(), rows.data(), rows.size() / 3};
@@ -48,7 +54,8 @@ void measure(const std::vector<double>& corners, scenes::Random& random) {
     Vec3 proxy{0.2, 0.2, 0.2}, hip = proxy, goal;
     std::int64_t worst = 0;
     for (int tick = 0; tick < 2000; ++tick) {
-        if (tick % 100 == 0) goal = {random(-0.15, 0.15), random(-0.12, 0.12), random(-0.12, 0.12)};
+        if (tick % 100 == 0)
+            goal = reach * Vec3{random(-1, 1), random(-0.8, 0.8), random(-0.8, 0.8)};
         const Vec3 way = goal - hip;
         hip = hip + (0.003 / std::max(norm(way), 0.003)) * way;
         const std::int64_t before = rule.motion().work();
@@ -63,5 +70,8 @@ void measure(const std::vector<double>& corners, scenes::Random& random) {
 int main() {
     scenes::Random random{5};
     for (int kind = 0; kind < 5; ++kind)
-        for (const int count : {300, 3000, 20000}) measure(needles(kind, count, random), random);
+        for (const int count : {300, 3000, 20000})
+            measure(needles(kind, count, random), 0.15, random);
+    for (const int count : {300, 900, 1100, 1200, 1240})
+        measure(needles(5, count, random), 0.006, random);
 }

@@ -276,7 +276,12 @@ VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameter
         },
         [&](std::uint32_t) { steps.back() += 3; });
     const double query = most_within(boxes, mesh::MeshMotion::list_reach * p.R(), steps.data());
-    return mesh::MeshMotion::a_step * (3 * mesh::MeshMotion::max_steps + query);
+    // A tick that has done all that it may looks once more around the proxy. One that has not done
+    // enough may look twice there.
+    using mesh::MeshMotion;
+    const double once = MeshMotion::all_steps + query;
+    const double twice = MeshMotion::enough_steps + MeshMotion::last_steps + 2 * query;
+    return MeshMotion::a_step * std::max(once, twice);
 }
 
 }  // namespace vfplan::inline v1

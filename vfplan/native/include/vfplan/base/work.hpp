@@ -15,18 +15,28 @@ class WorkBudget {
         done_ = total();
         begun_ = left_ = work;
     }
+    /// A tick begins, and its first part. After `enough` in all parts no part begins anything more,
+    /// and what is under way ends in a hurry; after `all` at once.
+    void begin_tick(std::int64_t work, std::int64_t enough, std::int64_t all) noexcept {
+        begin(work);
+        hurry_ = done_ + enough;
+        end_ = done_ + all;
+    }
     template <class Integer>
     void spend(Integer work) noexcept {
         left_ -= static_cast<std::int64_t>(work);
     }
-    bool is_spent() const noexcept { return left_ <= 0; }
-    /// What has begun before it was spent ends here at last.
-    bool is_overdrawn() const noexcept { return left_ <= -begun_ / 2; }
+    bool is_spent() const noexcept { return left_ <= 0 || is_overdrawn(); }
+    /// Whether the tick has done enough.
+    bool is_overdrawn() const noexcept { return total() >= hurry_; }
+    /// Whether the tick has done all that it may.
+    bool is_over() const noexcept { return total() >= end_; }
     /// What was spent since it was made.
     std::int64_t total() const noexcept { return done_ + begun_ - left_; }
 
   private:
-    std::int64_t left_ = 0, begun_ = 0, done_ = 0;
+    static constexpr std::int64_t never = std::numeric_limits<std::int64_t>::max();
+    std::int64_t left_ = 0, begun_ = 0, done_ = 0, hurry_ = never, end_ = never;
 };
 
 }  // namespace vfplan::inline v1

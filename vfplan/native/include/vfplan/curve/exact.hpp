@@ -253,6 +253,7 @@ class CurveMotion {
     /// Only a proxy that is stalled is asked for the iterations of its last motion, and this rule
     /// has none: each of its iterations brings the proxy nearer to the HIP (E6).
     int iterations() const noexcept { return max_iterations; }
+    bool is_spent() const noexcept { return curve_.budget().is_spent(); }
 
     /// Whether a proxy that may be anywhere is outside.
     bool is_clear(const Vec2& proxy) const noexcept { return curve_.distance(proxy) >= R_ - band_; }

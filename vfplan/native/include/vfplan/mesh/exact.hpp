@@ -19,8 +19,14 @@ class MeshMotion {
     static constexpr int dimension = 3;
     static constexpr bool rest_is_final = true;
     static constexpr int max_iterations = 16;
-    /// Inner steps of each of the three parts of a tick.
+    /// Inner steps after which none of the three parts of a tick begins anything more, and after
+    /// which the tick does not.
     static constexpr int max_steps = 4000;
+    static constexpr int enough_steps = 6000;
+    /// After which a tick does nothing more but to look once through what is around the proxy.
+    static constexpr int all_steps = 12'000;
+    /// What the last thing that a tick has begun takes beyond that at most.
+    static constexpr int last_steps = 100;
     /// Time of an inner step [s], on the machine of docs/engine.md.
     static constexpr double a_step = 16e-9;
     /// How far away the triangles lie at most that a tick looks at [R].
@@ -42,29 +48,34 @@ class MeshMotion {
     std::size_t bytes() const noexcept { return mesh().bytes() + body_.bytes(); }
     std::size_t cells() const noexcept { return mesh().tree().size(); }
     double distance(const Vec3& x) const noexcept { return mesh().distance(x); }
-    void begin_tick() noexcept { query_.budget().begin(max_steps); }
+    void begin_tick() noexcept {
+        query_.budget().begin_tick(max_steps, enough_steps, all_steps - last_steps);
+    }
     void release() noexcept { planes_.clear(); }
     void reset() noexcept {
         release();
         body_.forget();
     }
     int iterations() const noexcept { return 1; }
+    bool is_spent() const noexcept { return query_.budget().is_spent(); }
+    /// Whether the tick may look once more through what is around the proxy, and not twice.
+    bool is_overdrawn() const noexcept { return query_.budget().is_overdrawn(); }
 
     bool is_clear(const Vec3& proxy) const noexcept {
         double distance = R_ - band_;
         return query_.nearest(proxy, distance) == Mesh::none;
     }
     bool is_outside(const Vec3& proxy) noexcept {
-        distance_ = query_.distance(proxy, planes_);
+        distance_ = list_reach * R_;
+        if (query_.nearest(proxy, distance_, planes_) == Mesh::none) distance_ = infinity;
         return distance_ >= R_ - band_;
     }
 
     MotionEnd move(Vec3& proxy, const Vec3& hip, StallTest<3>& stall,
                    PlannedPath<3>& path) noexcept {
-        if (body_.settle(query_, proxy, hip, proxy)) {
+        settle_on_body(proxy, proxy, hip);
+        if (is_settled_) {
             stall.release();
-            distance_ = body_.count() > 0 ? 0 : infinity;
-            is_settled_ = true;
             path.record(proxy);
             return MotionEnd::settled;
         }
@@ -77,14 +88,10 @@ class MeshMotion {
     /// Straight from the triangles onto the smooth body that they stand for, once the proxy rests.
     void settle(const Vec3& start, Vec3& proxy, const Vec3& hip, bool rests) noexcept {
         query_.budget().begin(max_steps);
+        if (!rests) return;
         body_.hold(mesh(), proxy, planes_);
-        is_settled_ = rests && body_.settle(query_, proxy, hip, start);
-        if (is_settled_) {
-            distance_ = body_.count() > 0 ? 0 : infinity;
-            return;
-        }
-        body_.forget();
-        if (rests) body_.lift(query_, proxy, hip, start, planes_);
+        settle_on_body(start, proxy, hip);
+        if (!is_settled_) body_.lift(query_, proxy, hip, start, planes_);
     }
 
     RuleAnswer<3> contact(const Vec3& proxy, const Vec3& hip) noexcept {
@@ -95,7 +102,7 @@ class MeshMotion {
                 answer.normal = planes_.normal(0);
             else
                 answer.normal = along(proxy - hip, 1);
-            if (!(dot(answer.normal, answer.normal) > 0))
+            if (!(dot(answer.normal, answer.normal) > 0) && !is_overdrawn())
                 answer.normal = along(away_from_mesh(proxy, list_reach * R_), 1);
         } else if (is_in_neighbourhood(proxy)) {
             answer.state = State::free_motion;
@@ -135,6 +142,11 @@ class MeshMotion {
     }
 
   private:
+    void settle_on_body(Vec3 start, Vec3& proxy, const Vec3& hip) noexcept {
+        is_settled_ = body_.settle(query_, proxy, hip, start);
+        if (is_settled_) distance_ = body_.count() > 0 ? 0 : infinity;
+        if (!is_settled_) body_.forget();
+    }
     MotionEnd step_to_hip(Vec3& proxy, const Vec3& hip, PlannedPath<3>& path) noexcept {
         for (int i = 0; i < max_iterations && !query_.budget().is_spent(); ++i) {
             const Vec3 to_hip = hip - proxy;
@@ -198,8 +210,10 @@ class MeshMotion {
     }
 
     bool is_in_neighbourhood(const Vec3& x) const noexcept {
-        return distance_ < neighbourhood_ || query_.has_within(x, neighbourhood_) ||
-               query_.budget().is_spent();
+        const auto is_near = [&](std::uint32_t i) noexcept {
+            return mesh()[i].distance(x) < neighbourhood_;
+        };
+        return distance_ < neighbourhood_ || query_.finds(x, neighbourhood_, is_near);
     }
     /// From the nearest place within `reach` to x; 0 where there is none.
     Vec3 away_from_mesh(const Vec3& x, double reach) const noexcept {

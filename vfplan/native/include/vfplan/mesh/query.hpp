@@ -96,8 +96,7 @@ class TriangleQuery {
         : mesh_(std::move(mesh)), R_(radius), band_(band), lowest_(radius - band / 2) {}
     const Mesh& mesh() const noexcept { return mesh_; }
 
-    /// The inner steps that a part of a tick may still take. One that has begun to look through the
-    /// mesh looks on to the end: what it finds holds.
+    /// The inner steps that a tick, and a part of it, may still take.
     WorkBudget& budget() const noexcept { return budget_; }
     /// One nearest step to so many planes: eight inner steps for each choice of at most three.
     void spend_on_planes(int n) const noexcept { budget_.spend(8 * plane_choices<3>(n)); }
@@ -117,7 +116,8 @@ class TriangleQuery {
             const double slope = dot(w, v);
             const double over = r - lowest_;
             if (!(slope < 0)) return false;
-            if (over <= band_ / 16 || k == max_iterations) {
+            const bool is_last = k == max_iterations || (k > 1 && budget_.is_overdrawn());
+            if (over <= band_ / 16 || is_last) {
                 hit = {t, i, (1 / r) * w, foot};
                 return true;
             }
@@ -127,8 +127,9 @@ class TriangleQuery {
         return false;
     }
 
-    /// What the step v from x meets first, behind no plane. Where the tick has no steps left to
-    /// look beyond the beginning, `t` without a triangle is how much is free.
+    /// What the step v from x meets first, behind no plane, or something before it where the tick
+    /// has done enough. Where it has no steps left to look on, `t` without a triangle is how much
+    /// is free.
     TriangleHit sweep(const Vec3& x, const Vec3& v, const ContactPlanes& planes) const noexcept {
         TriangleHit hit;
         const double length = norm(v);
@@ -139,7 +140,9 @@ class TriangleQuery {
             const double all = hit.t;
             const double half = R_ + all * length / 2;
             const Vec3 middle = x + (all / 2) * v;
-            const auto is_cut_short = [&] { return free > 0 && budget_.is_overdrawn(); };
+            const auto is_cut_short = [&] {
+                return free > 0 ? budget_.is_overdrawn() : budget_.is_over();
+            };
             mesh_.tree().visit(
                 [&](const Disc& disc) noexcept {
                     budget_.spend(1);
@@ -152,8 +155,10 @@ class TriangleQuery {
                            disc.distance2(middle) <= half * half;
                 },
                 [&](std::uint32_t i) noexcept {
+                    if (is_cut_short()) return;
+                    const bool is_late = budget_.is_overdrawn();
                     budget_.spend(3);
-                    if (!planes.hide(mesh_[i])) meets(i, x, v, hit);
+                    if (is_late || !planes.hide(mesh_[i])) meets(i, x, v, hit);
                 });
             if (is_cut_short()) return {free, Mesh::none, {}, {}};
             if (hit.i != Mesh::none || all == 1) return hit;
@@ -162,41 +167,41 @@ class TriangleQuery {
     }
 
     /// The triangle nearest to y, or none where all are `distance` [m] away, which becomes its
-    /// distance.
-    std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
+    /// distance. Triangles that planes which touch y part from it are left out, as they are no
+    /// nearer than the planes are.
+    std::uint32_t nearest(const Vec3& y, double& distance,
+                          const ContactPlanes& planes) const noexcept {
         std::uint32_t found = Mesh::none;
-        budget_.spend(mesh_.tree().around(y, distance, [&](std::uint32_t i) noexcept {
+        const auto look = [&](std::uint32_t i) noexcept {
             if (const double d = mesh_[i].distance(y); d < distance) distance = d, found = i;
-        }));
+        };
+        for (int j = 0; j < planes.count(); ++j) look(planes.triangle(j));
+        const bool touches = distance <= R_ + band_;
+        budget_.spend(3 * planes.count() +
+                      mesh_.tree().around(y, distance, [&](std::uint32_t i) noexcept {
+                          if (!(touches && planes.part(y, mesh_[i]))) look(i);
+                      }));
         return found;
     }
-    /// Whether a triangle lies within `reach` of y, as far as the tick has steps left to look.
-    bool has_within(const Vec3& y, double reach) const noexcept {
+    std::uint32_t nearest(const Vec3& y, double& distance) const noexcept {
+        return nearest(y, distance, ContactPlanes(R_, band_));
+    }
+    /// Whether f(i) holds for a triangle within `reach` of y, or for another one near there; true
+    /// also where the tick has no steps left to look on.
+    template <class F>
+    bool finds(const Vec3& y, double reach, F&& f) const noexcept {
         bool found = false;
         mesh_.tree().visit(
             [&](const Disc& disc) noexcept {
                 budget_.spend(1);
-                return !found && !budget_.is_spent() && disc.distance2(y) <= reach * reach;
+                found = found || budget_.is_spent();
+                return !found && disc.distance2(y) <= reach * reach;
             },
             [&](std::uint32_t i) noexcept {
                 budget_.spend(3);
-                found = found || mesh_[i].distance(y) < reach;
+                found = found || f(i);
             });
         return found;
-    }
-    /// Distance from the mesh where that is less than about R, and a larger number elsewhere [m].
-    /// Triangles that the proxy's planes part from it are left out, as they are no nearer than the
-    /// planes are.
-    double distance(const Vec3& x, const ContactPlanes& planes) const noexcept {
-        double distance = reach * R_;
-        for (int j = 0; j < planes.count(); ++j)
-            distance = std::min(distance, mesh_[planes.triangle(j)].distance(x));
-        const bool touches = distance <= R_ + band_;
-        budget_.spend(mesh_.tree().around(x, distance, [&](std::uint32_t i) noexcept {
-            if (!(touches && planes.part(x, mesh_[i])))
-                distance = std::min(distance, mesh_[i].distance(x));
-        }));
-        return distance;
     }
 
   private:

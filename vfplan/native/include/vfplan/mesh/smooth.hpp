@@ -86,13 +86,18 @@ class SmoothBody {
     /// Finds the place of the body on whose normal y lies, or the nearest place of a sharp edge.
     ///
     /// The search begins over triangle i. It goes on over the triangle beside it where the place
-    /// lies beyond a side. Returns false where it finds none within 64 triangles.
-    bool foot(const Mesh& mesh, const Vec3& y, std::uint32_t i, FacetFoot& foot) const noexcept {
+    /// lies beyond a side. Returns false where it finds none within 64 triangles, or has no steps
+    /// left to look.
+    bool foot(const TriangleQuery& query, const Vec3& y, std::uint32_t i,
+              FacetFoot& foot) const noexcept {
         constexpr int max_triangles = 64;
-        foot.steps = 0;
-        for (int k = 0; k < max_triangles; ++k) {
+        const Mesh& mesh = query.mesh();
+        for (int k = 0; k < max_triangles && !query.budget().is_spent(); ++k) {
             double b[3];
-            if (!place(mesh[i], facets_[i], y, b, foot)) return false;
+            foot.steps = 0;
+            const bool has_place = place(mesh[i], facets_[i], y, b, foot);
+            query.budget().spend(6 * std::max(foot.steps, 1));
+            if (!has_place) return false;
             foot.i = i;
             int out = -1, border = -1;
             for (int side = 0; side < 3; ++side) {
@@ -347,9 +352,7 @@ class SmoothContact {
         s.side = dot(cross(mesh[i].ab, mesh[i].ac), x - mesh[i].a) < 0 ? -1 : 1;
     }
     bool find_foot(const TriangleQuery& query, const Vec3& y, BodySheet& s) const noexcept {
-        const bool found = body_.foot(query.mesh(), y, s.i, s);
-        query.budget().spend(6 * s.steps);
-        if (!found) return false;
+        if (!body_.foot(query, y, s.i, s)) return false;
         if (!s.edge) s.n = s.side * s.n;
         return true;
     }
@@ -406,17 +409,15 @@ class SmoothContact {
         if (!(length <= R_ / 2)) return false;
         TriangleHit hit;
         double worst = 0;
-        bool blocked = false;
-        query.budget().spend(query.mesh().tree().around(
-            x + 0.5 * v, R_ + body_.rise() + length / 2, [&](std::uint32_t i) noexcept {
-                const Triangle& t = query.mesh()[i];
-                if (blocked || is_behind_a_sheet(t, x)) return;
-                const double d = t.distance(y);
-                if (d < low_ + length) blocked = query.meets(i, x, v, hit);
-                const double lacks = R_ + body_.rise(i) - band_ / 2 - d;
-                if (lacks > worst && !is_known(i)) worst = lacks, missing = i;
-            }));
-        return !blocked;
+        const auto blocks = [&](std::uint32_t i) noexcept {
+            const Triangle& t = query.mesh()[i];
+            if (is_behind_a_sheet(t, x)) return false;
+            const double d = t.distance(y);
+            const double lacks = R_ + body_.rise(i) - band_ / 2 - d;
+            if (lacks > worst && !is_known(i)) worst = lacks, missing = i;
+            return d < low_ + length && query.meets(i, x, v, hit);
+        };
+        return !query.finds(x + 0.5 * v, R_ + body_.rise() + length / 2, blocks);
     }
     /// Whether a known sheet parts a triangle from x, so that it is in nobody's way.
     bool is_behind_a_sheet(const Triangle& t, const Vec3& x) const noexcept {

@@ -86,6 +86,7 @@ class RobustMotion {
     }
     /// Of the last motion.
     int iterations() const noexcept { return iterations_; }
+    bool is_spent() noexcept { return budget().is_spent(); }
 
     /// Asked before a motion, as `is_outside` is after one. Among points both are one test.
     bool is_clear(const Vec<D>& proxy) noexcept { return is_outside(proxy); }

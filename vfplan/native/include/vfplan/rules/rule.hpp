@@ -116,6 +116,8 @@ class StallTest {
 ///     begin_tick, release, reset      before a tick; the proxy is put elsewhere; all is forgotten
 ///     move(proxy, hip, stall, path)   how a MotionEnd says that it ended
 ///     iterations                      of the last motion
+///     is_spent                        whether this tick may look no further
+///     is_overdrawn                    where a tick may look at its end only once: whether it is so
 ///     is_clear, is_outside            of a proxy not known to be outside; of one after a motion
 ///     contact(proxy, hip)             what it touches, as a RuleAnswer
 ///     from_nearest, exit_distance, is_in_body   what a way out asks (WayOut)
@@ -214,6 +216,10 @@ class GuardedRule {
             path_.drop();
             end = MotionEnd::rests;
         }
+        if constexpr (requires { motion_.is_overdrawn(); })
+            // A plan that took most of a tick is looked at on the way, and not where it ends.
+            if (path_.is_recording() && motion_.is_overdrawn())
+                return {{}, State::entrenched, Status::limit};
         return finish(start, proxy, hip, end, Status::ok);
     }
 
@@ -246,8 +252,10 @@ class GuardedRule {
                 const bool is_at_end = path_.walk(proxy, ball);
                 if (is_at_end && path_.has_taken_over(planned_.status == Status::ok)) {
                     is_handing_over_ = false;
-                    proxy = end;
-                    return planned_;
+                    if (planned_.state != State::entrenched) {
+                        proxy = end;
+                        return planned_;
+                    }
                 }
             }
             return finish(proxy, proxy, hip, MotionEnd::force_ball, Status::inside);
@@ -259,12 +267,14 @@ class GuardedRule {
                          std::uint8_t status) noexcept {
         if (end == MotionEnd::limit) status |= Status::limit;
         if (end != MotionEnd::settled && !motion_.is_outside(proxy)) {
-            // Cannot happen. If it does, the proxy stays where it was safe.
+            // Cannot happen. If it does, the proxy stays where it was safe, and the next tick looks
+            // whether it still is.
             proxy = start;
             path_.drop();
             motion_.release();
-            status |= Status::limit;
-            is_outside_ = motion_.is_outside(proxy);
+            rests_ = is_outside_ = false;
+            last_.status = status | Status::limit;
+            return last_;
         }
         rests_ = status == Status::ok;
         if constexpr (requires { motion_.settle(start, proxy, hip, rests_); }) {

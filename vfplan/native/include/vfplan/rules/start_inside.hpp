@@ -51,6 +51,7 @@ class FreeBefore {
 ///     exit_distance(y, d)    distance from y along the unit vector d out of all that y is in;
 ///                            -infinity where it is in nothing, 0 where this tick may look no
 ///                            further (W1)
+///     is_spent()             whether this tick may look no further
 ///     is_in_body(y, clear)   whether y lies in a body of which the geometry is the skin, as no
 ///                            curve is; nothing where this tick may look no further. No geometry
 ///                            is nearer to y than `clear`.
@@ -187,7 +188,7 @@ class WayOut {
         }
         if (!was_free_before(geometry, direction_, shortest_)) return reject_direction();
         // From where it comes out, straight away from what is nearest there may be shorter.
-        for (int i = 0; i < 2; ++i) {
+        for (int i = 0; i < 2 && !geometry.is_spent(); ++i) {
             const Vec<D> d = leave_nearest(geometry, start_ + shortest_ * direction_);
             const double t = distance_to_free(geometry, start_, d, shortest_);
             if (t < shortest_ && was_free_before(geometry, d, t)) {
