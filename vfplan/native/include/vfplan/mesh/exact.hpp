@@ -67,7 +67,7 @@ class MeshMotion {
     }
     bool is_outside(const Vec3& proxy) noexcept {
         distance_ = list_reach * R_;
-        if (query_.nearest(proxy, distance_, planes_) == Mesh::none) distance_ = infinity;
+        query_.nearest(proxy, distance_, planes_);
         return distance_ >= R_ - band_;
     }
 
