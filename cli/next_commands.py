@@ -44,9 +44,8 @@ def register_command(curve: Path, image: Path | None = None) -> str:
 
 def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
     """Whether the review page can show a fixture: a drawn curve that has its place on a slice."""
-    record = fixture.registration
-    is_placed = has_slice or fixture.frame == "image"
-    is_placed = is_placed or (record is not None and record.source_frame == "image")
+    frames = fixture.frame, getattr(fixture.registration, "source_frame", None)
+    is_placed = has_slice or "image" in frames
     return is_placed and fixture.curve is not None and fixture.mesh is None
 
 
@@ -158,10 +157,7 @@ def rectify_command(
     files = [file for file in (image, markers, markers2) if file is not None]
     words = ["rectify", *files, *typed_options("rectify", overwrites=False), "-o", flat]
     pairs = read_markers(markers, markers2, common=True)
-    has_targets = pairs.target_frame == "robot_base"
-    plan = plan_flat_command(
-        flat, None if has_targets else markers2, output=output, overwrites=overwrites
-    )
+    plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
     return f"{command_of(*words)} && {plan}"
 
 
@@ -176,17 +172,18 @@ PLACES = {
 
 
 def plan_flat_command(
-    flat: Path, markers2: Path | None, *, output: Path, overwrites: bool = False
+    flat: Path, pairs: Any, markers2: Path | None, *, output: Path, overwrites: bool = False
 ) -> str:
     """The command that plans on the flat picture of a photograph, with the same options.
 
-    markers2: the markers' other side, where the table beside the flat picture does not hold it
+    pairs: the markers; the table beside the flat picture holds both sides of those in robot_base
+    markers2: the file of their other side
     """
     words, leaving_out = ["plan", flat, flat_markers(flat)], [*OF_PHOTOGRAPH, "-o", "--output"]
-    if markers2 is not None:
-        words.append(markers2)
-    else:
+    if pairs.target_frame == "robot_base":
         leaving_out.append("--common")
+    else:
+        words.append(markers2)
     typed = typed_options("plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True)
     for number, word in enumerate(typed):
         name, has_value, _ = word.partition("=")

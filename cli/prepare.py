@@ -90,10 +90,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
     spacing = f"{flat.pixel_spacing_mm:g}"
-    next_step = plan_flat_command(
-        output, None if pairs.target_frame == "robot_base" else markers2,
-        output=file_beside(output, "plan"),
-    )  # fmt: skip
+    next_step = plan_flat_command(output, pairs, markers2, output=file_beside(output, "plan"))
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
          "homography": flat.homography, "residual_rms_m": flat.residual_rms_m,
