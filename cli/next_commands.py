@@ -134,13 +134,12 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
-    words = ["review", *(file for file in files if file is not None)]
     typed = typed_options("review", overwrites=overwrites)
     names = {word.partition("=")[0] for word in typed}
     if "--case" in names and "--key" not in names:
         # The page gives a plan its case by a signature.
         typed += ["--key", "KEY"]
-    return command_of(*words, *typed, "-o", output)
+    return command_of("review", *files, *typed, "-o", output)
 
 
 def rectify_command(
@@ -154,11 +153,10 @@ def rectify_command(
     from vfplan.markers.correspondences import read_markers
 
     flat = file_beside(Path(image.name), "flat", ".png")
-    files = [file for file in (image, markers, markers2) if file is not None]
-    words = ["rectify", *files, *typed_options("rectify", overwrites=False), "-o", flat]
+    words = [image, markers, markers2, *typed_options("rectify", overwrites=False), "-o", flat]
     pairs = read_markers(markers, markers2, common=True)
     plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
-    return f"{command_of(*words)} && {plan}"
+    return f"{command_of('rectify', *words)} && {plan}"
 
 
 # Options of `plan` that say something of a photograph, and not of the flat picture.
@@ -189,8 +187,8 @@ def plan_flat_command(
         name, has_value, _ = word.partition("=")
         if name in PLACES and has_value:
             typed[number] = f"{name}={PLACES[name]}"
-        elif number and typed[number - 1] in PLACES:
-            typed[number] = PLACES[typed[number - 1]]
+        elif name in PLACES:
+            typed[number + 1] = PLACES[name]
     return command_of(*words, *typed, "-o", output)
 
 

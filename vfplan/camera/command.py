@@ -198,10 +198,10 @@ def show_wall(
     latencies_ms = [] if window is None else window.latencies_ms
     result = shown_frames(shown or last, refusals, seconds, latencies_ms, output, arguments)
     if missing:
-        again = f"then try again: {command_line()}"
         return replace(
-            result, failed=missing, exit_code=1, verdict="no tool: no tick came", next_step=again
-        )
+            result, failed=missing, exit_code=1, verdict="no tool: no tick came",
+            next_step=f"then try again: {command_line()}",
+        )  # fmt: skip
     return result
 
 
