@@ -49,8 +49,8 @@ def register_command(curve: Path, image: Path | None = None) -> str:
 
 def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
     """Whether the review page can show a fixture: a drawn curve that has its place on a slice."""
-    source_frame = getattr(fixture.registration, "source_frame", None)
-    is_placed = has_slice or "image" in (fixture.frame, source_frame)
+    frames = fixture.frame, getattr(fixture.registration, "source_frame", None)
+    is_placed = has_slice or "image" in frames
     return is_placed and fixture.curve is not None and fixture.mesh is None
 
 
@@ -139,13 +139,12 @@ def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> 
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
     """
-    words = ["review", *(file for file in files if file is not None)]
     typed = typed_options("review", overwrites=overwrites)
     names = {word.partition("=")[0] for word in typed}
     if "--case" in names and "--key" not in names:
         # The page gives a plan its case by a signature.
         typed += ["--key", "KEY"]
-    return command_of(*words, *typed, "-o", output)
+    return command_of("review", *files, *typed, "-o", output)
 
 
 def rectify_command(
@@ -162,8 +161,9 @@ def rectify_command(
     flat = file_beside(Path(image.name), "flat", ".png")
     files = [file for file in (image, markers, markers2) if file is not None]
     typed = typed_options("rectify", overwrites=False, spells_settings=True)
+    rectify = command_of("rectify", *files, *typed, "-o", flat)
     plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
-    return f"{command_of('rectify', *files, *typed, '-o', flat)} && {plan}"
+    return f"{rectify} && {plan}"
 
 
 # Options of `plan` that say something of a photograph, and not of the flat picture.
@@ -186,10 +186,8 @@ def plan_flat_command(
 
     pairs, markers2: the markers, and the file of their other side if that is a file of its own
     """
-    words, leaving_out = (
-        ["plan", flat, flat_markers(flat)],
-        [*OF_PHOTOGRAPH, "--settings", "-o", "--output"],
-    )
+    words = ["plan", flat, flat_markers(flat)]
+    leaving_out = [*OF_PHOTOGRAPH, "--settings", "-o", "--output"]
     if pairs.target_frame == "robot_base" or markers2 is None:
         # The table beside the flat picture holds both sides.
         leaving_out.append("--common")

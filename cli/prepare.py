@@ -25,7 +25,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import count, millimetres, quoted, wrote
+from vfplan.display import coordinates, count, millimetres, quoted, wrote
 from vfplan.errors import InputError
 from vfplan.findings import doubt
 from vfplan.geometry import UNIT_ROUNDED
@@ -144,7 +144,7 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     matrices = read_tool_poses(poses, units, row_major)
     tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
-    place, pivot = (",".join(f"{x:z.6f}" for x in point) for point in (tip.offset_m, tip.pivot_m))
+    place, pivot = (coordinates(point, 6, ",") for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m
     text = (
         f"{count(len(matrices), 'pose')}, turned by {tip.turn_deg:.1f}° or more about two axes\n"

@@ -72,10 +72,13 @@ def micrometres(metres: float | None, decimals: int = 2) -> str:
     return _scaled(metres, 1e6, decimals, "µm")
 
 
-def command_of(*words: str | Path) -> str:
-    """A `vfplan` command, to be pasted; a file whose name begins like an option gets its folder."""
+def command_of(*words: str | Path | None) -> str:
+    """A `vfplan` command, to be pasted; a file whose name begins like an option gets its folder.
+
+    A word that is `None` is left out.
+    """
     parts = [f"./{word}" if str(word).startswith("-") and isinstance(word, Path) else str(word)
-             for word in words]  # fmt: skip
+             for word in words if word is not None]  # fmt: skip
     return shlex.join(["vfplan", *parts])
 
 

@@ -33,7 +33,7 @@ def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, t
     call = ("accept", path, "--digest", digest, "--by", "A. Surgeon", "-o", accepted)
     run = vfplan_cli(*call, "--answer", "ink-left", "--json").sound
     assert (run.json["answered"], run.json["digest"]) == (["ink-left"], digest)
-    assert "vfplan: note: Ink is left." in run.stderr, "it asks no more"
+    assert "vfplan: note: Ink is left." in run.stderr
     assert [f["answered_by"] for f in run.json["findings"]] == ["A. Surgeon", None]
     assert vfplan_cli("sign", accepted, "--key", key, "-o", signed).sound
     # The sheet of the accepted bundle has the same digest, and names who approved it.

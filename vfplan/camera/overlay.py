@@ -192,8 +192,8 @@ class Overlay:
             if why_none:
                 words, colour = f"{why_none}; {words}", paper.WALL_COLOUR
         # In a narrow frame the words are small.
-        font, room = cv2.FONT_HERSHEY_SIMPLEX, frame.shape[1] - 16
-        size = min(0.8, 0.8 * room / cv2.getTextSize(words, font, 0.8, 1)[0][0])
+        font = cv2.FONT_HERSHEY_SIMPLEX
+        size = min(0.8, 0.8 * (frame.shape[1] - 16) / cv2.getTextSize(words, font, 0.8, 1)[0][0])
         frame[:30] = 255
         cv2.putText(frame, words, (8, 21), font, size, colour, 1, cv2.LINE_AA)
         return report
