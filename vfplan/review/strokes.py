@@ -278,8 +278,11 @@ class SliceInk:
         sigma = np.hypot(deviation, INK_SIGMA_PX)
         if closed:
             # Its ends may overlap where it is wide, and pull the centre aside.
-            wider = running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap") - 1
-            sigma = np.hypot(sigma, usual * wider.clip(0) / 4)
+            wider = np.maximum(
+                running_median(mass, NEARBY_POINTS, "wrap"),
+                running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap"),
+            )
+            sigma = np.hypot(sigma, usual * (wider - 1).clip(0) / 4)
             # Where it is carried past them, all of its width is ink. What lacks on one side says
             # how far off it may be, and where to move it.
             lack = self.lacking(points, alone, usual)
