@@ -149,11 +149,6 @@ def test_axis_that_would_collapse_the_slice_is_refused(normal, allowed):
             ignored_axis("z", registration)
 
 
-def test_no_axis_is_ignored_when_told_so():
-    assert ignored_axis("none", registration_of_a_plane([0, 0, 1])) is None
-    assert elbow(settings=FixtureSettings(ignore_axis="none")).fixture.ignore_axis is None
-
-
 def test_a_registered_fixture_is_not_registered_twice():
     fixture = elbow().fixture
     with pytest.raises(CurveError, match="robot_base"):

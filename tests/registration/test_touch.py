@@ -52,17 +52,6 @@ def off(registration, bone):
     return np.linalg.norm(registration.apply(bone.points) - robot(bone.points), axis=1)
 
 
-def test_touching_brings_the_surface_where_it_is(bone):
-    rng = np.random.default_rng(7)
-    start = marked(rng)
-    found = refined(bone, start, touches(bone, rng, 60, flank))
-    assert np.sqrt((off(start, bone) ** 2).mean()) > 5e-4
-    assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1.5e-4
-    assert found.used.all()
-    assert 5e-5 < found.rms_m < 2e-4
-    assert found.constraint > 0.03
-
-
 @pytest.mark.parametrize("count", [20, pytest.param(600, marks=pytest.mark.full)])
 def test_the_predicted_error_is_the_error(bone, count):
     """Over repetitions: mean square error against its prediction, and the share of the bounds."""

@@ -108,7 +108,7 @@ def target_error(
     own: the bound of the curve's own error there, (M,) of `own_bound`
     """
     rms_m, bound95_m = registration.tre_m(points), registration.tre95_m(points)
-    curve95_m = registration.curve95_m(points, own, bound95_m)
+    curve95_m = registration.curve95_m(points, own)
     own_m = np.broadcast_to(registration.mean_scale * np.asarray(own), curve95_m.shape)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
@@ -437,28 +437,21 @@ class Registration(Fit):
         rows = self._error_rows(points)
         return pointwise_bound(rows @ np.swapaxes(rows, 1, 2), self.dof)
 
-    def tre95_curve_m(self, points: ArrayLike, pointwise_m: Array | None = None) -> Array:
+    def tre95_curve_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
 
         The pointwise bound holds at each point with probability 0.95, hence along a whole curve
         less often. This one is wider by the factor that makes up for it (see `error`).
-
-        pointwise_m: `tre95_m` of the points, where it is known
         """
-        if pointwise_m is None:
-            pointwise_m = self.tre95_m(points)
+        pointwise_m = self.tre95_m(points)
         return whole_curve_factor(self._error_rows(points), pointwise_m, self.dof) * pointwise_m
 
-    def curve95_m(
-        self, points: ArrayLike, own: ArrayLike, pointwise_m: Array | None = None
-    ) -> Array:
+    def curve95_m(self, points: ArrayLike, own: ArrayLike) -> Array:
         """(M,) radius [m] that a curve stays within at all these points at once, with 0.95.
 
         own: the bound of the curve's own error, (M,) of `own_bound` in the source frame's unit
-        pointwise_m: `tre95_m` of the points, where it is known
         """
-        own_m = self.mean_scale * np.asarray(own)
-        return np.hypot(self.tre95_curve_m(points, pointwise_m), own_m)
+        return np.hypot(self.tre95_curve_m(points), self.mean_scale * np.asarray(own))
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""

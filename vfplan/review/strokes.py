@@ -22,8 +22,8 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import box_of, path_through
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
-from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink, sample
-from vfplan.curve.profiles import find_ends, places_across, read_profiles
+from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
+from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import FLAGS, Stroke
 from vfplan.geometry.lines import (
@@ -278,8 +278,11 @@ class SliceInk:
         sigma = np.hypot(deviation, INK_SIGMA_PX)
         if closed:
             # Its ends may overlap where it is wide, and pull the centre aside.
-            wider = running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap") - 1
-            sigma = np.hypot(sigma, usual * wider.clip(0) / 4)
+            wider = np.maximum(
+                running_median(mass, NEARBY_POINTS, "wrap"),
+                running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap"),
+            )
+            sigma = np.hypot(sigma, usual * (wider - 1).clip(0) / 4)
             # Where it is carried past them, all of its width is ink. What lacks on one side says
             # how far off it may be, and where to move it.
             lack = self.lacking(points, alone, usual)
@@ -303,11 +306,10 @@ class SliceInk:
 
         alone: (M,) the points that no other ink joins, of which half the width is known
         """
-        half = np.ceil((pen_px / 2 + tuned.FLANK_PX) / tuned.STEP_PX)
-        x = np.arange(-half, half + 1) * tuned.STEP_PX
-        coverage = sample(self.found.coverage, *places_across(ring, normals(ring, True), x))
-        sides = np.column_stack([x < 0, x > 0]) + 0.5 * (x == 0)[:, None]
-        ink = coverage.clip(0) @ sides * tuned.STEP_PX
+        profiles = read_profiles(self.found, ring, normals(ring, True), pen_px)
+        # The middle of the line counts by half on either side.
+        sides = np.column_stack([np.heaviside(-profiles.x, 0.5), np.heaviside(profiles.x, 0.5)])
+        ink = profiles.coverage.clip(0) @ sides * tuned.STEP_PX
         left, right = (np.median(ink[alone]) - ink).clip(0).T
         return left - right
 
