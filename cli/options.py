@@ -538,20 +538,16 @@ def trust(arguments: dict[str, Any]) -> Any:
     return None
 
 
-def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
-    """What a trusted signature is for and the command did not demand: names of `SIGNED_FOR`.
+def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> dict[str, str]:
+    """What a trusted signature is for and the command did not demand, with a warning for each.
 
     seal: as `read_sealed` gives it
     """
     if arguments["keys"] is None:
-        return []
-    return [name for name in SIGNED_FOR if name in seal and arguments[name] is None]
-
-
-def not_compared_warnings(seal: dict[str, Any], arguments: dict[str, Any]) -> list[str]:
-    """A warning for each name that `not_compared` gives."""
-    return [
-        f"The bundle is signed for {name.replace('_', ' ')} {seal[name]!r}, which was compared "
-        f"with nothing. Give {SIGNED_FOR[name]} as it must be."
-        for name in not_compared(seal, arguments)
-    ]
+        return {}
+    return {
+        name: f"The bundle is signed for {name.replace('_', ' ')} {seal[name]!r}, which was "
+        f"compared with nothing. Give {demand} as it must be."
+        for name, demand in SIGNED_FOR.items()
+        if name in seal and arguments[name] is None
+    }

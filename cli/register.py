@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,14 +63,13 @@ def vfplan_register(
     )  # fmt: skip
     options.check_campaign_matches(arguments, planned.fixture)
     fixture = with_verdict_by(drawn.provenance.settings, planned.fixture)
-    planned = replace(planned, fixture=fixture)
     with outputs(output, picture_out) as (path, picture):
-        write_fixture(planned.fixture, path)
+        write_fixture(fixture, path)
         write_registration_picture(planned, drawn, slice_image, picture)
-    if planned.fixture.frame == "robot_base":
+    if fixture.frame == "robot_base":
         # The page shows a curve on its own slice alone, so another image is not named.
         is_other = any(finding.code == "image-other" for finding in planned.findings)
-        if is_other or (image is None and planned.fixture.image is not None):
+        if is_other or (image is None and fixture.image is not None):
             image = "IMAGE"
         has_page = page_shows(fixture, has_slice=image is not None)
         next_step = review_command(output, image, has_page=has_page)
@@ -79,7 +77,7 @@ def vfplan_register(
         next_step = register_command(output)
     return CommandResult(
         planned.report, f"{registered_text(planned.report)}\n{wrote(output)}",
-        findings=planned.findings, verdict=findings_verdict("registered", planned.fixture),
+        findings=planned.findings, verdict=findings_verdict("registered", fixture),
         next_step=next_step,
     )  # fmt: skip
 

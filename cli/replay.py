@@ -165,7 +165,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
     lines = [replay_text(metrics), *map(wrote, written)]
-    warnings = options.not_compared_warnings(metrics["fixture"], arguments)
+    warnings = list(options.not_compared(metrics["fixture"], arguments).values())
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
         image = None if replayed.fixture.image is None else "IMAGE"

@@ -13,7 +13,6 @@ from vfplan.cli.options import (
     SIGNED_FOR,
     OutputFile,
     not_compared,
-    not_compared_warnings,
     option,
     options_in_order,
     output_option,
@@ -80,10 +79,11 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
     reviewed = None if signed.reviewed is None else asdict(signed.reviewed)
+    warnings = not_compared(seal, arguments)
     data = {
         **seal,
         "renders": in_one_line(signed),
-        "not_compared": not_compared(seal, arguments),
+        "not_compared": list(warnings),
         "findings": [finding.as_dict() for finding in signed.findings],
         "reviewed": reviewed,
     }
@@ -92,10 +92,10 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     lines += finding_lines(data["findings"], reviewed)
     verdict = "signed by a trusted key"
     next_step = "load it on the robot"
-    if data["not_compared"]:
-        words = " and ".join(data["not_compared"]).replace("_", " ")
+    if warnings:
+        words = " and ".join(warnings).replace("_", " ")
         verdict = f"signed by a trusted key, but its {words} was compared with nothing"
-        missing = [SIGNED_FOR[name] for name in data["not_compared"]]
+        missing = [SIGNED_FOR[name] for name in warnings]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if "despite_findings" in seal:
         lacks = {"findings were not answered": signed.open_findings,
@@ -105,7 +105,7 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
         verdict = f"signed by a trusted key, although {reason}"
         next_step = "ask who signed it why, before a robot loads it"
     return CommandResult(
-        data, "\n".join(lines), warnings=not_compared_warnings(data, arguments), verdict=verdict,
+        data, "\n".join(lines), warnings=list(warnings.values()), verdict=verdict,
         next_step=next_step,
     )  # fmt: skip
 

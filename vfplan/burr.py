@@ -76,9 +76,8 @@ def vfplan_burr(
             save_png(burr_figure(burred), picture)
 
     metrics = burred.replayed.metrics
-    warnings = options.not_compared_warnings(seal, arguments) + [
-        finding["message"] for finding in metrics["findings"] if finding["code"] == "burr-held"
-    ]
+    warnings = list(options.not_compared(seal, arguments).values())
+    warnings += [found["message"] for found in metrics["findings"] if found["code"] == "burr-held"]
     written = [wrote(path) for path in (output, events_out, picture_out) if path is not None]
     text = "\n".join([burr_text(metrics), *written])
     figures = metrics["burr"]

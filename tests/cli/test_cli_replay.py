@@ -16,7 +16,6 @@ import vfplan
 from vfplan.bundle.seal import keygen, sign
 from vfplan.findings import doubt
 
-NATIVE: tuple[str, ...] = ()
 PAPER = ("--rule", "paper", "--engine", "reference")
 KEYS = {
     "rule", "ticks", "duration_s", "contact_ticks", "episodes", "penetration_max_m",
@@ -34,7 +33,7 @@ def files(tmp_path_factory):
     return folder / "line.h5", folder / "session.csv"
 
 
-@pytest.mark.parametrize("how", [NATIVE, PAPER])
+@pytest.mark.parametrize("how", [(), PAPER])
 def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how):
     out, table = tmp_path / "r.h5", tmp_path / "r.csv"
     run = vfplan_cli("replay", *files, *how, "-o", out, "--csv", table, "--json").sound
@@ -82,7 +81,7 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "s.csv"]
 
 
-@pytest.mark.parametrize("how", [NATIVE, PAPER])
+@pytest.mark.parametrize("how", [(), PAPER])
 def test_replay_loads_no_picture_library(files, tmp_path, how):
     code = (
         "import sys; from click.testing import CliRunner; from vfplan.cli.main import cli; "
@@ -139,14 +138,6 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert not (tmp_path / "two").exists()
 
 
-@pytest.fixture(scope="module")
-def far(files):
-    """The same session a metre away from the fixture."""
-    session, path = probing(), files[1].with_name("far.csv")
-    write_session(path, vfplan.Session(session.time, session.hip + np.array([0, 1.0, 0])))
-    return path
-
-
 @pytest.mark.parametrize(("limits", "code", "verdict"), [
     ([], 0, "not-tested"),
     (["--at-most", "force_max_n=1000"], 0, "pass"),
@@ -181,7 +172,9 @@ def test_a_session_that_begins_inside_is_told_to_begin_outside(vfplan_cli, limit
     assert following.startswith("next: replay a session that begins outside the mesh")
 
 
-def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, far, tmp_path):
+def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, tmp_path):
+    session, far = probing(), tmp_path / "far.csv"
+    write_session(far, vfplan.Session(session.time, session.hip + np.array([0, 1.0, 0])))
     free = vfplan_cli("replay", files[0], far, "--json")
     assert (free.code, free.json["verdict"]) == (0, "not-tested")
     limits = "--robot", "franka", "--at-most", "force_max_n=5"

@@ -83,6 +83,13 @@ def test_options_win_over_the_robot(vfplan_cli, dot):
     assert [blow["rests"] for blow in run.json["blows"]] == [True, True, True]
 
 
+def test_behind_a_filter_that_lets_nothing_through_nothing_is_stable(vfplan_cli, dot):
+    words = ("stability", dot, "--filter", 1e-12, "--part", "closed-loop", "--json")
+    found = vfplan_cli(*words).fails(1).json
+    assert (found["stable"], found["k_max_n_per_m"]) == (False, 0)
+    assert "with so low a filter" in found["cases"][0]["detail"]
+
+
 def test_bad_input(vfplan_cli, tmp_path):
     assert vfplan_cli("stability", tmp_path / "none.h5").code in (3, 4)
     assert vfplan_cli("stability", "--mass", -1).code == 2

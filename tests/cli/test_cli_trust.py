@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from unittest.mock import Mock
 
 import bundles
 import pytest
@@ -156,23 +157,17 @@ def begun(folder, *words):
 
 
 WINDOW = """
-import os, sys, threading, time
+from unittest.mock import Mock
 from vfplan import view3d
 from vfplan.cli.run import CommandResult, command
 
-class Window:
-    def __getattr__(self, name):
-        return self
-    def __call__(self, *given, **named):
-        return self
-    def process_events(self):
-        print("open", flush=True)
-    def close(self):
-        print("closed", flush=True)
+window = Mock()
+window.iren.process_events = lambda: print("open", flush=True)
+window.close = lambda: print("closed", flush=True)
 
 @command("look")
 def look():
-    view3d.handle_events(Window())
+    view3d.handle_events(window)
     return CommandResult({})
 
 look([])
@@ -191,23 +186,12 @@ def test_an_open_window_heeds_signals(number, tmp_path):
 
 
 def test_a_window_that_is_closed_ends_the_view():
-    class Window:
-        render_window, iren, told, closed = 1, None, None, False
-
-        def add_observer(self, event, call):
-            assert event == "ExitEvent"
-            self.told = call
-
-        def process_events(self):
-            self.told(None, None)
-
-        def close(self):
-            self.closed = True
-
-    window = Window()
-    window.iren = window
+    window = Mock()
+    observed = window.iren.add_observer
+    window.iren.process_events = lambda: observed.call_args.args[1](None, None)
     view3d.handle_events(window)
-    assert window.closed
+    assert observed.call_args.args[0] == "ExitEvent"
+    window.close.assert_called_once_with()
 
 
 WAITING = """

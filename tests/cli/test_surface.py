@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import slicer_files
 from bones import BENT
+from motion import turned
 from refusals import refuses
 from replays import write_session
 from vfplan.cli.register import registered_text
@@ -21,10 +22,12 @@ SECRETS = ("Zacharias", "Quint", NUMBER, "Yldefons", UID, "1.2.826.99.7", "19871
 MARKS = np.array([[20, 0, -30], [-20, 5, -10], [10, 25, 20], [-12, -20, 36], [14, -22, 8.0]])
 
 
+TURN, SHIFT = turned([0, 0, 1], 0.4), [0.5, 0.1, 0.3]
+
+
 def moved(points):
     """Points [mm] of the patient as the robot touches them [m]."""
-    c, s = np.cos(0.4), np.sin(0.4)
-    return 1e-3 * points @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]).T + [0.5, 0.1, 0.3]
+    return 1e-3 * points @ TURN.T + SHIFT
 
 
 @pytest.fixture
@@ -83,8 +86,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
     assert replayed["contact_ticks"] > 300
     assert replayed["entrenched_ticks"] == 0
     trace = vfplan.replay(fixture, session).trace
-    c, s = np.cos(0.4), np.sin(0.4)
-    back = 1e3 * (trace.proxy - [0.5, 0.1, 0.3]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    back = 1e3 * (trace.proxy - SHIFT) @ TURN
     assert 4.8 < BENT.distance(back)[500:].min() < 5.2
 
     # Touched by a ball of 1 mm, 0.8 mm further along x than the markers say: the bone is there.

@@ -81,7 +81,7 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
             write_whole(index, [page(rehearsal, facts).encode("utf-8")], overwrite=True)
 
     # What to do now.
-    warnings += options.not_compared_warnings(seal, arguments)
+    warnings += options.not_compared(seal, arguments).values()
     metrics = rehearsal.metrics
     written = [wrote(path) for path in (output, index_path) if path is not None]
     failed = ""

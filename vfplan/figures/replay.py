@@ -51,9 +51,7 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
-    # The ticks of rule "robust" are the ones that are drawn.
-    rule = replayed.rule if replayed.rule != "both" else "robust"
-    top.set_title(f"{episodes}, rule {rule}", loc="left")
+    top.set_title(f"{episodes}, rule {replayed.record['rule']}", loc="left")
     return figure
 
 

@@ -436,32 +436,6 @@ LIMITS = {
 }
 
 
-class RobotLimitCounts:
-    """Count the ticks in which a robot would have objected.
-
-    A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N at
-    the tip at a reach of 0.85 m) and stops at its reflex threshold.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        # As reported; a limit that the robot does not have is absent.
-        self.report = {"name": robot.name, "rate_hz": robot.rate_hz}
-        for name, (key, _) in LIMITS.items():
-            if getattr(robot, key) is not None:
-                self.report |= {key: getattr(robot, key), f"{name}_over_ticks": 0}
-
-    def update(self, steps: Steps) -> None:
-        """Take in the next ticks."""
-        values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
-        for name, (key, _) in LIMITS.items():
-            over = np.flatnonzero(values[name] > self.report.get(key, np.inf))
-            if len(over):
-                self.report[f"{name}_over_ticks"] += len(over)
-                # The step from tick k to k + 1, of force or place, is the robot's at k + 1.
-                first = steps.first + int(over[0]) + (name != "force")
-                self.report.setdefault(f"{name}_over_first_tick", first)
-
-
 class Metrics:
     """Sums, maxima and episodes over a replay.
 
@@ -471,7 +445,13 @@ class Metrics:
     """
 
     def __init__(self, fixture: Fixture, engine: Any, robot: Robot | None = None) -> None:
-        self._robot = None if robot is None else RobotLimitCounts(robot)
+        # As reported; a limit that the robot does not have is absent.
+        self._robot: dict[str, Any] = {}
+        if robot is not None:
+            self._robot = {"name": robot.name, "rate_hz": robot.rate_hz}
+            for name, (key, _) in LIMITS.items():
+                if getattr(robot, key) is not None:
+                    self._robot |= {key: getattr(robot, key), f"{name}_over_ticks": 0}
         self._parameters = parameters = engine.parameters
         # Of the proxy from the fixture [m]; a guide alone forbids nothing.
         self._measure = None if fixture.region is None else engine.distance
@@ -503,8 +483,7 @@ class Metrics:
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._measure is not None:
             self._distance = min(self._distance, float(self._measure(ticks.proxy).min()))
-        if self._robot is not None:
-            self._robot.update(steps)
+        self._count_over_limits(steps)
         self._episodes.update(steps)
         self._states += np.bincount(ticks.state + 1, minlength=len(STATES))
         self._state_s += np.bincount(ticks.state + 1, steps.dt, minlength=len(STATES))
@@ -523,6 +502,21 @@ class Metrics:
         }
         for name, values in summands.items():
             self._sums[name] += float(values.sum())
+
+    def _count_over_limits(self, steps: Steps) -> None:
+        """Count the ticks in which the robot would have objected.
+
+        A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N
+        at the tip at a reach of 0.85 m) and stops at its reflex threshold.
+        """
+        values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
+        for name, (key, _) in LIMITS.items():
+            over = np.flatnonzero(values[name] > self._robot.get(key, np.inf))
+            if len(over):
+                self._robot[f"{name}_over_ticks"] += len(over)
+                # The step from tick k to k + 1, of force or place, is the robot's at k + 1.
+                first = steps.first + int(over[0]) + (name != "force")
+                self._robot.setdefault(f"{name}_over_first_tick", first)
 
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""
@@ -570,8 +564,8 @@ class Metrics:
             data["slide_m"] = sums["slide_m"]
             data["lag_max_m"] = peaks["lag_max_m"]
             data["lag_rms_m"] = rms("lag2_path", sums["slide_m"])
-        if self._robot is not None:
-            data["robot"] = self._robot.report
+        if self._robot:
+            data["robot"] = self._robot
         return data
 
 

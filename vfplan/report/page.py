@@ -118,16 +118,14 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
 
     `None` where ticks were left out, or where more than the engine made them.
     """
-    ticks, rule = replayed.ticks, replayed.rule
-    if rule == "both":
-        rule = "robust"
+    ticks = replayed.ticks
     is_more = not MORE_THAN_THE_ENGINE.isdisjoint(replayed.metrics)
     if is_more or replayed.stride > 1 or replayed.engine != "native":
         return None
     answers = np.hstack([ticks.proxy, ticks.force]).tobytes()
     return {
         "module": packed(module()),
-        "bodies": bodies_of(replayed.fixture, rule),
+        "bodies": bodies_of(replayed.fixture, replayed.record["rule"]),
         "rows": packed(np.column_stack([ticks.time, ticks.hip]).tobytes()),
         "sha256": hashlib.sha256(answers).hexdigest(),
     }
