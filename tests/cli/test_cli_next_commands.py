@@ -101,6 +101,7 @@ CALLS = (
     (0, "rectify photo-0.png photo-0.csv robot.csv -o flat.png"),
     (0, "review elbow.png px.csv robot.csv --sheet-out sheet.png"),
     (0, "review p.h5 --sheet-out sheet-2.png"),
+    (0, "review c.h5 px.csv robot.csv --model rigid --sheet-out sheet-4.png"),
     (0, "accept p.h5 --by A --digest {} -o approved.h5"),
     (3, "sign approved.h5 --key k3.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
     (0, "keygen -o k2.key"), (0, "review approved.h5 --sheet-out sheet-3.png"),

@@ -295,13 +295,3 @@ def test_next_steps_without_a_slice_take_the_same_files(vfplan_cli, tmp_path):
         words = following(vfplan_cli("review", source, *markers, *sheet))
         assert words[:4] == [command, *map(str, (source, *markers))]
         assert vfplan_cli(*words).code == 0
-
-
-def test_the_sheet_that_lacks_its_slice_is_drawn_again_with_its_markers(vfplan_cli, tmp_path):
-    vfplan_cli("extract", SLICE, "--pixel-spacing", 0.5, "-o", tmp_path / "c.h5")
-    sheet = "--sheet-out", tmp_path / "a sheet.png"
-    words = following(
-        vfplan_cli("review", tmp_path / "c.h5", *MARKERS, "--model", "affine", *sheet)
-    )
-    again = [str(SLICE) if word == "IMAGE" else word for word in words]
-    assert following(vfplan_cli(*again))[:4] == words[:4]

@@ -41,35 +41,24 @@ def browser(tmp_path):
         assert page.wrong() == []
 
 
-class Running:
-    """`vfplan review` as a program of its own, and where it writes."""
-
-    def __init__(self, output, *words):
-        self.output = output
-        command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "-o", str(output)]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        self.process = subprocess.Popen([*command, "--no-browser"], **pipes)
-        self.address = self.process.stdout.readline().strip()
-        assert self.address.startswith("http://127.0.0.1:"), self.process.stderr.read()
-
-    def end(self):
-        out, err = self.process.communicate(timeout=30)
-        return self.process.returncode, out, err
-
-
 @pytest.fixture
 def run(tmp_path):
-    """Begin a review of files; ended with the test."""
+    """Begin `vfplan review` of files as a program of its own; ended with the test."""
     begun = []
 
     def begin(*words):
-        begun.append(Running(tmp_path / "o.h5", *words))
-        return begun[-1]
+        command = [sys.executable, "-m", "vfplan", "review", *map(str, words), "--no-browser"]
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        program = subprocess.Popen([*command, "-o", str(tmp_path / "o.h5")], **pipes)
+        begun.append(program)
+        program.address = program.stdout.readline().strip()
+        assert program.address.startswith("http://127.0.0.1:"), program.stderr.read()
+        return program
 
     yield begin
     for program in begun:
-        program.process.kill()
-        program.process.communicate()
+        program.kill()
+        program.communicate()
 
 
 @pytest.fixture
@@ -87,7 +76,7 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     assert vfplan_cli("keygen", "-o", tmp_path / "surgeon.key").code == 0
     signing = ("--key", tmp_path / "surgeon.key", "--case", "case-7")
     program, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5, *signing)
-    output = program.output
+    output = tmp_path / "o.h5"
     assert browser.run("document.getElementById('approve').textContent") == "Approve and sign"
     # The wheel zooms at the pointer: the place below it stays.
     before = hand.at((400, 300))
@@ -96,8 +85,8 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     assert np.allclose(hand.at((400, 300)), before, atol=1.0)
     browser.key("f")
     hand.finish()
-    code, out, err = program.end()
-    assert (code, output.exists()) == (0, True), (out, err)
+    said = program.communicate(timeout=30)
+    assert (program.returncode, output.exists()) == (0, True), said
     assert vfplan_cli("verify", output, "--keys", tmp_path / "surgeon.pub", "--json").sound
     fixture = vfplan.read_fixture(output)
     assert fixture.reviewed.by == "A. Planner"
@@ -116,20 +105,6 @@ def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, opene
     assert hand.state("review.state.unseen.map((runs) => runs.length)") == [1]
     hand.press("fit")
     browser.until("review.state.unseen[0].length === 0")
-
-
-def finish(hand, program, truth):
-    """Look, accept, approve; the curve then lies on its ink."""
-    hand.finish()
-    code, out, err = program.end()
-    assert code == 0, (out, err)
-    fixture = vfplan.read_fixture(program.output)
-    measured = fixture.points[:, :2]
-    if fixture.curve.edited is not None:
-        measured = measured[~fixture.curve.edited]
-    assert miss(measured, truth) < 0.3
-    assert fixture.reviewed.by == "A. Planner"
-    return fixture
 
 
 def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
@@ -183,7 +158,7 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
         ("Made for others. Run vfplan campaign, --margin.",) * 2,
     ):  # fmt: skip
         assert browser.run(f"window.words({json.dumps(text)})") == shown
-    program.process.kill()
+    program.kill()
     photo, places, _ = photographed(tmp_path)
     files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
     for file, known in zip(files, (places, MARKERS[1]), strict=True):
@@ -216,7 +191,10 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
         browser.key(" ")
     browser.key("Enter")
     browser.until("review.state.edited[0].length > 0")
-    fixture = finish(hand, program, truth)
+    hand.finish()
+    assert program.wait(timeout=30) == 0
+    fixture = vfplan.read_fixture(tmp_path / "o.h5")
+    assert miss(fixture.points[~fixture.curve.edited, :2], truth) < 0.3
     assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
 
 
@@ -493,8 +471,8 @@ def test_reload_and_killed_server(browser, opened, run, tmp_path):
     browser.loaded(2)
     browser.until(f"{READY} && review.state.steps.length === 1")
     assert hand.state("review.state.curve_px") == moved
-    program.process.kill()
-    program.process.wait()
+    program.kill()
+    program.wait()
     browser.until("document.getElementById('status').textContent === 'connection lost'")
     assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
     again = run(SLICE, *MARKERS)
@@ -506,8 +484,8 @@ def test_reload_and_killed_server(browser, opened, run, tmp_path):
     browser.until("!document.getElementById('draft').open")
     hand.press("leave")
     browser.until("document.getElementById('done').open")
-    code, _, err = again.end()
-    assert (code, "left without approval" in err) == (1, True), err
+    _, err = again.communicate(timeout=30)
+    assert (again.returncode, "left without approval" in err) == (1, True), err
     assert not (tmp_path / "o.h5").exists()
     assert (tmp_path / "o.h5.draft.json").exists()
 
@@ -696,9 +674,9 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     browser.key("Enter")
     browser.until("review.state.curve_px.length === 1")
     hand.finish()
-    assert program.end()[0] == 0
+    assert program.wait(timeout=30) == 0
     chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
-    known = vfplan.read_fixture(program.output).provenance
+    known = vfplan.read_fixture(tmp_path / "o.h5").provenance
     image = vfplan.read_image(chosen)
     assert known.inputs["image"] == image.sha256
     z_mm = 1e3 * image.T_patient_image[2, 2]
@@ -706,10 +684,10 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
         f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
     )
     # The folder is searched for the bundle's slice.
-    again = Session.open(program.output, slice=tmp_path / "ct")
+    again = Session.open(tmp_path / "o.h5", slice=tmp_path / "ct")
     assert again.source.slice_path == chosen
     assert again.current.fixture.provenance.settings == known.settings
     (tmp_path / "empty").mkdir()
     with pytest.raises(ImageError) as caught:
-        Session.open(program.output, slice=tmp_path / "empty")
+        Session.open(tmp_path / "o.h5", slice=tmp_path / "empty")
     assert caught.value.code == "another-slice"

@@ -88,7 +88,7 @@ def sample():
     return Session.open(SLICE, *MARKERS, pixel_spacing_mm=0.5)
 
 
-def test_the_sample_is_approved_into_a_reviewed_fixture(sample, tmp_path):
+def test_the_sample_is_approved_into_a_reviewed_fixture(sample):
     state = sample.state()
     assert state["refusal"] is None
     assert miss(state["curve_px"][0], TRUTH) < 0.3
@@ -102,9 +102,6 @@ def test_the_sample_is_approved_into_a_reviewed_fixture(sample, tmp_path):
     assert fixture.reviewed.by == "A. Planner"
     assert len(fixture.reviewed.digest) == 64
     assert not fixture.open_findings
-    vfplan.write_fixture(fixture, tmp_path / "f.h5")
-    again = vfplan.read_fixture(tmp_path / "f.h5")
-    assert again.reviewed == fixture.reviewed
     planned = vfplan.plan(SLICE, *MARKERS, extraction=sample.source.extraction)
     assert np.allclose(fixture.points, planned.fixture.points, atol=1e-9)
 
@@ -431,8 +428,6 @@ def test_a_curve_that_a_hand_has_shaped_counts_as_drawn_by_hand_in_a_box(tmp_pat
 def test_an_answer_dies_with_what_it_answered(sample):
     place = sample.state()["markers"][3]["place_px"]
     wrong = sample.apply({"do": "move_marker", "marker": "x4", "to": [place[0] + 6, place[1]]})
-    if wrong.state()["refusal"] is not None:
-        pytest.skip("the gate refuses it, so there is nothing to answer")
     assert not looked_at(wrong).why_not()
     worse = looked_at(wrong).apply({"do": "move_marker", "marker": "x4", "to": [90.0, 480.0]})
     assert worse.why_not()
@@ -451,10 +446,6 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     other, _ = clear(tmp_path / "other.png")
     with refuses(ImageError, "another-slice"):
         Session.open(path, slice=other)
-    moved = session.apply({"do": "move_marker", "marker": "x1", "to": [121.0, 98.0]})
-    fixture = looked_at(moved).approve("A. Planner")
-    assert not np.array_equal(fixture.points, vfplan.read_fixture(path).points)
-    assert fixture.rendering.contact_radius == vfplan.read_fixture(path).rendering.contact_radius
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ import vfplan
 from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
 from vfplan.display import three_digits
-from vfplan.errors import ImageError, InputError
+from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.planning.extraction import extract
@@ -70,37 +70,18 @@ def overlap(one, other):
     return one.page == other.page and across and one.y < other.bottom and other.y < one.bottom
 
 
-def collisions(sheet):
-    """Pairs of texts, insets and pictures that overlap; a caption may stand on the slice itself."""
-    return [
-        (one, other)
-        for one, other in combinations(sheet.boxes, 2)
-        if {one.kind, other.kind} != {"text", "picture"} and overlap(one, other)
-    ]
-
-
-def check_layout(sheet):
-    """No two texts overlap, none covers an inset, and all stand on the paper."""
+def checked(shown):
+    """The sheet: no two texts overlap, none covers an inset, and all stand on the paper."""
+    sheet = draw_sheet(shown)
     assert sheet.pixels.shape[1:] == (PAGE_WIDTH, 3)
     assert sheet.pixels.shape[0] % PAGE_HEIGHT == 0
-    assert collisions(sheet) == []
+    for one, other in combinations(sheet.boxes, 2):
+        # A caption may stand on the slice itself.
+        assert {one.kind, other.kind} == {"text", "picture"} or not overlap(one, other)
     for box in sheet.boxes:
         assert 0 <= box.x <= box.right <= PAGE_WIDTH, box
         assert 0 <= box.y <= box.bottom <= PAGE_HEIGHT, box
-
-
-def checked(shown):
-    """The sheet, once its layout was found in order."""
-    sheet = draw_sheet(shown)
-    check_layout(sheet)
     return sheet
-
-
-def seen_wider(sheet, name):
-    """What the wider view of an end shows, a value a pixel, and where it begins on the slice."""
-    [_, wider] = insets(sheet, name)
-    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
-    return seen, *wider.window[:2]
 
 
 def line_of(points, *, closed=False, bridged=None, width=3.0):
@@ -138,8 +119,9 @@ def test_box_of_the_grey_around_it_shows_as_even_among_noise():
     drawn = drawn_ends.draw(3, covered="end", tone=110)
     u, v, width, height = drawn.box
     sheet = draw_sheet(drawn_ends.shown(drawn))
-    seen, first_u, first_v = seen_wider(sheet, "End")
-    left, top = u - first_u, v - first_v
+    [_, wider] = insets(sheet, "End")
+    seen = drawn_part(sheet, wider)[:: wider.zoom, :: wider.zoom].astype(float)
+    left, top = u - wider.window[0], v - wider.window[1]
     inside = seen[max(top, 0) : top + height, max(left, 0) : left + width, 1]
     beside = seen[max(top, 0) : top + height, left - 12 : left - 2, 1]
     assert inside.std() < 1
@@ -165,8 +147,9 @@ def test_nothing_covers_the_ends_on_the_picture_itself():
         assert not (changed & (np.hypot(columns - u, rows - v) < 6)).any()
 
 
-def white_ground(*, patch):
-    """A line that ends on white bone; under `patch` (a grey) it goes on, or it ends there."""
+@pytest.mark.parametrize("patch", [None, 255])
+def test_cover_of_the_grey_around_it_is_told_in_words(patch):
+    """A line that ends on white bone; under the patch it goes on, or it ends there."""
     line = np.column_stack([np.linspace(40, 150, 221), np.full(221, 120.0)])
     picture = flat((240, 300), 90.0)
     cv2.rectangle(picture, (100, 60), (260, 180), (255.0,) * 3, -1)
@@ -174,13 +157,7 @@ def white_ground(*, patch):
     if patch is not None:
         picture[100:140, 140:220] = patch
         line = line[line[:, 0] < 139.5]
-    return picture, line
-
-
-@pytest.mark.parametrize("patch", [None, 255])
-def test_cover_of_the_grey_around_it_is_told_in_words(patch):
-    image, line = white_ground(patch=patch)
-    words = words_of(checked(drawn_ends.shown_of(image, line_of(line))))
+    words = words_of(checked(drawn_ends.shown_of(picture, line_of(line))))
     # The ground at the start is even too.
     assert words.count("one grey ahead: look twice") == 2
 
@@ -441,10 +418,8 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
     checked(shown)
 
 
-def test_another_slice_is_refused():
+def test_a_slice_of_what_was_drawn_on_none_is_refused():
     image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "cd" * 32)
-    with refuses(ImageError, "another-slice"):
-        Plan.of(bundles.whole(), "f.h5", image=image)
     with refuses(InputError, "slice-unknown"):
         check_slice(bundles.sheet(), image)
 

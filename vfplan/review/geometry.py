@@ -154,8 +154,6 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     """The one route around the largest hole in the ink, if that is larger than a letter's."""
-    if not mask.any():
-        return []
     contours, relations = cv2.findContours(
         mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
     )
@@ -323,8 +321,6 @@ class Geometry:
         if len(self.lines) != 1 or not lines:
             return []
         [stroke] = self.lines
-        if not stroke.is_ordered:
-            return [finding for finding in self.kept if finding.code in OF_LINE]
         pen = Pen.of_colour(self.ink.colour)
         for line in lines:
             if is_whole(line, stroke):
@@ -395,8 +391,13 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: Slice
     try:
         return geometry_of_extraction(image, settings, geometry)
     except CurveError as error:
+        # The page leaves out the advice that it needs not.
+        told = error.numbers
+        place = (float(told["u_px"]), float(told["v_px"])) if "u_px" in told else None
+        refusal = {"code": error.code, "text": error.message, "place_px": place, "stage": "extract",
+                   "other_pen": told.get("other_colour", "")}  # fmt: skip
         candidates = candidates_of(error, ink, settings)
-        return replace(geometry, refusal=refusal_of(error), candidates=candidates)
+        return replace(geometry, refusal=refusal, candidates=candidates)
 
 
 def geometry_of_extraction(
@@ -532,14 +533,6 @@ def route_over(entry: AccountEntry) -> Stroke:
     return routes[0]
 
 
-def refusal_of(error: CurveError) -> dict[str, Any]:
-    """A refusal as the state holds it; the page leaves out the advice that it needs not."""
-    places = [error.numbers[name] for name in ("u_px", "v_px") if name in error.numbers]
-    place, other_pen = tuple(map(float, places)) or None, error.numbers.get("other_colour", "")
-    return {"code": error.code, "text": error.message, "place_px": place, "stage": "extract",
-            "other_pen": other_pen}  # fmt: skip
-
-
 def candidates_of(
     error: CurveError, ink: SliceInk, settings: ExtractSettings
 ) -> tuple[Stroke, ...]:
@@ -550,12 +543,11 @@ def candidates_of(
     """
     routes = []
     for line in lines_of(ink, settings.max_gap_px):
-        if not any(np.array_equal(line.path, path) for path in error.candidates):
-            continue
-        if len(line.junctions):
+        is_named = any(np.array_equal(line.path, path) for path in error.candidates)
+        if is_named and len(line.junctions):
             for entry in ink_at(ink, line.middle):
                 routes += routes_over(entry)
-        else:
+        elif is_named:
             routes.append(route_along(line.path, line.closed))
     is_named = len(routes) > 0
     if not is_named:

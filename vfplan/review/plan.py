@@ -233,12 +233,6 @@ class Plan:
         plan.__dict__["outcome"] = Outcome(fixture, fixture.findings)
         return plan
 
-    def answered(self, answers: dict[Finding, tuple[str | None, str]]) -> Plan:
-        """The plan with other answers, by which its outcome stays what it is."""
-        new = replace(self, answers=answers)
-        new.__dict__["outcome"] = self.outcome
-        return new
-
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What a person should look at, with the answers that were given."""
@@ -765,7 +759,13 @@ def source_of_bundle(
     slice_image = None
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
-        slice_image = slice_of_bundle(fixture, slice_path, extraction)
+        slice_image = read_slice(slice_path, extraction_of(fixture, extraction))
+        slice_image = flat_as_planned(slice_image, known)
+        with naming_place(slice_path):
+            check_slice(fixture, slice_image)
+        if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
+            spacing = fixture.image.pixel_spacing_mm
+            slice_image = replace(slice_image, pixel_spacing_mm=spacing)
         sha256["slice"] = slice_image.sha256
     with naming_place(path):
         geometry = geometry_of_bundle(fixture, slice_image, extraction)
@@ -823,19 +823,6 @@ def geometry_of_bundle(
     if ink is not None:
         strokes = tuple(ink.with_hidden(line) if line.is_ordered else line for line in strokes)
     return Geometry(strokes, ink, of_curve, max_gap_px=extraction.max_gap_px)
-
-
-def slice_of_bundle(
-    fixture: Fixture, slice_path: Path, extraction: ExtractSettings
-) -> PlannedImage:
-    """The slice that a bundle's curve was drawn on; raises `ImageError` for another."""
-    image = read_slice(slice_path, extraction_of(fixture, extraction))
-    image = flat_as_planned(image, fixture.provenance.settings)
-    with naming_place(slice_path):
-        check_slice(fixture, image)
-    if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
-        return replace(image, pixel_spacing_mm=fixture.image.pixel_spacing_mm)
-    return image
 
 
 def side_of_patient(direction: np.ndarray) -> str:

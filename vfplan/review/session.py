@@ -234,7 +234,10 @@ class Session:
             for finding in self.current.findings
         )
         fixture = self.current.fixture
-        settings = {**fixture.provenance.settings, "review_steps_sha256": self.steps_sha256}
+        # Of the steps, as the draft holds them.
+        text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
+        sha256 = hashlib.sha256(text.encode()).hexdigest()
+        settings = {**fixture.provenance.settings, "review_steps_sha256": sha256}
         provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.as_opened
         fixture = replace(
@@ -264,12 +267,6 @@ class Session:
             for number, flags in enumerate(self.unseen(by), 1)
             if flags.any()
         ]
-
-    @property
-    def steps_sha256(self) -> str:
-        """SHA-256 of the steps, as the draft holds them."""
-        text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
-        return hashlib.sha256(text.encode()).hexdigest()
 
 
 @lru_cache(maxsize=8)

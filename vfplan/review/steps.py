@@ -6,14 +6,15 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vfplan.bundle.content import max_number
-from vfplan.errors import MarkerError, SettingError, VfplanError
+from vfplan.errors import SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
 from vfplan.markers import find_marks
 from vfplan.planning.extraction import MIN_SPACING_MM
@@ -139,6 +140,16 @@ def knot_of(stroke: MendedStroke, step: Step) -> int:
             code="no-such-knot",
         )
     return knot
+
+
+@contextmanager
+def as_step_refused(what: str) -> Iterator[None]:
+    """Refuse the step where the block raises an error, and say what that means."""
+    try:
+        yield
+    except VfplanError as error:
+        text = f"{what}: {error.message.removesuffix('.')}."
+        raise SettingError(text, code=error.code) from None
 
 
 def require_slice(plan: Plan) -> None:
@@ -429,11 +440,8 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     require_slice(plan)
     fit = plan.fit
     labels, places = [m.label for m in fit.used], [m.place for m in fit.used]
-    try:
+    with as_step_refused("The marks were not found"):
         found = find_marks.find_markers(plan.source.image.rgb, labels, places)
-    except MarkerError as error:
-        text = f"The marks were not found: {error.message}"
-        raise SettingError(text, code=error.code) from None
     for marker in found:
         fit = fit.with_marker(fit.index(marker.label), place=marker.position_px)
     return replace(plan, fit=fit)
@@ -448,10 +456,8 @@ def choose_slice(plan: Plan, step: Step) -> Plan:
     if plan.is_shaped or plan.exclude:
         text = "The curve belongs to this slice. Undo what was drawn before you choose another."
         raise SettingError(text, code="slice-drawn-on")
-    try:
+    with as_step_refused("The slice stays"):
         chosen = source.turned_to(number, plan.fit)
-    except VfplanError as error:
-        raise SettingError(f"The slice stays: {error.message}", code=error.code) from None
     return replace(plan, source=chosen, geometry=chosen.geometry, fit=chosen.fit)
 
 
@@ -462,10 +468,8 @@ def rectify(plan: Plan, step: Step) -> Plan:
     if plan.exclude or settings.roi or settings.start or settings.end or source.is_flat:
         text = "Boxes and ends are places on the photograph. Make it flat before they are chosen."
         raise SettingError(text, code="rectify-first")
-    try:
+    with as_step_refused("The picture stays"):
         return made_flat_plan(plan, ink)
-    except VfplanError as error:
-        raise SettingError(f"The picture stays: {error.message}.", code=error.code) from None
 
 
 def set_plan(plan: Plan, step: Step) -> Plan:
@@ -517,7 +521,9 @@ def answer(plan: Plan, step: Step) -> Plan:
     utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
-    return plan.answered(plan.answers | dict.fromkeys(accepted, (by, utc)))
+    answered = replace(plan, answers=plan.answers | dict.fromkeys(accepted, (by, utc)))
+    answered.__dict__["outcome"] = plan.outcome  # Answers do not change it.
+    return answered
 
 
 def points_in_view(plan: Plan, step: Step) -> np.ndarray:

@@ -183,7 +183,7 @@ class SliceInk:
     def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The pixels (N, 2) of the ink's skeleton, and how wide the ink is at each [px]."""
         if not len(self.found.pixels):
-            return np.zeros((0, 2)), np.zeros(0)
+            return np.full((1, 2), -1e9), np.ones(1)  # Out of anybody's reach.
         box, corner = box_of(self.found.pixels, 1)
         v, u = np.nonzero(_core.thinned(box))
         to_paper = cv2.distanceTransform(box.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
@@ -210,8 +210,6 @@ class SliceInk:
             whether there is any, and how wide it is there [px].
         """
         places, width = self.bones
-        if not len(places):
-            return np.zeros(len(path)), np.zeros(len(path), bool), np.zeros(len(path))
         distance, index = _core.nearest(places, path)
         across = ((places[index] - path) * normals(path, closed)).sum(axis=1)
         has_ink = distance <= reach_px
