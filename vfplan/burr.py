@@ -21,8 +21,9 @@ from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import flattened
 from vfplan.replaying.findings import finding
-from vfplan.replaying.metrics import flattened, row_norms
+from vfplan.replaying.metrics import row_norms
 from vfplan.replaying.replay import Replay, replay
 from vfplan.session.events import Event, write_events
 from vfplan.session.session import BLOCK, Session

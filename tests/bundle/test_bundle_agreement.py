@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import bundles
+import curves
 import damage
 import numpy as np
 import pytest
@@ -192,51 +193,26 @@ def drawn_at_random(draw):
     axis = unit(draw.normal(size=3))
     x = unit(np.cross(axis, draw.normal(size=3)))
     frame = np.array([x, np.cross(axis, x)])
-    points, strokes, vertices, bulges, owners, closed = [], [], [], [], [], []
-    for number in range(draw.integers(1, 4)):
+    points, strokes = [], []
+    for _ in range(draw.integers(1, 4)):
         count = int(draw.integers(2, 8))
         corners = 0.02 * np.cumsum(draw.uniform(-1, 1, (count, 2)), axis=0)
         bends = np.where(draw.random(count) < 0.4, 0.0, draw.uniform(-1, 1, count))
         is_closed = bool(draw.random() < 0.5)
-        places = []
-        for i in range(count if is_closed else count - 1):
-            a, b = corners[i], corners[(i + 1) % count]
-            places.append(on_piece(a, b, bends[i], 2e-3))
-        places = np.vstack(places if is_closed else [*places, corners[-1:]])
+        links = curves.links(curves.pieces([(corners, bends, is_closed)]))
+        places = np.vstack([curves.on_link(*link, 2e-3)[:-1] for link in links])
         if is_closed:
             places = np.roll(places, -int(draw.integers(0, len(places))), axis=0)
+        else:
+            places = np.vstack([places, corners[-1:]])
         height = draw.uniform(-0.1, 0.1, (len(places), 1))
         points.append(places @ frame + height * axis)
-        strokes.append(np.full(len(places), number, np.int32))
-        vertices.append(corners @ frame)
-        bulges.append(bends)
-        owners.append(np.full(count, number, np.int32))
-        closed.append(is_closed)
-    closed = np.array(closed)
-    pieces = Pieces(
-        np.vstack(vertices), np.concatenate(bulges), np.concatenate(owners), closed, 1e-8
-    )
-    curve = bundles.Curve(np.concatenate(strokes), closed, pieces=pieces)
+        strokes.append((corners @ frame, bends, is_closed))
+    pieces = replace(Pieces.joined(strokes), error=1e-8)
+    owners = np.repeat(np.arange(len(points), dtype=np.int32), [len(places) for places in points])
+    curve = bundles.Curve(owners, pieces.closed, pieces=pieces)
     rendering = replace(bundles.small().rendering, ignore_axis=axis)
     return replace(bundles.small(), points=np.vstack(points), curve=curve, rendering=rendering)
-
-
-def on_piece(a, b, bulge, spacing):
-    """Places from a on, about so far apart, up to but not including b."""
-    chord = b - a
-    length = float(np.hypot(*chord))
-    if bulge == 0:
-        share = np.linspace(0, 1, max(2, int(length / spacing) + 2))[:-1]
-        return a + share[:, None] * chord
-    sweep = 4 * np.arctan(bulge)
-    radius = length / (2 * np.sin(abs(sweep) / 2))
-    left = np.array([-chord[1], chord[0]]) / length
-    centre = (a + b) / 2 + left * (length / 2) / np.tan(sweep / 2)
-    turn = np.linspace(0, sweep, max(2, int(radius * abs(sweep) / spacing) + 2))[:-1]
-    arm = a - centre
-    rotated = [np.cos(turn) * arm[0] - np.sin(turn) * arm[1],
-               np.sin(turn) * arm[0] + np.cos(turn) * arm[1]]  # fmt: skip
-    return centre + np.column_stack(rotated)
 
 
 @pytest.mark.parametrize("seed", range(150))

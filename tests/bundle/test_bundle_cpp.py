@@ -1,6 +1,5 @@
 """The reader in a C++ program: the same values and verdicts as in Python; h5py reads the same."""
 
-import importlib.util
 import json
 import random
 
@@ -11,6 +10,7 @@ import hostile
 import keyfolders
 import pytest
 from conftest import ROOT, need_header, need_program, output
+from docs_modules import load
 
 import vfplan
 from vfplan.bundle.read import read_bundle
@@ -95,9 +95,7 @@ def test_the_program_fails_with_the_same_exit_code(what, bundle_info, vfplan_cli
 
 
 def test_constants_and_documentation_are_those_of_the_schema():
-    spec = importlib.util.spec_from_file_location("make_format", ROOT / "docs" / "make_format.py")
-    make_format = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(make_format)
+    make_format = load(ROOT / "docs" / "make_format.py")
     assert make_format.HEADER.read_text() == make_format.header(), "run `make docs`"
     text = make_format.PAGE.read_text()
     assert text == make_format.page(text), "run `make docs`"

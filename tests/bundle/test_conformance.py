@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import re
 import sys
@@ -12,14 +11,14 @@ import hostile
 import numpy as np
 import pytest
 from conftest import ROOT, need_program, output
+from docs_modules import load
 
-from vfplan import Guide, ProxyEngine
 from vfplan.bundle.content import table
-from vfplan.bundle.read import read_bundle, read_fixture
+from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import Trust, read_keys
 from vfplan.conformance import __main__ as runner
 from vfplan.conformance import vectors
-from vfplan.conformance.kit import RENDERED, write_kit
+from vfplan.conformance.kit import RENDERED, render, write_kit
 from vfplan.errors import BundleError, InputError
 from vfplan.io.files import to_json_types
 
@@ -45,9 +44,9 @@ def files(folder):
     return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def test_the_kit_is_the_same_each_time_and_below_2_mb(kit, tmp_path):
-    write_kit(tmp_path)
-    assert files(tmp_path) == files(kit)
+def test_the_command_writes_the_same_kit_each_time_and_below_2_mb(vfplan_cli, kit, tmp_path):
+    assert vfplan_cli("conformance", "--write", tmp_path / "kit", "--json").sound
+    assert files(tmp_path / "kit") == files(kit)
     assert sum(map(len, files(kit).values())) < 2_000_000
 
 
@@ -108,14 +107,7 @@ def test_a_rendered_path_is_what_the_engine_gives(kit):
     assert len(paths) == sum(map(len, RENDERED.values()))
     for path in paths:
         expected = json.loads(path.read_text())
-        fixture = read_fixture(kit / expected["bundle"])
-        guides = expected["rule"] == "guide"
-        engine = Guide.of(fixture) if guides else ProxyEngine.of(fixture, expected["rule"])
-        engine.reset(np.array(expected["hip"][0]))
-        trace = engine.run(np.array(expected["hip"]))
-        assert np.abs(trace.proxy - expected["proxy"]).max() <= expected["tolerance"]
-        state = trace.held if guides else trace.state
-        assert state.astype(int).tolist() == expected["state"]
+        assert render(kit / expected["bundle"], expected["rule"]) == expected
         assert np.abs(np.array(expected["force"])).max() > 0, "the path never touches"
 
 
@@ -129,38 +121,25 @@ def test_the_runner_says_where_a_reader_is_wrong(kit, tmp_path, capsys):
     assert "/@format is missing" in printed
 
 
-def test_the_command_writes_the_kit(vfplan_cli, kit, tmp_path):
-    assert vfplan_cli("conformance", "--write", tmp_path / "kit", "--json").sound
-    assert files(tmp_path / "kit") == files(kit)
-
-
 # --- The second reader, and foreign ones --------------------------------------------------------
 
 READER = ROOT / "samples" / "reader" / "vfplan_reader.py"
 GOLDEN = sorted((ROOT / "tests" / "data" / "bundles").glob("2.*.h5"))
 
 
-@pytest.fixture(scope="module")
-def second():
-    """The module samples/reader/vfplan_reader.py."""
-    spec = importlib.util.spec_from_file_location("vfplan_reader", READER)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+SECOND = load(READER)
 
 
-def by_the_second(second, data):
+def by_the_second(data):
     try:
-        return second.read(data)
-    except second.FormatError:
+        return SECOND.read(data)
+    except SECOND.FormatError:
         return None
 
 
-def test_the_second_reader_agrees_with_the_kit(kit, second):
-    def read(path):
-        return by_the_second(second, path.read_bytes())
-
-    assert not [result for result in runner.judge(kit, read) if result.problem]
+def test_the_second_reader_agrees_with_the_kit(kit):
+    results = runner.judge(kit, lambda path: by_the_second(path.read_bytes()))
+    assert not [result for result in results if result.problem]
 
 
 def test_the_second_reader_is_a_program_of_the_standard_library(kit):
@@ -171,23 +150,23 @@ def test_the_second_reader_is_a_program_of_the_standard_library(kit):
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
-def test_the_second_reader_reads_every_golden_bundle(path, second):
-    assert second.read(path.read_bytes()) == by_the_package(path)
+def test_the_second_reader_reads_every_golden_bundle(path):
+    assert SECOND.read(path.read_bytes()) == by_the_package(path)
 
 
-def test_the_second_reader_gives_the_same_verdict_of_hostile_files(second):
+def test_the_second_reader_gives_the_same_verdict_of_hostile_files():
     for name, data, is_read in hostile.files():
-        assert (by_the_second(second, data) is not None) == is_read, name
+        assert (by_the_second(data) is not None) == is_read, name
 
 
-def test_the_second_reader_gives_the_same_verdict_of_mutants(second):
+def test_the_second_reader_gives_the_same_verdict_of_mutants():
     """Of files that were changed and sealed anew, as far as the page says what a reader does."""
     for number, data in enumerate(fuzz_bundle.mutants(0, 1000)):
         try:
             wanted = to_json_types(read_bundle(data)[0])
         except BundleError:
             wanted = None
-        assert by_the_second(second, data) == wanted, number
+        assert by_the_second(data) == wanted, number
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from conftest import ROOT
+from conftest import ELBOW, ROOT
 
-SAMPLES = ROOT / "samples"
-SESSION = SAMPLES / "elbow_session.csv"
-ENDS = ".png", "_markers_image.csv", "_markers_robot.csv"
-PLAN = "plan", *(SAMPLES / f"elbow{end}" for end in ENDS)
+SESSION = ROOT / "samples" / "elbow_session.csv"
+PLAN = "plan", *ELBOW
 SPACING = "--pixel-spacing", 0.5
 
 

@@ -18,6 +18,7 @@ from slices import (
     part,
     parts_inside,
     pen,
+    penned,
     turned,
 )
 
@@ -60,8 +61,7 @@ def leader_line(canvas, rng):
 
 
 def lifted_pen(canvas, rng):
-    curve, width = hand(rng, margin=0.12), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng, margin=0.12)
     start, hidden = 0.0, []
     for middle in np.sort(rng.uniform(0.15, 0.85, 2)) * length:
         half = (width + rng.uniform(6, 40)) / 2

@@ -12,7 +12,6 @@ from vfplan.findings import doubt, note
 from vfplan.fixture import (
     Curve,
     Fixture,
-    Guidance,
     Provenance,
     RegistrationRecord,
     Rendering,
@@ -32,14 +31,12 @@ def minimal():
 
 def small():
     """The minimal one with rendering parameters: small enough for a sweep over every byte."""
-    rendering = Rendering(np.array([1000.0, 1000.0, 800.0]), contact_radius=0.005, band=1e-5)
-    return replace(minimal(), rendering=rendering)
+    return replace(minimal(), rendering=fixtures.cloud().rendering)
 
 
 def guided():
     """The whole one, whose ring guides and whose arc is forbidden."""
-    guidance = Guidance(radius=1e-3, stiffness=800.0, ends="stop", stroke=1)
-    return replace(whole(), guidance=guidance)
+    return replace(whole(), guidance=fixtures.guided().guidance)
 
 
 def large(count=100_000):
@@ -65,20 +62,7 @@ def pixels():
 
 def patient():
     """Points of a 3-D registration from a navigation system's axes."""
-    T = np.eye(4)
-    T[:3, 3] = (0.4, -0.1, 0.2)
-    markers = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.1, 0.1, 0.1]])
-    record = RegistrationRecord(
-        model="rigid",
-        source_frame="patient_lps",
-        T_robot_image=T,
-        labels=("a", "b", "c", "d", "e"),
-        source=markers,
-        target=markers + T[:3, 3],
-        residuals_m=np.zeros(5),
-        fre_rms_m=0.0,
-    )
-    return replace(small(), registration=record)
+    return replace(small(), registration=fixtures.navigated().registration)
 
 
 def whole():

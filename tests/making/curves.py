@@ -57,18 +57,19 @@ def distance(parts, x) -> np.ndarray:
 
 def samples(curve: Pieces, spacing: float) -> np.ndarray:
     """(N, 2) points along the curve, `spacing` apart at most."""
-    out = []
-    for a, b, bulge in links(curve):
-        n = 2 + int(np.hypot(*(b - a)) * (1 + 2 * abs(bulge)) / spacing)
-        across = np.array([a[1] - b[1], b[0] - a[0]])
-        turn = np.linspace(-1, 1, n) * 2 * np.arctan(bulge)
-        if abs(bulge) < 1e-6:
-            out.append(a + np.linspace(0, 1, n)[:, None] * (b - a))
-            continue
-        share = (1 + np.sin(turn) / np.sin(2 * np.arctan(bulge))) / 2
-        rise = -(np.cos(turn) - np.cos(2 * np.arctan(bulge))) * (1 + bulge**2) / (4 * bulge)
-        out.append(a + share[:, None] * (b - a) + rise[:, None] * across)
-    return np.vstack(out)
+    return np.vstack([on_link(*link, spacing) for link in links(curve)])
+
+
+def on_link(a, b, bulge, spacing) -> np.ndarray:
+    """(N, 2) points from a to b along a line or an arc, `spacing` apart at most."""
+    n = 2 + int(np.hypot(*(b - a)) * (1 + 2 * abs(bulge)) / spacing)
+    if abs(bulge) < 1e-6:
+        return a + np.linspace(0, 1, n)[:, None] * (b - a)
+    across = np.array([a[1] - b[1], b[0] - a[0]])
+    turn = np.linspace(-1, 1, n) * 2 * np.arctan(bulge)
+    share = (1 + np.sin(turn) / np.sin(2 * np.arctan(bulge))) / 2
+    rise = -(np.cos(turn) - np.cos(2 * np.arctan(bulge))) * (1 + bulge**2) / (4 * bulge)
+    return a + share[:, None] * (b - a) + rise[:, None] * across
 
 
 def stroke(rng, size):

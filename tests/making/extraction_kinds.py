@@ -64,7 +64,7 @@ class Sheet(Canvas):
         return super().line_share(points, width, closed, cap)
 
     def fill(self, points, colour):
-        if self.rasteriser not in ("pil", "opencv"):
+        if self.rasteriser not in ROUND_CAPS_ONLY:
             super().fill(points, colour)
             return
         share = np.zeros(self.shape, np.uint8)
@@ -73,7 +73,7 @@ class Sheet(Canvas):
         self.paint(share / 255.0, colour)
 
     def pressed(self, points, widths, colour):
-        if self.rasteriser not in ("pil", "opencv"):
+        if self.rasteriser not in ROUND_CAPS_ONLY:
             super().pressed(points, widths, colour)
             return
         points = np.asarray(points, float)
@@ -181,6 +181,11 @@ def set_markers(sheet, rng, curve, count, farthest):
         sheet.text(f"x{k}", np.add(at, [8, -6]), YELLOW, 0.5)
 
 
+def in_any_order(rng, *layers):
+    for layer in layers if rng.integers(2) else layers[::-1]:
+        layer()
+
+
 def any_other(rng):
     return OTHERS[int(rng.integers(len(OTHERS)))]
 
@@ -243,9 +248,7 @@ def touched_along(sheet, rng):
     start = length * rng.uniform(0.25, 0.4)
     run = part(beside, start, start + rng.uniform(40, 100))
     colour = any_other(rng)
-    layers = [lambda: sheet.line(run, size, colour), lambda: sheet.draw([curve])]
-    for layer in layers if rng.integers(2) else layers[::-1]:
-        layer()
+    in_any_order(rng, lambda: sheet.line(run, size, colour), lambda: sheet.draw([curve]))
     return curve, False
 
 
@@ -334,10 +337,8 @@ def neighbour(sheet, rng):
     other = float(rng.choice([1.5, 2.0, 3.0]))
     aside = (sheet.width + other) / 2 + rng.uniform(-0.3, 3)
     outside = curve - aside * normal_of(np.vstack([curve, curve[:1]]))[:-1]
-    layers = [lambda: sheet.line(outside, other, any_other(rng), True),
-              lambda: sheet.draw([curve], True)]  # fmt: skip
-    for layer in layers if rng.integers(2) else layers[::-1]:
-        layer()
+    in_any_order(rng, lambda: sheet.line(outside, other, any_other(rng), True),
+                 lambda: sheet.draw([curve], True))  # fmt: skip
     return curve, True
 
 
@@ -427,33 +428,34 @@ def double_run(sheet, rng):
     return None, False, [run[len(run) // 2], run[len(run) // 4], run[3 * len(run) // 4]]
 
 
-def _over_an_end(sheet, rng, colour):
+def grey_box_over_an_end(sheet, rng, colour=None):
     """A box over the last 12 to 40 px of a curve."""
-    curve = drawn(sheet, rng)
-    hidden = tail(curve, rng.uniform(12, 40))
-    low, high = hidden.min(0) - 6, hidden.max(0) + 6
+    colour = colour or (rng.uniform(0, 255),) * 3
+    kind, low, high = _end_to_hide(sheet, rng, (12, 40))
     sheet.box((low + high) / 2, *(high - low), colour)
-    return curve, False, [hidden[0], hidden[-1]]
-
-
-def grey_box_over_an_end(sheet, rng):
-    return _over_an_end(sheet, rng, (rng.uniform(0, 255),) * 3)
+    return kind
 
 
 def coloured_box_over_an_end(sheet, rng):
-    return _over_an_end(sheet, rng, any_other(rng))
+    return grey_box_over_an_end(sheet, rng, any_other(rng))
 
 
 def veil_over_an_end(sheet, rng):
     """A translucent grey box, through which the end shows faintly."""
-    curve = drawn(sheet, rng)
-    hidden = tail(curve, rng.uniform(15, 45))
-    low, high = hidden.min(0) - 6, hidden.max(0) + 6
+    kind, low, high = _end_to_hide(sheet, rng, (15, 45))
     share = np.zeros(sheet.shape)
     (left, top), (right, bottom) = np.rint(low).astype(int), np.rint(high).astype(int)
     share[top:bottom, left:right] = rng.uniform(0.55, 0.9)
     sheet.paint(share, (rng.uniform(60, 220),) * 3)
-    return curve, False, [hidden[0], hidden[-1]]
+    return kind
+
+
+def _end_to_hide(sheet, rng, length):
+    """What a kind returns whose end is hidden, so long [px], and the corners of a box over it."""
+    curve = drawn(sheet, rng)
+    hidden = tail(curve, rng.uniform(*length))
+    kind = curve, False, [hidden[0], hidden[-1]]
+    return kind, hidden.min(0) - 6, hidden.max(0) + 6
 
 
 def letter_at_an_end(sheet, rng):

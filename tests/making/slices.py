@@ -85,6 +85,12 @@ def pen(rng):
     return float(rng.choice([2.0, 2.5, 3.0, 4.0, 5.0]))
 
 
+def penned(rng, **margin):
+    """A curve, a pen's width, and the curve's length [px]."""
+    curve, width = hand(rng, **margin), pen(rng)
+    return curve, width, arc_of(curve)[-1]
+
+
 def drawn(canvas, rng):
     """A drawn curve, and the pen's width."""
     curve, width = hand(rng), pen(rng)
@@ -372,8 +378,7 @@ def _straightest(curve, low, high):
 
 def lifts(canvas, rng):
     """The pen was lifted twice over 5 to 14 px."""
-    curve, width = hand(rng), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng)
     a, b = (length * _straightest(curve, *share) for share in ((0.2, 0.45), (0.55, 0.8)))
     gaps = rng.uniform(5, 14, 2) + width
     for start, stop in ((0, a), (a + gaps[0], b), (b + gaps[1], length)):
@@ -445,8 +450,7 @@ def goes_on_along_an_axis(canvas, rng):
 
 def short_pieces(canvas, rng):
     """The curve goes on beyond 22 to 35 px in pieces shorter than a line may be."""
-    curve, width = hand(rng, margin=0.12), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng, margin=0.12)
     stop = length * rng.uniform(0.6, 0.75)
     canvas.line(part(curve, 0, stop), width, RED)
     at = stop
@@ -457,8 +461,7 @@ def short_pieces(canvas, rng):
 
 
 def goes_on_dashed(canvas, rng):
-    curve, width = hand(rng, margin=0.12), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng, margin=0.12)
     at = length * rng.uniform(0.55, 0.75)
     canvas.line(part(curve, 0, at), width, RED)
     dash, gap = rng.uniform(5, 12), rng.uniform(8, 24) + width
@@ -491,8 +494,7 @@ def end_under_a_box(canvas, rng):
 
 def end_among_specks(canvas, rng):
     """The last 35 to 90 px of a curve broken into specks among others."""
-    curve, width = hand(rng), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng)
     stop = length - rng.uniform(35, 90)
     canvas.line(part(curve, 0, stop), width, RED)
     at = stop + width
@@ -506,8 +508,7 @@ def end_among_specks(canvas, rng):
 
 def beyond_a_long_lift(canvas, rng):
     """One more stroke of 25 to 40 px, 30 to 60 px on, wherever the curve has bent to."""
-    curve, width = hand(rng, margin=0.12), pen(rng)
-    length = arc_of(curve)[-1]
+    curve, width, length = penned(rng, margin=0.12)
     start = length - rng.uniform(25, 40)
     canvas.line(part(curve, 0, start - rng.uniform(30, 60) - width), width, RED)
     canvas.line(part(curve, start, length), width, RED)

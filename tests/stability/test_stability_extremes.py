@@ -12,7 +12,7 @@ from replays import of_lines
 
 from vfplan import Trace
 from vfplan.stability import cases
-from vfplan.stability.cases import CASES, breach, engine_at_start, run_extreme_cases
+from vfplan.stability.cases import CASES, breach, run_extreme_cases
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import patch
 
@@ -36,10 +36,12 @@ def test_case_comes_out_as_the_table_says(case, on):
 
 @pytest.mark.full
 def test_long_cases_need_no_more_time_or_memory_in_the_end():
-    make, times, memory = partial(engine_for, rule="robust"), [], []
+    times, memory = [], []
+    walk = partial(cases.breach_by_long_walk, ticks=5_000_000)
     for _ in range(4):
         started = time.thread_time()
-        assert cases.breach_by_long_walk(patch(), make, ticks=5_000_000) == 0
+        [row] = run_extreme_cases([replace(CASES[-1], measure=walk)])
+        assert row.measured == 0
         times.append(time.thread_time() - started)
         memory.append(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
     assert times[-1] < 1.5 * times[0]
@@ -50,14 +52,14 @@ def test_long_cases_need_no_more_time_or_memory_in_the_end():
 
 def test_a_figure_beyond_the_limit_and_none_fail():
     wrong = [
-        cases.ExtremeCase("x", "nothing", lambda place, make, v=v: v) for v in (1.0, float("nan"))
+        cases.ExtremeCase("x", "nothing", lambda place, engine, v=v: v) for v in (1.0, float("nan"))
     ]
     assert [row.outcome for row in run_extreme_cases(wrong)] == ["fail", "fail"]
 
 
 def test_breach_sees_what_it_should():
     place = patch()
-    engine = engine_at_start(place, partial(engine_for, rule="robust"))
+    engine = engine_for(place, "robust")
     proxy, state = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]]), np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3

@@ -49,14 +49,10 @@ class Page:
         os.close(write)
         os.set_blocking(self._read, False)
         self._ids, self._rest, self.events = count(1), b"", []
-        target = next(
-            t for t in self._call("Target.getTargets")["targetInfos"] if t["type"] == "page"
-        )
-        self.attach(target["targetId"])
-
-    def attach(self, target):
-        arguments = {"targetId": target, "flatten": True}
-        self._session = self._call("Target.attachToTarget", **arguments)["sessionId"]
+        targets = self._call("Target.getTargets")["targetInfos"]
+        target = next(t["targetId"] for t in targets if t["type"] == "page")
+        attached = self._call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.do(f"{domain}.enable")
 

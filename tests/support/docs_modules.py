@@ -1,4 +1,4 @@
-"""The programs in docs/, loaded as modules."""
+"""The programs in docs/ and samples/, loaded as modules."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from vfplan.bench.record import Array
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
-from vfplan.replaying.metrics import flattened
+from vfplan.geometry.lines import flattened
 
 Mesh = tuple[Array, NDArray[np.int32]]
 

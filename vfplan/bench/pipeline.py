@@ -114,7 +114,8 @@ def pen_slice(pen_px: float, quality: int | None = None, scale: float = 1.0) -> 
         _, data = cv2.imencode(".jpg", pen_slice(pen_px, None, scale)[..., ::-1], flags)
         return np.ascontiguousarray(cv2.imdecode(data, cv2.IMREAD_COLOR)[..., ::-1])
     shape = (round(HEIGHT_PX * scale), round(WIDTH_PX * scale))
-    share = coverage(shape, to_pixels(curve(), scale), pen_px * scale)
+    # A pixel's centre is a whole number.
+    share = coverage(shape, (curve() + 0.5) * scale - 0.5, pen_px * scale)
     grey = grey_slice(shape, scale)[..., None]
     painted = grey + share[..., None] * (np.array([226.0, 26.0, 32.0]) - grey)
     rgb = np.clip(np.rint(painted), 0, 255).astype(np.uint8)
@@ -131,11 +132,6 @@ def curve() -> Array:
     s = np.r_[0, np.cumsum(np.hypot(np.diff(u), np.diff(v)))]
     even = np.arange(0, s[-1], 0.05)
     return np.column_stack([np.interp(even, s, u), np.interp(even, s, v)])
-
-
-def to_pixels(points: Array, scale: float) -> Array:
-    """Positions at scale 1 as those of the scaled image; a pixel's centre is a whole number."""
-    return (points + 0.5) * scale - 0.5
 
 
 def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:

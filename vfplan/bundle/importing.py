@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.bundle.content import max_size, rows_by_path
 from vfplan.bundle.leak import (
-    across,
     joined_corners,
     largest_cover,
     open_edges,
@@ -37,6 +36,7 @@ from vfplan.engine.parameters import check_axis, check_points, default_band
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
+from vfplan.geometry.lines import flattened
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     METRES,
@@ -380,7 +380,7 @@ def joined_and_turned(
 
 def cloud_findings(points: Points, axis: NDArray | None, reach: float) -> list[Finding]:
     """`cloud-in-pieces`, where a proxy that keeps `reach` [m] from points passes between pieces."""
-    pieces, widest = pieces_of(across(points, axis), 2 * reach)
+    pieces, widest = pieces_of(flattened(points, axis), 2 * reach)
     if pieces == 1:
         return []
     text = (

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import Content
+from vfplan.geometry.lines import flattened
 
 # Number of triangles or points that are looked at together, to bound memory.
 BLOCK = 1 << 18
@@ -46,7 +47,7 @@ def certificate(content: Content) -> Content:
     leak: Content = {"/leak@kind": kind}
     if kind == "cloud":
         # How the points of a bare cloud connect is not known, so there is no limit.
-        largest, row = loneliest(across(corners, axis))
+        largest, row = loneliest(flattened(corners, axis))
         place = corners[row]
     else:
         place = corners[rows].mean(axis=0)
@@ -65,11 +66,6 @@ def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> 
     """How far a place of a triangle is from the triangle's nearest corner, at most [m]."""
     rows = np.ascontiguousarray(triangles, np.int32)
     return _core.certificate(points, None, 0.0, triangles=rows)[1]
-
-
-def across(points: NDArray[np.float64], axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """(N, 3) points without their part along an ignored axis."""
-    return points if axis is None else points - (points @ axis)[:, None] * axis
 
 
 def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -304,7 +300,7 @@ def open_ends(content: Content) -> Content:
         return {}
     leak: Content = {"/leak/open_ends": np.ascontiguousarray(content["/points"][ends])}
     if len(is_closed) > 1:
-        points = across(content["/points"], content.get("/rendering/ignore_axis"))
+        points = flattened(content["/points"], content.get("/rendering/ignore_axis"))
         distance = distance_to_other_strokes(points, stroke, ends)
         farthest = int(np.argmax(distance))
         leak["/leak@between_m"] = float(distance[farthest])

@@ -24,8 +24,9 @@ from numpy.typing import NDArray
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
+from vfplan.geometry.lines import flattened
 from vfplan.registration.models import homogeneous, make_model, make_problem
-from vfplan.replaying.metrics import CONTACT_M, dots, flattened, row_norms
+from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
 from vfplan.session.session import Session
 
 Array = NDArray[np.float64]
@@ -192,7 +193,8 @@ class Trials:
         along = np.gradient(self.fixture.points, axis=0)
         normal = self.fixture.ignore_axis
         if normal is None:
-            normal = np.linalg.svd(self.fixture.points - self.fixture.points.mean(axis=0))[2][2]
+            centred = self.fixture.points - self.fixture.points.mean(axis=0)
+            normal = np.linalg.svd(centred, full_matrices=False)[2][2]
         across = np.cross(along, normal)
         return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
 

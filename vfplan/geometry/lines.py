@@ -25,6 +25,11 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
+def flattened(places: Array, axis: Array | None) -> Array:
+    """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
+    return places if axis is None else places - np.outer(places @ axis, axis)
+
+
 def ring_of(points: NDArray, closed: bool) -> Array:
     """The points of a line; those of a closed one end with the first again."""
     if closed:

@@ -25,7 +25,7 @@ from vfplan.display import MM
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import runs
+from vfplan.geometry.lines import flattened, runs
 from vfplan.io.files import to_json_types
 from vfplan.robot import Robot
 from vfplan.session.result import STATES, TickBlock, concatenate_ticks
@@ -50,11 +50,6 @@ def row_norms(vectors: Array) -> Array:
 def dots(a: Array, b: Array) -> Array:
     """(n,) scalar products of the rows of two (n, 3) arrays."""
     return np.einsum("ij,ij->i", a, b)
-
-
-def flattened(places: Array, axis: Array | None) -> Array:
-    """(n, 3) places without their part along an ignored axis (a unit vector, or `None`)."""
-    return places if axis is None else places - np.outer(places @ axis, axis)
 
 
 def rendered_ticks(time: Array, hip: Array, answers: Any, surface_depth: float) -> TickBlock:

@@ -25,7 +25,7 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
-from vfplan.replaying.metrics import flattened
+from vfplan.geometry.lines import flattened
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -43,8 +43,6 @@ WANDER_M = 1.6 * RADIUS
 # Standard deviation of a step of the long walk along each axis [m], 0.1 m/s at 1 kHz.
 WANDER_STEP_M = RADIUS / 50
 
-EngineFactory = Callable[[Contact], ProxyEngine]
-
 
 @dataclass(frozen=True)
 class ExtremeCase:
@@ -57,19 +55,23 @@ class ExtremeCase:
     expected
         What is expected, in words.
     measure
-        Gives the figure that must be at most `limit`, for a contact and what makes its engine.
+        Gives the figure that must be at most `limit`, for a contact and its engine, whose proxy
+        starts clear of it.
     limit, unit
         The limit of the figure, and the unit of both.
     full
         Whether the case runs with `--full` only.
+    at_origin
+        Whether the touch is moved to 0, where the smallest steps change a coordinate.
     """
 
     name: str
     expected: str
-    measure: Callable[[Contact, EngineFactory], float]
+    measure: Callable[[Contact, ProxyEngine], float]
     limit: float = ROUNDING_M
     unit: str = "m inside the free distance R - band"
     full: bool = False
+    at_origin: bool = False
 
 
 def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) -> list[CaseResult]:
@@ -84,10 +86,12 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
         contact = next(places, None)
         if contact is None:
             return []
-    make_engine = partial(engine_for, rule=rule, band=band)
     results = []
     for case in cases:
-        figure = case.measure(contact, make_engine)
+        place = at_origin(contact) if case.at_origin else contact
+        engine = engine_for(place, rule, band)
+        engine.reset(place.start)
+        figure = case.measure(place, engine)
         detail = f"expected {case.expected}; {figure:.3g} {case.unit}"
         # A figure that is no number fails.
         outcome = outcome_of(figure <= case.limit)
@@ -96,11 +100,13 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
     return results
 
 
-def engine_at_start(contact: Contact, make_engine: EngineFactory) -> ProxyEngine:
-    """An engine whose proxy starts clear of the contact."""
-    engine = make_engine(contact)
-    engine.reset(contact.start)
-    return engine
+def at_origin(contact: Contact) -> Contact:
+    """The contact with its touch at 0."""
+    shape = contact.exact_shape
+    if isinstance(shape, Pieces):
+        shape = replace(shape, vertices=shape.vertices - contact.touch)
+    points = contact.points - contact.touch
+    return replace(contact, points=points, touch=np.zeros(3), exact_shape=shape)
 
 
 def breach(contact: Contact, engine: ProxyEngine, trace: Trace) -> float:
@@ -143,9 +149,8 @@ def random_wave(rng: np.random.Generator, s: Vector, harmonics: int) -> Vector:
     return wave
 
 
-def drift_at_rest(contact: Contact, make_engine: EngineFactory, ticks: int) -> float:
+def drift_at_rest(contact: Contact, engine: ProxyEngine, ticks: int) -> float:
     """How far the proxy moves over `ticks` with the HIP at rest R/4 deep, after 1000 ticks [m]."""
-    engine = engine_at_start(contact, make_engine)
     offset = 0.1 * surface_direction(contact) - 0.25 * contact.normals[0]
     hip = contact.touch + contact.radius * offset
     settled = engine.run(np.tile(hip, (1000, 1))).proxy[-1]
@@ -157,13 +162,12 @@ def drift_at_rest(contact: Contact, make_engine: EngineFactory, ticks: int) -> f
     return drift
 
 
-def breach_by_jump(contact: Contact, make_engine: EngineFactory, distance: float) -> float:
+def breach_by_jump(contact: Contact, engine: ProxyEngine, distance: float) -> float:
     """Breach while the HIP jumps `distance` [m] through the cloud, and back [m].
 
     The HIP presses before each jump. A jump alone may show no force, because the proxy reaches the
     far side within the tick where it can go around the end of a line.
     """
-    engine = engine_at_start(contact, make_engine)
     start = contact.start
     pressed = contact.touch - 0.25 * contact.radius * contact.normals[0]
     beyond = -distance * contact.normals[0]
@@ -171,9 +175,7 @@ def breach_by_jump(contact: Contact, make_engine: EngineFactory, distance: float
     return breach(contact, engine, engine.run(hips))
 
 
-def breach_by_piercing(
-    contact: Contact, make_engine: EngineFactory, speed: float, rate: float
-) -> float:
+def breach_by_piercing(contact: Contact, engine: ProxyEngine, speed: float, rate: float) -> float:
     """Breach while the HIP goes through the cloud and back, and slides along it [m].
 
     `speed` [m/s] and `rate` [Hz] say how many ticks that takes, at least 8 and at most
@@ -187,43 +189,33 @@ def breach_by_piercing(
 
     length = float(np.linalg.norm(np.diff(path(2000), axis=0), axis=1).sum())
     hips = path(min(max(int(length / speed * rate), 8), BLOCK_TICKS))
-    engine = make_engine(contact)
     engine.reset(hips[0])
     return breach(contact, engine, engine.run(hips))
 
 
-def breach_by_denormals(contact: Contact, make_engine: EngineFactory) -> float:
+def breach_by_denormals(contact: Contact, engine: ProxyEngine) -> float:
     """Breach while the HIP moves by the smallest numbers there are, around 0 and at a touch [m]."""
-    # The touch is moved to 0, where such steps change a coordinate.
-    shape = contact.exact_shape
-    if isinstance(shape, Pieces):
-        shape = replace(shape, vertices=shape.vertices - contact.touch)
-    contact = replace(
-        contact, points=contact.points - contact.touch, touch=np.zeros(3), exact_shape=shape
-    )
-    engine = engine_at_start(contact, make_engine)
     normal = contact.normals[0]
     tiny = np.arange(-500, 500)[:, None] * 5e-324 * np.ones(3)
     hips = np.concatenate([tiny, tiny - 1e-310 * normal, tiny - 1e-3 * normal])
     return breach(contact, engine, engine.run(hips))
 
 
-def breach_on_points(contact: Contact, make_engine: EngineFactory) -> float:
+def breach_on_points(contact: Contact, engine: ProxyEngine) -> float:
     """Breach with the HIP exactly on the nearest point, and on the next ones [m]."""
-    engine = engine_at_start(contact, make_engine)
     nearest = np.argsort(np.linalg.norm(contact.points - contact.touch, axis=1))[:50]
     return breach(contact, engine, engine.run(np.repeat(contact.points[nearest], 3, axis=0)))
 
 
-def difference_by_bad_ticks(contact: Contact, make_engine: EngineFactory) -> float:
+def difference_by_bad_ticks(contact: Contact, engine: ProxyEngine) -> float:
     """Largest difference that NaN, infinity and 1e7 m between good ticks make [m].
 
     A bad tick must keep proxy and force, and say so in its status; else the figure is infinite.
     """
     good_hips = random_path(contact, 300)
-    undisturbed = engine_at_start(contact, make_engine).run(good_hips)
+    undisturbed = engine.run(good_hips)
     bad_hips = np.array([[np.nan] * 3, [np.inf, 0, 0], [0, -np.inf, 0], [0, 0, 1e7]])
-    engine = engine_at_start(contact, make_engine)
+    engine.reset(contact.start)
     largest = 0.0
     for tick, hip in enumerate(good_hips):
         good = engine.step(hip)
@@ -235,9 +227,8 @@ def difference_by_bad_ticks(contact: Contact, make_engine: EngineFactory) -> flo
     return largest
 
 
-def breach_by_long_walk(contact: Contact, make_engine: EngineFactory, ticks: int) -> float:
+def breach_by_long_walk(contact: Contact, engine: ProxyEngine, ticks: int) -> float:
     """Breach in a long random walk around the contact [m]."""
-    engine = engine_at_start(contact, make_engine)
     rng = np.random.default_rng(11)
     hip = contact.start
     largest = 0.0
@@ -262,7 +253,7 @@ CASES = (
                 partial(breach_by_piercing, speed=1e3, rate=1000.0)),
     *(ExtremeCase(f"hip/{rate:g} Hz", OUTSIDE, partial(breach_by_piercing, speed=0.2, rate=rate))
       for rate in (10.0, 100.0, 1e3, 1e4, 4e4)),
-    ExtremeCase("hip/moves by denormals", FINITE, breach_by_denormals),
+    ExtremeCase("hip/moves by denormals", FINITE, breach_by_denormals, at_origin=True),
     ExtremeCase("hip/exactly on a point", FINITE, breach_on_points),
     ExtremeCase("hip/NaN, Inf, 1e7 m, then back", "the same as without the bad ticks",
                 difference_by_bad_ticks, 0.0, "m of difference"),

@@ -17,7 +17,7 @@ from vfplan import scenes
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
 from vfplan.fixture import Fixture, Pieces
-from vfplan.replaying.metrics import flattened
+from vfplan.geometry.lines import flattened
 
 # R = r_c of the scenes [m], as in the paper's experiments.
 RADIUS = 5e-3
@@ -83,25 +83,15 @@ class Contact:
         return self.touch - self.start_distance * self.radius * self.inward
 
 
-def beside(
-    scene: scenes.Scene, touch: Vector, *normals: Vector, hand_share: float = 0.0
-) -> Iterator[Contact]:
-    """The contact at one place of a scene in space, (3,) [m], whose walls have these normals."""
-    yield Contact(scene.points, touch, np.array(normals), hand_share=hand_share)
+def beside(scene: scenes.Scene, touch: Vector, *normals: Vector, **more: Any) -> Iterator[Contact]:
+    """The contact at one place of a scene, (3,) [m], whose walls have these normals."""
+    yield Contact(scene.points, touch, np.array(normals), scene.ignore_axis, **more)
 
 
 def patch() -> Contact:
     """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
     points = scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3)
     return Contact(points, RADIUS * Y, Y[None])
-
-
-def channel() -> Iterator[Contact]:
-    """A channel that is 5 µm wider than the proxy, pressed against one wall."""
-    scene = scenes.Channel()
-    touch = (RADIUS - scene.width / 2) * -Y
-    yield Contact(scene.points, touch, -Y[None], scene.ignore_axis, start_distance=0.0,
-                  exact_shape=scene.lines_and_arcs)  # fmt: skip
 
 
 def omega() -> Iterator[Contact]:
@@ -121,14 +111,16 @@ def omega() -> Iterator[Contact]:
 
 
 # Every scene of contact by its name: a flat sheet, the outside of a cylinder of radius 30 mm,
-# concave corners, a channel, a single point, two sheets 4 mm apart, and the paper's Ω.
+# concave corners, a channel 5 µm wider than the proxy, a single point, two sheets 4 mm apart, and
+# the paper's Ω.
 SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
     "flat": partial(beside, scenes.Sheet(), scenes.Sheet.centre + RADIUS * Y, Y),
     "convex": partial(beside, scenes.Circle(radius=0.03, extrude=0.06), (0.03 + RADIUS) * X, X,
                       hand_share=HAND_SHARE),
     "corner": partial(beside, scenes.Corner(extrude=0.04), RADIUS * (X + Y), X, Y),
     "three-walls": partial(beside, scenes.ThreeWalls(), RADIUS * (X + Y + Z), X, Y, Z),
-    "channel": channel,
+    "channel": partial(beside, scenes.Channel(), (scenes.Channel.width / 2 - RADIUS) * Y, -Y,
+                       start_distance=0.0, exact_shape=scenes.Channel().lines_and_arcs),
     "point": partial(beside, scenes.Point(), RADIUS * Y, Y, hand_share=HAND_SHARE),
     "double-sheet": partial(beside, scenes.DoubleSheet(), (2e-3 + RADIUS) * Y, Y),
     "omega": omega,
