@@ -1,7 +1,6 @@
 """The native engine on its own: sliding, starts inside, threads, and what it refuses."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -10,7 +9,6 @@ from motion import SHEET, R, even, grid, led_out, play, same
 
 import vfplan
 from vfplan import Status, _core
-from vfplan.errors import SettingError
 
 
 def dust(n=2000, half=0.02, seed=1):
@@ -181,24 +179,8 @@ def test_one_engine_or_governor_serves_one_thread(run, act, noun):
     act()
 
 
-def test_two_threads_run_at_once():
-    cloud, hips = dust(), press_and_slide(500)
-    alone = vfplan.ProxyEngine(cloud).run(hips).proxy
-    with ThreadPoolExecutor(2) as pool:
-        traces = pool.map(lambda _: vfplan.ProxyEngine(cloud).run(hips), range(2))
-        assert all(np.array_equal(trace.proxy, alone) for trace in traces)
-
-
 def test_left_out_says_what_the_scene_does_not_need():
     left_out = {"coordinates": 7, "point_radius": 1, "stiffness_axes": 2, "grid": 1}
     assert vfplan.ProxyEngine(dust(7), ignore_axis="z").left_out == left_out
     engine = vfplan.ProxyEngine(SHEET, point_radius=1e-3, stiffness=(1, 2, 3))
     assert engine.left_out == {}
-
-
-@pytest.mark.parametrize(
-    "settings", [{"search": "tree"}, {"max_iterations": 0}, {"max_iterations": 2.5}], ids=str
-)
-def test_settings_out_of_range(settings):
-    with pytest.raises(SettingError):
-        vfplan.ProxyEngine(SHEET, **settings)
