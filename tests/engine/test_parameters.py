@@ -83,14 +83,13 @@ def test_what_is_no_such_setting_is_refused(setting):
     assert caught.value.message.startswith(name)
 
 
-@pytest.mark.parametrize("make", [MAKE, ProxyEngine])
-def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
+def test_a_band_that_the_coordinates_do_not_resolve_is_refused():
     """1e4 roundings of 1e6 m are 2.2 µm."""
     far = np.array([[0.0, -1e6, 1.0]])
     with pytest.raises(SettingError, match=r"1e4 roundings of the largest coordinate, 1e\+06 m"):
-        make(far, band=2.2e-6)
-    make(far, band=2.3e-6)
-    make(far)
+        ProxyEngine(far, band=2.2e-6)
+    ProxyEngine(far, band=2.3e-6)
+    ProxyEngine(far)
 
 
 @pytest.mark.parametrize(("points", "says"), [
@@ -101,10 +100,9 @@ def test_a_band_that_the_coordinates_do_not_resolve_is_refused(make):
     ([["a", "b", "c"]], "real numbers"), ([[1j, 0, 0]], "complex128"),
     ([[True, False, True]], "bool"), ([[0.0, 0.0, 0.0], [1.0]], "rows of different length"),
     (None, "object"), (1.0, "shape ()")])  # fmt: skip
-@pytest.mark.parametrize("make", [MAKE, ProxyEngine])
-def test_cloud_that_cannot_be_rendered_is_refused(make, points, says):
+def test_cloud_that_cannot_be_rendered_is_refused(points, says):
     with pytest.raises(SceneError) as caught:
-        make(points)
+        ProxyEngine(points)
     assert says in str(caught.value)
 
 

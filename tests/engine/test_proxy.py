@@ -1,7 +1,6 @@
 """The native engine on its own: sliding, starts inside, threads, and what it refuses."""
 
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -177,14 +176,6 @@ def test_one_engine_or_governor_serves_one_thread():
         run.join()
         assert f"one {'engine' if one is engine else 'governor'} serves one thread" in refused
         act()
-
-
-def test_two_threads_run_at_once():
-    cloud, hips = dust(), press_and_slide(500)
-    alone = vfplan.ProxyEngine(cloud).run(hips).proxy
-    with ThreadPoolExecutor(2) as pool:
-        traces = pool.map(lambda _: vfplan.ProxyEngine(cloud).run(hips), range(2))
-        assert all(np.array_equal(trace.proxy, alone) for trace in traces)
 
 
 def test_left_out_says_what_the_scene_does_not_need():

@@ -222,9 +222,7 @@ def sampled(fixture: Fixture) -> Fixture:
 
 def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     """The fixture whose points a rule renders: of a mesh its samples, unless rule "exact" does."""
-    if rule == "exact":
-        return fixture
-    return sampled(fixture)
+    return fixture if rule == "exact" else sampled(fixture)
 
 
 def mesh_findings(fixture: Fixture) -> list[Finding]:
