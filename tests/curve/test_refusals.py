@@ -31,8 +31,6 @@ def paint(*curves, width=3.0, colour=RED, closed=False):
 
 
 TWO_LINES = paint(line(40, 80, 300, 80), line(40, 220, 300, 220))
-
-
 BOWED = line(40, 150, 300, 150, 30)
 
 

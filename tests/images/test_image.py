@@ -120,12 +120,9 @@ def test_a_tiff_of_any_layout_is_turned_as_it_says(tmp_path, layout, orientation
             0, np.iinfo(depth).max, (60, 90, 3), depth, endpoint=True
         )
         stored[0, 0] = np.iinfo(depth).max
-        if layout == "planes":
-            stored = np.moveaxis(stored, 2, 0)
+        written = np.moveaxis(stored, 2, 0) if layout == "planes" else stored
         tag = [(0x0112, "H", 1, orientation, True)]
-        tifffile.imwrite(path, stored, photometric="rgb", extratags=tag, **LAYOUTS[layout])
-        if layout == "planes":
-            stored = np.moveaxis(stored, 0, 2)
+        tifffile.imwrite(path, written, photometric="rgb", extratags=tag, **LAYOUTS[layout])
         if layout == "planes" and depth == np.uint16:
             with pytest.raises(ImageError, match="planes of colours"):
                 vfplan.read_image(path)

@@ -356,11 +356,9 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     if len(points) < 3:
         return np.zeros(0, np.intp)
     ring = np.pad(points, [(1, 1), (0, 0)], "wrap") if closed else points
-    steps = np.diff(ring, axis=0)
-    length = np.linalg.norm(steps, axis=1)
-    cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
-    turn = np.abs(np.arctan2(cross, (steps[:-1] * steps[1:]).sum(axis=1)))
-    error = np.minimum(length[:-1], length[1:]) / 2 * np.tan(turn / 4)
+    steps = np.diff(ring, axis=0) @ [1, 1j]
+    turn = np.abs(np.angle(steps[1:] * steps[:-1].conj()))
+    error = np.minimum(abs(steps[:-1]), abs(steps[1:])) / 2 * np.tan(turn / 4)
     neighbours = np.pad(turn, 1, mode="wrap" if closed else "constant")
     isolated = turn > ISOLATED * np.maximum(neighbours[:-2], neighbours[2:])
     isolated &= turn > OUTSTANDING * np.median(turn)
