@@ -628,8 +628,6 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
     """(M,) bool, whether a gap, another colour or an end is so close that it changes the width."""
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
-    # A relative width is a mean over so many profiles.
-    expected = windows(expected, round(tuned.INK_HANGS_PX)).any(axis=1)
     ahead = np.gradient(curve.path, axis=0)
     turn = choose.changes(np.unwrap(np.arctan2(*ahead.T[::-1])), tuned.SUDDEN_PX // 2)
     for end, inside in zip(curve.ends, curve.inside, strict=True):

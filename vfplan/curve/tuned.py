@@ -256,8 +256,8 @@ SPECK_PX = 4
 END_REACH_GAPS = 1.5
 
 # Share of the curve's strength up to which ink off the direction of an end is another pen's. Leader
-# lines and bars had 0.35 to 0.51, and 0.73 once, dashes of the curve 0.77 and more.
-PALE = 0.65
+# lines and bars had 0.35 to 0.73, a dash of the curve 0.97.
+PALE = 0.75
 
 # Pixels of standard deviation along the line from which an end is unsure.
 UNSURE_PX = 1.5
