@@ -85,21 +85,15 @@ def random_picture(rng):
 
 
 def random_options(rng, shape):
-    options = {}
-    if rng.random() < 0.3:
-        options["stroke"] = ["all", "longest", 1, 2][int(rng.integers(4))]
-    elif rng.random() < 0.3:
-        options["start"] = tuple(rng.uniform(0, 90, 2))
-    if rng.random() < 0.3:
-        options["max_gap_px"] = float(rng.choice([0.0, 5.0, 200.0]))
-    if rng.random() < 0.3:
-        options["accept_width"] = True
-    if rng.random() < 0.2:
-        options["method"] = "skeleton"
-    if rng.random() < 0.3 and min(shape[:2]) > 4:
-        options["roi"] = (1, 1, shape[1] - 2, shape[0] - 2)
-        options["exclude"] = [(1, 1, 2, 2)]
-    return options
+    which = [{"stroke": stroke} for stroke in ("all", "longest", 1, 2)]
+    which += [{"start": tuple(rng.uniform(0, 90, 2))}, {}, {}]
+    gaps = [{"max_gap_px": gap} for gap in (0.0, 5.0, 200.0)] + 5 * [{}]
+    ways = [{"accept_width": True}, {"method": "skeleton"}, {}, {}]
+    boxes = [{"roi": (1, 1, shape[1] - 2, shape[0] - 2), "exclude": [(1, 1, 2, 2)]}, {}, {}]
+    if min(shape[:2]) <= 4:
+        boxes = [{}]
+    picked = [choices[rng.integers(len(choices))] for choices in (which, gaps, ways, boxes)]
+    return picked[0] | picked[1] | picked[2] | picked[3]
 
 
 @pytest.mark.parametrize("seed", range(8))

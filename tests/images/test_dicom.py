@@ -13,7 +13,7 @@ from pydicom.data import get_testdata_files
 from refusals import refuses
 
 import vfplan
-from vfplan.errors import CurveError, ImageError, VfplanError
+from vfplan.errors import CurveError, ImageError
 
 # Installed with pydicom itself; the larger files it would fetch are not asked for.
 ZOO = sorted({Path(f) for f in get_testdata_files() if Path(f).is_file()})
@@ -53,13 +53,8 @@ def test_palette(tmp_path):
     assert np.array_equal(read.rgb[61, 5], [230, 20, 40])
 
 
-def test_spacing_rows_and_columns_are_not_mixed_up(tmp_path):
+def test_spacing_is_along_u_first_and_the_detectors_only_when_asked(tmp_path):
     # DICOM writes the distance between rows (along v) first.
-    read = vfplan.read_image(capture(tmp_path, PixelSpacing=[0.4, 0.7]))
-    assert read.pixel_spacing_mm == (0.7, 0.4)
-
-
-def test_the_detectors_spacing_only_when_asked(tmp_path):
     path = capture(tmp_path, ImagerPixelSpacing=[0.1, 0.2])
     assert vfplan.read_image(path).pixel_spacing_mm is None
     assert vfplan.read_image(path, imager_spacing=True).pixel_spacing_mm == (0.2, 0.1)
@@ -123,37 +118,25 @@ def test_truncated_dicom_is_refused(tmp_path, kept):
         vfplan.read_image(path)
 
 
-def refusal(path):
-    """The error that reading raises; `None` when the file is read, with pixels as promised."""
-    try:
-        read = vfplan.read_image(path)
-    except VfplanError as error:
-        return error
-    assert read.rgb.ndim == 3
-    assert read.rgb.shape[2] == 3
-    assert read.rgb.dtype in (np.uint8, np.uint16)
-    return None
-
-
-@pytest.mark.parametrize("path", ZOO, ids=lambda p: p.name)
-def test_zoo_is_read_or_refused_with_a_reason(path, capfd):
-    error = refusal(path)
-    if error is not None:
-        assert isinstance(error, ImageError)
-        assert error.exit_code == 3
-        assert len(error.message) > 15
-        assert "\n" not in error.message
+def test_the_zoo_is_read_or_refused_with_a_reason(capfd):
+    refused = []
+    for path in ZOO:
+        try:
+            rgb = vfplan.read_image(path).rgb
+        except ImageError as error:
+            refused.append(error)
+            continue
+        assert rgb.shape[2:] == (3,)
+        assert rgb.dtype in (np.uint8, np.uint16)
+    assert len(ZOO) - len(refused) > 50
+    assert {error.exit_code for error in refused} == {3}
+    assert all(len(error.message) > 15 and "\n" not in error.message for error in refused)
     assert capfd.readouterr().err == ""
 
 
-def test_much_of_the_zoo_is_read():
-    assert sum(refusal(path) is None for path in ZOO) > 50
-
-
-@pytest.mark.parametrize("count", [-1, -5])
-def test_a_number_of_frames_that_is_none_is_named(tmp_path, count):
-    with refuses(ImageError, "no-frames", count=count):
-        vfplan.read_image(capture(tmp_path, NumberOfFrames=count))
+def test_a_number_of_frames_that_is_none_is_named(tmp_path):
+    with refuses(ImageError, "no-frames", count=-1):
+        vfplan.read_image(capture(tmp_path, NumberOfFrames=-1))
 
 
 def test_frames_of_an_enhanced_file_lie_where_their_functional_groups_say(tmp_path):

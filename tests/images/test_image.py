@@ -47,24 +47,21 @@ def test_palette(tmp_path):
     assert np.array_equal(read.rgb, np.array(few.convert("RGB")))
 
 
-@pytest.mark.parametrize("mode", ["RGBA", "LA", "P"])
+@pytest.mark.parametrize("mode", ["RGB", "L", "P"])
 def test_transparent_pixels_lie_over_black(tmp_path, mode):
-    alpha = np.full(SHAPE, 255, np.uint8)
-    alpha[:20] = 0
+    image, options = Image.fromarray(PICTURE).convert(mode), {}
     if mode == "P":
-        image = Image.fromarray(PICTURE).quantize(16)
-        image = Image.fromarray(np.where(alpha == 0, 0, np.array(image)).astype(np.uint8), "P")
-        image.putpalette(list(range(48)))
-        path = saved(tmp_path, "PNG", image, transparency=0)
-        assert not vfplan.read_image(path).rgb[:20].any()
-        return
-    image = Image.fromarray(PICTURE if mode == "RGBA" else PICTURE[..., 0])
-    image.putalpha(Image.fromarray(alpha))
-    read = vfplan.read_image(saved(tmp_path, "PNG", image)).rgb
-    assert read.shape == (*SHAPE, 3)
-    assert not read[:20].any()
-    expected = PICTURE[20:] if mode == "RGBA" else np.repeat(PICTURE[20:, :, :1], 3, 2)
-    assert np.array_equal(read[20:], expected)
+        options["transparency"] = int(np.array(image)[0, 0])
+    else:
+        alpha = np.full(SHAPE, 255, np.uint8)
+        alpha[:20] = 0
+        image.putalpha(Image.fromarray(alpha))
+    path = saved(tmp_path, "PNG", image, **options)
+    shown = Image.open(path).convert("RGBA")
+    shown = Image.alpha_composite(Image.new("RGBA", shown.size, "black"), shown).convert("RGB")
+    read = vfplan.read_image(path).rgb
+    assert not read[0, 0].any()
+    assert np.array_equal(read, shown)
 
 
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16])
@@ -123,12 +120,9 @@ def test_a_tiff_of_any_layout_is_turned_as_it_says(tmp_path, layout, orientation
             0, np.iinfo(depth).max, (60, 90, 3), depth, endpoint=True
         )
         stored[0, 0] = np.iinfo(depth).max
-        if layout == "planes":
-            stored = np.moveaxis(stored, 2, 0)
+        written = np.moveaxis(stored, 2, 0) if layout == "planes" else stored
         tag = [(0x0112, "H", 1, orientation, True)]
-        tifffile.imwrite(path, stored, photometric="rgb", extratags=tag, **LAYOUTS[layout])
-        if layout == "planes":
-            stored = np.moveaxis(stored, 0, 2)
+        tifffile.imwrite(path, written, photometric="rgb", extratags=tag, **LAYOUTS[layout])
         if layout == "planes" and depth == np.uint16:
             with pytest.raises(ImageError, match="planes of colours"):
                 vfplan.read_image(path)

@@ -18,6 +18,7 @@ from vfplan.curve.candidates import (
     find_pieces,
     gap_ahead_px,
     gap_px,
+    half_covered,
     is_open_ring,
     strength_along,
 )
@@ -26,13 +27,14 @@ from vfplan.curve.choose import finding_at
 from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import Array, Flags, evenly, running_median, runs, windows
+from vfplan.geometry.lines import Array, Flags, evenly, normals, running_median, runs, windows
 
 # Pieces of ink of one sort that have a finding of their own; the account lists all.
 NAMED = 3
 
-# Share of a stroke that lies beyond a gap, below which it may be a leader line or a letter. People
-# lift the pen along the whole of a line, so that a larger share would ask at most lifts.
+# Share of a stroke that lies beyond a gap, below which it may be a leader line or a letter. Of 500
+# leader lines of tests/making/as_people_draw.py none had more than 0.19. People lift the pen along
+# the whole of a line: with 0.2, 17 % of the slices with two lifts are asked about, with 0.25, 46 %.
 NEAR_END_SHARE = 0.2
 
 # Points of the curve that are held against all later ones at once.
@@ -66,6 +68,8 @@ class Leftover:
         From the closest curve's edge to its closest pixel [px].
     end_distance
         From the closest end of an open curve to its closest pixel [px].
+    is_ahead
+        Whether it lies in the direction of that end, or is about as strong as the curve.
     is_dot
         Whether it is too short beside the pen's width to carry a line on.
     """
@@ -76,6 +80,7 @@ class Leftover:
     size: float
     edge_distance: float
     end_distance: float
+    is_ahead: bool
     is_dot: bool
 
     @property
@@ -85,7 +90,8 @@ class Leftover:
 
     def is_at_end(self, max_gap_px: float) -> bool:
         """Whether it lies so near to an end that it may carry the curve on."""
-        return not self.is_dot and self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
+        is_near = self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
+        return is_near and self.is_ahead and not self.is_dot
 
     @property
     def mask(self) -> Flags:
@@ -169,17 +175,11 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
     outside = edge_distance > tuned.EDGE_BLUR_PX
     pixels, edge_distance = pixels[outside], edge_distance[outside]
-    if len(pixels) == 0:
-        return []
-    end_distance = np.full(len(pixels), np.inf)
-    for curve in curves:
-        if len(curve.end_points):
-            to_end, _ = _core.nearest(curve.end_points, pixels)
-            end_distance = np.minimum(end_distance, to_end)
     least_size = tuned.MIN_ASPECT / 2 * min((curve.width or 0.0 for curve in curves), default=0.0)
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
+            end_distance, is_ahead = _to_end(ink, pixels[members], curves)
             low, high = pixels[members].min(0), pixels[members].max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
@@ -188,11 +188,34 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 nearest=pixels[members[edge_distance[members].argmin()]],
                 size=size,
                 edge_distance=float(edge_distance[members].min()),
-                end_distance=float(end_distance[members].min()),
+                end_distance=end_distance,
+                is_ahead=is_ahead,
                 is_dot=size < least_size,
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
+
+
+def _to_end(ink: Ink, places: NDArray, curves: Sequence[Stroke]) -> tuple[float, bool]:
+    """How far ink is from the end closest to it [px], and whether it `is_ahead` of that end."""
+    distance, is_ahead = np.inf, False
+    for curve in curves:
+        for end, (ahead_u, ahead_v) in zip(curve.end_points, headings_of(curve), strict=False):
+            away = np.hypot(*(places - end).T)
+            if away.min() < distance:
+                distance, (u, v) = float(away.min()), places[away.argmin()] - end
+                turn = np.arctan2(abs(u * ahead_v - v * ahead_u), u * ahead_u + v * ahead_v)
+                turn -= np.arctan2(tuned.FLANK_PX, distance)  # So far an end may lie off its line.
+                strength = strength_along(ink, half_covered(ink, places))
+                is_ahead = np.degrees(turn) <= tuned.MAX_TURN_DEG
+                is_ahead |= strength > tuned.PALE * strength_along(ink, curve.points)
+    return distance, bool(is_ahead)
+
+
+def headings_of(curve: Stroke) -> Array:
+    """(2, 2) the directions in which a line would go on at its ends."""
+    inward = min(tuned.TANGENT_PX, len(curve.points) - 1)
+    return curve.points[[0, -1]] - curve.points[[inward, -1 - inward]]
 
 
 def list_account(
@@ -225,6 +248,13 @@ def _middle(run: NDArray) -> int:
     return int(run[len(run) // 2])
 
 
+def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
+    """The pixels of a (H, W) plane that lie within reach of a place, along u and along v."""
+    left, top = np.maximum(np.floor(place - reach), 0).astype(int)
+    right, bottom = np.ceil(place + reach).astype(int) + 1
+    return plane[top:bottom, left:right]
+
+
 def end_findings(
     ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover] = ()
 ) -> list[Finding]:
@@ -233,13 +263,10 @@ def end_findings(
     leftover: other ink, which has findings of its own
     """
     findings = []
-    inward = min(tuned.TANGENT_PX, len(curve.points) - 1)
-    headings = curve.points[[0, -1]] - curve.points[[inward, -1 - inward]]
-    for point, heading, end in zip(curve.points[[0, -1]], headings, curve.ends, strict=False):
+    ends = zip(curve.points[[0, -1]], headings_of(curve), curve.ends, strict=False)
+    for point, heading, end in ends:
         reach = curve.width + tuned.FLANK_PX
-        left, top = np.maximum(np.floor(point - reach), 0).astype(int)
-        right, bottom = np.ceil(point + reach).astype(int) + 1
-        other = ink.other[top:bottom, left:right] > OTHER_UNIT * tuned.FOREIGN
+        other = around(ink.other, point, reach) > OTHER_UNIT * tuned.FOREIGN
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
             findings.append(finding_at(point, "end-other-colour", text))
@@ -268,27 +295,25 @@ def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float, to_borde
     heading: (2,) in which the line would go on
     to_border: from the end to the picture's border [px]
     """
-    onward = heading / max(np.hypot(*heading), 1e-9)
-    across = np.array([-onward[1], onward[0]])
-    out = width / 2 + 2 * tuned.FLANK_PX + np.arange(tuned.COVER_PX)
-    along = np.arange(tuned.COVER_PX) - tuned.COVER_PX // 2
-    ahead, *beside = (
-        brightness(
-            ink.rgb, *np.moveaxis(end + out[:, None, None] * way + along[:, None] * aside, 2, 0)
-        )
-        for way, aside in ((onward, across), (across - onward, onward), (-across - onward, onward))
-    )
+    # As complex numbers: a square ahead, and one behind to either side of the line.
+    onward = complex(*heading) / max(np.hypot(*heading), 1e-9)
+    along = np.arange(tuned.COVER_PX)
+    out = (width / 2 + 2 * tuned.FLANK_PX + along)[:, None]
+    ways = ((1, 1j), (1j - 1, 1), (-1j - 1, 1))
+    squares = [out * way + (along - tuned.COVER_PX // 2) * aside for way, aside in ways]
+    squares = complex(*end) + onward * np.array(squares)
+    ahead, *beside = brightness(ink.rgb, squares.real, squares.imag)
     if to_border <= out[-1] + tuned.COVER_PX:
         return False
     rough = [float(ground.std()) for ground in beside]
     step = min(abs(ahead.mean() - ground.mean()) for ground in beside)
-    if min(rough) <= tuned.COVER_EVEN / 2 or ahead.mean() <= tuned.COVER_BLACK:
+    if min(rough) <= tuned.COVER_GROUND or ahead.mean() <= tuned.COVER_BLACK:
         return False  # The ground may be as even, as the air around a body is.
-    if np.ptp(ahead) <= tuned.COVER_EVEN / 2:
-        return max(rough) < 2 * tuned.COVER_STEP
+    if np.ptp(ahead) <= tuned.COVER_FLAT:
+        return max(rough) < tuned.COVER_EDGE
     # JPEG makes a cover uneven. Then the ground must be plainly another grey, and no edge of bone.
-    is_even = ahead.std() <= tuned.COVER_EVEN and max(rough) < 3 * tuned.COVER_EVEN
-    return bool(is_even and step > tuned.COVER_STEP)
+    is_even = ahead.std() <= min(tuned.COVER_EVEN, tuned.COVER_SHARE * step)
+    return bool(is_even and step > tuned.COVER_STEP and max(rough) < tuned.COVER_EDGE_NOISY)
 
 
 def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
@@ -550,17 +575,21 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     return findings
 
 
-def width_findings(curve: MeasuredStroke) -> list[Finding]:
+def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes suddenly, away from ends, gaps and other colours."""
     expected, ratio = _is_expected(curve), choose.relative_width(curve)
-    change = np.where(expected, 0.0, choose.sudden_changes(curve))
-    largest, at = float(change.max()), int(change.argmax())
+    sudden = np.where(expected, 0.0, choose.sudden_changes(ratio))
     unexpected = np.flatnonzero(~expected)
-    lasting, where = choose.lasting_change(ratio[unexpected], curve.width)
-    if lasting > largest or largest <= tuned.SUDDEN or largest * curve.width <= 1.0:
-        if lasting <= tuned.LASTING or lasting * curve.width <= tuned.LASTING_PX:
+    aside = (curve.width / 2 + tuned.FLANK_PX) * normals(curve.path, curve.closed)
+    beside = (curve.path + np.array([aside, -aside]))[:, unexpected]
+    ground = brightness(ink.rgb, *np.moveaxis(beside, 2, 0)).mean(axis=0)
+    lasting = choose.lasting_changes(ratio[unexpected], ground, curve.width)
+    at, largest = int(sudden.argmax()), float(sudden.max())
+    if lasting.max() > largest or largest <= max(tuned.SUDDEN, 1.0 / curve.width):
+        largest = float(lasting.max())
+        if largest <= max(tuned.LASTING, tuned.LASTING_PX / curve.width):
             return []
-        largest, at = lasting, unexpected[where]
+        at = unexpected[lasting.argmax()]
         ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
@@ -569,9 +598,7 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     # lies in the thin one, a letter's stroke or a drawn out end.
     around = ratio[max(at - tuned.SUDDEN_PX, 0) : at + tuned.SUDDEN_PX + 1]
     is_wide = ratio > (around.min() + around.max()) / 2
-    is_line = np.ones(len(ratio), bool)
-    for end, inward in zip(curve.ends, (1, -1), strict=False):
-        is_line &= inward * (np.arange(len(ratio)) - end.place) >= 0
+    is_line = (curve.inside >= 0).all(axis=0)
     wide, thin = (
         min(runs(flags, curve.closed), key=lambda run: np.abs(run - at).min(), default=[at])
         for flags in (is_wide, ~is_wide & is_line)
@@ -582,7 +609,7 @@ def width_findings(curve: MeasuredStroke) -> list[Finding]:
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
-def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
+def with_crossed_ends(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:
     """The curve; a closed one with a larger deviation where it is wide.
 
     Its ends may cross or overlap there. They pull the centre aside by at most half of what they add
@@ -591,7 +618,7 @@ def with_crossed_ends(curve: MeasuredStroke) -> MeasuredStroke:
     if not curve.closed:
         return curve
     widest = choose.lasting_width(curve)
-    if width_findings(curve):
+    if width_findings(ink, curve):
         sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
         widest = np.maximum(widest, sudden)
     _, nearest = _core.nearest(curve.path, curve.points)
@@ -603,13 +630,11 @@ def _is_expected(curve: MeasuredStroke) -> Flags:
     """(M,) bool, whether a gap, another colour or an end is so close that it changes the width."""
     profiles = curve.profiles
     expected = ~curve.whole | profiles.hidden | ~profiles.is_line[:, profiles.core].all(1)
-    at = np.arange(len(expected))
     ahead = np.gradient(curve.path, axis=0)
-    turn = choose.change_nearby(np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0])))
-    for end in curve.ends:
-        distance = np.abs(at - end.place)
-        expected |= distance < curve.width / 2
-        fall = distance < end.fall + curve.width / 2
+    turn = choose.changes(np.unwrap(np.arctan2(*ahead.T[::-1])), tuned.SUDDEN_PX // 2)
+    for end, inside in zip(curve.ends, curve.inside, strict=True):
+        expected |= np.abs(inside) < curve.width / 2
+        fall = np.abs(inside) < end.fall + curve.width / 2
         # A letter turns off, a drawn out pen goes on.
         if np.degrees(turn[fall].max(initial=0.0)) < tuned.MAX_TURN_DEG:
             expected |= fall

@@ -378,10 +378,13 @@ def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int,
     for a, b in np.argwhere(np.triu(apart <= reach, 1)):
         (i, end_i), (j, end_j) = ends[a], ends[b]
         one, other = lines[i], lines[j]
-        if gap_px(one, end_i, other, end_j) > min(max_gap_px, one.length, other.length):
+        gap = gap_px(one, end_i, other, end_j)
+        turns = _turns_deg(one, end_i, other, end_j)
+        # One pen went on over it, so that it bends little. The less it bends, the less it costs.
+        if gap > min(max_gap_px, one.length, other.length) or max(turns) > tuned.MAX_TURN_DEG:
             continue
-        cost = _gap_cost(one, end_i, other, end_j)
-        if cost < lowest_cost:
+        cost = max(gap, 0.0) + apart[a, b] * sum(turns) / tuned.MAX_TURN_DEG
+        if cost < lowest_cost and _same_pen(one, other):
             lowest_cost, best = cost, (i, end_i, j, end_j)
     return best
 
@@ -415,16 +418,6 @@ def gap_ahead_px(line: Candidate, other: Candidate) -> float:
 def is_open_ring(line: Candidate) -> bool:
     """Whether the ends of an open line face each other, so that it may be a ring."""
     return line.may_go_on and max(_turns_deg(line, -1, line, 0)) <= tuned.MAX_TURN_DEG
-
-
-def _gap_cost(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
-    """The length of a gap, more where it bends; infinite where one pen did not go on over it."""
-    turns = _turns_deg(one, end, other, other_end)
-    if max(turns) > tuned.MAX_TURN_DEG or not _same_pen(one, other):
-        return np.inf
-    distance = np.hypot(*(other.path[other_end] - one.path[end]))
-    gap = max(gap_px(one, end, other, other_end), 0.0)
-    return gap + distance * sum(turns) / tuned.MAX_TURN_DEG
 
 
 def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tuple[float, float]:

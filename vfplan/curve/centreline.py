@@ -47,6 +47,13 @@ class MeasuredStroke(Stroke):
     path: Array
     whole: Flags
 
+    @property
+    def inside(self) -> Array:
+        """(2, M) how far inward from each end each profile lies; (0, M) of a closed line [px]."""
+        at = np.arange(len(self.path))
+        ends = zip(self.ends, (1, -1), strict=False)
+        return np.array([way * (at - end.place) for end, way in ends]).reshape(-1, len(at))
+
 
 def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     """The centre line of a line of ink; raises `CurveError` where too little of it shows."""
@@ -105,9 +112,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         # pen on both sides belong to it, because a tip shows a part of the line's width.
         gap = run[0] - tip + np.arange(len(run) + 2 * tip)
         gap = gap % len(at) if line.closed else gap[(gap >= 0) & (gap < len(at))]
-        corner = np.hypot(sway(curvature, len(gap)), beside_bridge(points, gap, line.closed) / 2)
-        share = corner_share(points, gap, line.closed, curvature)
-        sigma[gap] = np.hypot(sigma[gap], share * corner)
+        sigma[gap] = np.hypot(sigma[gap], corner_sway(points, gap, line.closed, curvature))
     # Another colour at the edge may hide a part of the line that nobody sees; what lacks there
     # moves the centre by half of it.
     lacking = np.abs(1 - profiles.mass.clip(0, 2)) * line.width / 2
@@ -145,45 +150,33 @@ def sway(curvature: float, length: int) -> Array:
     return curvature * x * (length - x) / 2
 
 
-def corner_share(points: NDArray, gap: NDArray, closed: bool, curvature: float) -> float:
-    """How sure it is that a corner lies in a bridge: 0 where its sides foretell the turn, up to 1.
+def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -> Array:
+    """(G,) how far from each point of a bridge the pen may have run, where it may hold a corner.
 
-    Each side is carried on, as it bends, to the middle of the bridge. Where the pen drew a smooth
-    arc, both arrive there in the direction of the bridge.
+    0 where the sides of the bridge foretell its turn: carried on as they bend, both arrive in its
+    middle in its direction. At a corner the pen may have gone straight across the gap, or straight
+    on from both sides.
 
-    points, gap: as `beside_bridge` takes them
+    points: (P, 2) of the line [px]
+    gap: (G,) indices of the points of the bridge, in order
     curvature: a usual one [1/px], whose turn across the gap is expected
     """
     # The spline rounds a corner, so that its points closest to the gap show no direction.
-    reach, mode = 2 + np.arange(tuned.TANGENT_PX), "wrap" if closed else "clip"
-    at = np.concatenate([gap[0] - reach[::-1], gap[-1] + reach])
-    steps = np.take(points, at + 1, 0, mode=mode) - np.take(points, at - 1, 0, mode=mode)
-    steps = np.insert(steps, len(reach), points[gap[-1]] - points[gap[0]], axis=0)
-    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
-    heading -= heading[len(reach)]
-    middle = (len(gap) - 1) / 2
-    arriving = np.polyval(np.polyfit(-reach[::-1], heading[: len(reach)], 1), middle)
-    leaving = np.polyval(np.polyfit(reach, heading[len(reach) + 1 :], 1), -middle)
-    turn = max(abs(heading[-1] - heading[0]), curvature * len(gap), 1e-9)
-    return float(np.interp((abs(arriving) + abs(leaving)) / turn, tuned.CORNER_SHARES, (0, 1)))
-
-
-def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
-    """(G,) how far from each point of a bridge the pen may have run [px].
-
-    It may have gone straight across the gap, or straight on from both of its sides to a corner.
-
-    points: (P, 2) of the line
-    gap: (G,) indices of the points of the bridge, in order
-    """
-    # The spline rounds the corner, so that its points closest to the gap show no direction.
-    reach, mode = 2 + np.arange(1, tuned.TANGENT_PX + 1), "wrap" if closed else "clip"
+    reach, mode = np.arange(1, tuned.TANGENT_PX + 3), "wrap" if closed else "clip"
     before = np.take(points, gap[0] - reach, axis=0, mode=mode)
     behind = np.take(points, gap[-1] + reach, axis=0, mode=mode)
-    bridge = points[gap]
+    bridge, inner, middle = points[gap], reach[1:-1], (len(gap) - 1) / 2
+    steps = [(before[:-2] - before[2:])[::-1], bridge[-1:] - bridge[:1], behind[2:] - behind[:-2]]
+    heading = np.unwrap(np.arctan2(*np.concatenate(steps).T[::-1]))
+    heading -= heading[len(inner)]
+    arriving = np.polyval(np.polyfit(-inner[::-1], heading[: len(inner)], 1), middle)
+    leaving = np.polyval(np.polyfit(inner, heading[len(inner) + 1 :], 1), -middle)
+    turn = max(abs(heading[-1] - heading[0]), curvature * len(gap), 1e-9)
+    share = np.interp((abs(arriving) + abs(leaving)) / turn, tuned.CORNER_SHARES, (0, 1))
+
     ways = [bridge[[0, -1]]]
     # Both headings point into the gap: start + s a = stop + t b.
-    (a, start), (b, stop) = np.polyfit(-reach, before, 1), np.polyfit(-reach, behind, 1)
+    (a, start), (b, stop) = (np.polyfit(-reach[2:], side[2:], 1) for side in (before, behind))
     s, t = np.linalg.lstsq(np.column_stack([a, -b]), stop - start, rcond=None)[0]
     if s > 0 and t > 0:
         corner = start + min(s, np.hypot(*(stop - start)) / np.hypot(*a)) * a
@@ -194,7 +187,7 @@ def beside_bridge(points: NDArray, gap: NDArray, closed: bool) -> Array:
         to_bridge, nearest = _core.nearest(bridge, pen)
         np.maximum.at(distance, nearest, to_bridge)
         distance = np.maximum(distance, _core.nearest(pen, bridge)[0])
-    return distance
+    return share * np.hypot(sway(curvature, len(gap)), distance / 2)
 
 
 def deviation_of(

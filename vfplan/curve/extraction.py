@@ -244,7 +244,7 @@ def extract_curve(
             choose.refuse_double_line(curve)
             choose.refuse_long_bridge(curve, max_gap_px)
             choose.refuse_fit_off_ink(curve, line)
-            curves.append(account.with_crossed_ends(curve))
+            curves.append(account.with_crossed_ends(ink, curve))
     except CurveError as error:
         raise choose.with_other_pens(error, lines, ink, pen) from None
 
@@ -261,7 +261,7 @@ def extract_curve(
         findings += account.ring_findings(line, max_gap_px)
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
-            findings += account.width_findings(curve)
+            findings += account.width_findings(ink, curve)
     findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)
@@ -328,14 +328,11 @@ def _region_findings(curve: MeasuredStroke, region: Region, size: NDArray) -> li
         return []
     is_seen = region.shown(np.ones(size[::-1], bool))
     text = "the curve ends on the border of the region. Widen the region if it goes on."
-    findings = []
-    for place in curve.end_points:
-        reach = curve.width + tuned.FLANK_PX
-        left, top = np.maximum(np.rint(place - reach), 0).astype(int)
-        right, bottom = np.rint(place + reach).astype(int) + 1
-        if not is_seen[top:bottom, left:right].all():
-            findings.append(account.finding_at(place, "end-at-region", text, note))
-    return findings
+    return [
+        account.finding_at(place, "end-at-region", text, note)
+        for place in curve.end_points
+        if not account.around(is_seen, place, curve.width + tuned.FLANK_PX).all()
+    ]
 
 
 def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) -> Stroke:

@@ -403,11 +403,11 @@ def _tip_shape(profiles: Profiles, visible: int, width: float, noisy: bool) -> t
     """
     side = tuned.TIP_SIDE
     band = tuned.TIP_BAND * width
-    middle = _end_of_band(
-        profiles.coverage, visible, np.abs(profiles.x) <= band + tuned.STEP_PX / 2
+    bands = (0, band + tuned.STEP_PX / 2), (-side * width, band), (side * width, band)
+    middle, left, right = (
+        _end_of_band(profiles.coverage, visible, np.abs(profiles.x - at) <= half)
+        for at, half in bands
     )
-    left = _end_of_band(profiles.coverage, visible, np.abs(profiles.x + side * width) <= band)
-    right = _end_of_band(profiles.coverage, visible, np.abs(profiles.x - side * width) <= band)
     if middle is None or left is None or right is None:
         return 0.0, 1.0
     falls_back = max((middle - (left + right) / 2) / width, 1e-6)

@@ -300,15 +300,6 @@ class Arcs:
         return _core.distance_to_pieces(vertices, self.bulges, stroke, closed, np.eye(3)[2], places)
 
 
-def smooth_arcs(points: Array, periodic: bool, tolerance: float) -> tuple[Array, Array, float]:
-    """Vertices (K + 1, 2), bulges (K,) and error of arcs along a run of points without corners."""
-    spline = spline_through(points, periodic and len(points) > 3)
-    t = np.linspace(0, len(points) - 1, PLACES_A_STEP * (len(points) - 1) + 1)
-    velocity = spline(t, 1)
-    tangents = velocity / np.linalg.norm(velocity, axis=1)[:, None]
-    return _core.arcs_along(spline(t), tangents, tolerance, PLACES_A_STEP)
-
-
 def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
     """Lines and arcs through a measured curve.
 
@@ -337,14 +328,27 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
             code="points-coincide",
             numbers={"index": index, "points": len(points)},
         )
-    runs_of_arcs = smooth_runs(points, closed, tolerance)
-    vertices = [run_vertices[:-1] for run_vertices, _, _ in runs_of_arcs]
-    bulges = [run_bulges for _, run_bulges, _ in runs_of_arcs]
-    error = max(run_error for _, _, run_error in runs_of_arcs)
+    corners = find_corners(points, closed, tolerance)
+    periodic = closed and len(corners) == 0
+    if closed:  # It begins at a corner, if it has any.
+        first = next(iter(corners), 0)
+        points = ring_of(np.roll(points, -first, axis=0), True)
+        corners = corners - first
+    vertices, bulges, errors = [], [], []
+    for start, stop in pairwise(np.unique([0, *corners, len(points) - 1])):
+        run = points[start : stop + 1]
+        spline = spline_through(run, periodic and len(run) > 3)
+        t = np.linspace(0, len(run) - 1, PLACES_A_STEP * (len(run) - 1) + 1)
+        velocity = spline(t, 1)
+        tangents = velocity / np.linalg.norm(velocity, axis=1)[:, None]
+        arcs = _core.arcs_along(spline(t), tangents, tolerance, PLACES_A_STEP)
+        vertices.append(arcs[0][:-1])
+        bulges.append(arcs[1])
+        errors.append(arcs[2])
     if not closed:
-        vertices.append(runs_of_arcs[-1][0][-1:])
+        vertices.append(arcs[0][-1:])
         bulges.append(np.zeros(1))
-    return Arcs(np.vstack(vertices), np.concatenate(bulges), closed, error)
+    return Arcs(np.vstack(vertices), np.concatenate(bulges), closed, max(errors))
 
 
 def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.intp]:
@@ -357,11 +361,9 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     if len(points) < 3:
         return np.zeros(0, np.intp)
     ring = np.pad(points, [(1, 1), (0, 0)], "wrap") if closed else points
-    steps = np.diff(ring, axis=0)
-    length = np.linalg.norm(steps, axis=1)
-    cross = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
-    turn = np.abs(np.arctan2(cross, (steps[:-1] * steps[1:]).sum(axis=1)))
-    error = np.minimum(length[:-1], length[1:]) / 2 * np.tan(turn / 4)
+    steps = np.diff(ring, axis=0) @ [1, 1j]
+    turn = np.abs(np.angle(steps[1:] * steps[:-1].conj()))
+    error = np.minimum(abs(steps[:-1]), abs(steps[1:])) / 2 * np.tan(turn / 4)
     neighbours = np.pad(turn, 1, mode="wrap" if closed else "constant")
     isolated = turn > ISOLATED * np.maximum(neighbours[:-2], neighbours[2:])
     isolated &= turn > OUTSTANDING * np.median(turn)
@@ -378,16 +380,3 @@ def plane(axis: Array) -> Array:
     first = first - axis * (first @ axis)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(axis, first)])
-
-
-def smooth_runs(points: Array, closed: bool, tolerance: float) -> list[tuple[Array, Array, float]]:
-    """The arcs of the runs from corner to corner; a closed curve begins at one, if it has any."""
-    corners = find_corners(points, closed, tolerance)
-    periodic = closed and len(corners) == 0
-    if closed:
-        first = next(iter(corners), 0)
-        points = np.roll(points, -first, axis=0)
-        points = np.vstack([points, points[:1]])
-        corners = corners - first
-    cuts = np.unique([0, *corners, len(points) - 1])
-    return [smooth_arcs(points[i : j + 1], periodic, tolerance) for i, j in pairwise(cuts)]

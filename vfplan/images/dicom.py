@@ -68,7 +68,7 @@ def begins_like_dicom(data: bytes) -> bool:
 def open_dataset(
     file: BinaryIO, where: str, kind: type[InputError], *, needs_preamble: bool = True
 ) -> Iterator[Any]:
-    """Yield a DICOM file's data set.
+    """Yield a DICOM file's data set, while pydicom neither logs nor warns.
 
     pydicom parses many values when they are first used. What it raises inside the block is
     therefore named too.
@@ -89,8 +89,12 @@ def open_dataset(
     """
     import pydicom
 
+    log = logging.getLogger("pydicom")
+    level = log.level
+    log.setLevel(logging.CRITICAL)
     try:
-        with silent_pydicom():
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             yield pydicom.dcmread(file, force=not needs_preamble)
     except (VfplanError, MemoryError):
         raise
@@ -99,18 +103,6 @@ def open_dataset(
         if isinstance(error, AttributeError):
             text = f"the DICOM file has no {error.name or 'such attribute'}. Export it again."
         raise kind(text, where=where, code="dicom-unreadable") from None
-
-
-@contextmanager
-def silent_pydicom() -> Iterator[None]:
-    """Let pydicom neither log nor warn."""
-    log = logging.getLogger("pydicom")
-    level = log.level
-    log.setLevel(logging.CRITICAL)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
     finally:
         log.setLevel(level)
 
@@ -120,25 +112,22 @@ def refuse_costly(data: bytes, where: str) -> None:
 
     It is asked of files that are parsed outside the sandbox. Raises `InputError`.
     """
-    if DEFLATED in data[:4096]:
-        raise InputError(
-            "is deflated as a whole. Export it without compression.",
-            where=where, code="dicom-costly",
-        )  # fmt: skip
     parsed_bytes = pixels_begin(data)
-    if parsed_bytes > MAX_PARSED_BYTES:
-        raise InputError(
-            f"holds {parsed_bytes} bytes beside pixels; at most {MAX_PARSED_BYTES} are read. "
-            "Export fewer structures.",
-            where=where, code="dicom-costly",
-            numbers={"bytes": parsed_bytes, "bytes_max": MAX_PARSED_BYTES},
-        )  # fmt: skip
     items = data.count(ITEM, 0, parsed_bytes)
-    if items > MAX_ITEMS:
-        raise InputError(
-            f"has {items} items; at most {MAX_ITEMS} are read. Export fewer structures.",
-            where=where, code="dicom-costly", numbers={"items": items, "items_max": MAX_ITEMS},
-        )  # fmt: skip
+    text, numbers = "", {}
+    if DEFLATED in data[:4096]:
+        text = "is deflated as a whole. Export it without compression."
+    elif parsed_bytes > MAX_PARSED_BYTES:
+        text = (
+            f"holds {parsed_bytes} bytes beside pixels; at most {MAX_PARSED_BYTES} are read. "
+            "Export fewer structures."
+        )
+        numbers = {"bytes": parsed_bytes, "bytes_max": MAX_PARSED_BYTES}
+    elif items > MAX_ITEMS:
+        text = f"has {items} items; at most {MAX_ITEMS} are read. Export fewer structures."
+        numbers = {"items": items, "items_max": MAX_ITEMS}
+    if text:
+        raise InputError(text, where=where, code="dicom-costly", numbers=numbers)
 
 
 def pixels_begin(data: bytes) -> int:

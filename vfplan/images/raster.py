@@ -104,30 +104,6 @@ class Header:
         return value if 1 <= value <= 8 else 1
 
 
-def is_picture(data: bytes) -> bool:
-    """Whether the bytes begin as a file does whose header can be read here."""
-    return data.startswith((PNG_START, JPEG_START, BMP_START, *TIFF_BYTE_ORDERS))
-
-
-def read_header(data: bytes, max_pixels: int) -> Header:
-    """The header of an image of at most `max_pixels`.
-
-    Raises `ImageError` for another kind of file, a damaged one, or a larger one.
-    """
-    try:
-        if data.startswith(PNG_START):
-            return png_header(data, max_pixels)
-        if data.startswith(JPEG_START):
-            return jpeg_header(data, max_pixels)
-        if data.startswith(BMP_START):
-            return bmp_header(data, max_pixels)
-        if data[:4] in TIFF_BYTE_ORDERS:
-            return tiff_header(data, max_pixels)
-    except (struct.error, IndexError):
-        raise ImageError(DAMAGED_HEADER) from None
-    raise ImageError("is no PNG, JPEG, TIFF, BMP or DICOM. Export the slice as one of these.")
-
-
 def png_header(data: bytes, max_pixels: int) -> Header:
     """The header of a PNG."""
     width, height = struct.unpack_from(">II", data, 16)
@@ -233,6 +209,33 @@ def tiff_header(data: bytes, max_pixels: int) -> Header:
             )
         check_size(tags.get(Tag.WIDTH, 0), tags.get(Tag.HEIGHT, 0), max_pixels)
     return Header("TIFF", len(data), False, tuple(pages), tuple(orientations))
+
+
+READERS = {
+    PNG_START: png_header,
+    JPEG_START: jpeg_header,
+    BMP_START: bmp_header,
+    **dict.fromkeys(TIFF_BYTE_ORDERS, tiff_header),
+}
+
+
+def is_picture(data: bytes) -> bool:
+    """Whether the bytes begin as a file does whose header can be read here."""
+    return data.startswith(tuple(READERS))
+
+
+def read_header(data: bytes, max_pixels: int) -> Header:
+    """The header of an image of at most `max_pixels`.
+
+    Raises `ImageError` for another kind of file, a damaged one, or a larger one.
+    """
+    for start, reader in READERS.items():
+        if data.startswith(start):
+            try:
+                return reader(data, max_pixels)
+            except (struct.error, IndexError):
+                raise ImageError(DAMAGED_HEADER) from None
+    raise ImageError("is no PNG, JPEG, TIFF, BMP or DICOM. Export the slice as one of these.")
 
 
 def unturned(data: bytes, orientations: tuple[int, ...]) -> bytes:

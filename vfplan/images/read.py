@@ -180,13 +180,13 @@ def read_image(
             rgb, spacing_mm, T_patient_image, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
-        if pixel_spacing_mm is not None:
-            spacing_mm = pixel_spacing_mm
-        if "pixel-aspect" in remarks and spacing_mm is None:
-            raise ImageError(
-                "has pixels that are not square (PixelAspectRatio), of no known size. Give "
-                "--pixel-spacing ALONG_U,ALONG_V.", where=where, code="pixel-aspect",
-            )  # fmt: skip
+            spacing_mm = pixel_spacing_mm or spacing_mm
+            if "pixel-aspect" in remarks and spacing_mm is None:
+                raise ImageError(
+                    "has pixels that are not square (PixelAspectRatio), of no known size. Give "
+                    "--pixel-spacing ALONG_U,ALONG_V.",
+                    code="pixel-aspect",
+                )
         findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
         return PlannedImage(
             rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings,
@@ -204,8 +204,7 @@ def read_image(
         header = read_header(data, max_pixels)
         index = chosen_index("page", frame, len(header.tags))
         rgb = decode_raster(data, header, index)
-    orientation = 1 if pixels == "as-stored" else header.orientation(index)
-    with naming_place(where):
+        orientation = 1 if pixels == "as-stored" else header.orientation(index)
         findings = raster_findings(header, index, len(data), orientation)
     told = header.made_flat.split()
     if pixel_spacing_mm is None and len(told) == 3:
