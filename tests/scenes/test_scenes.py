@@ -91,8 +91,8 @@ FORMS = {
                "inside": flat_z(around(-R, lambda s: s.radius, hollow))},
     "sphere": {"outside": around(R, lambda s: s.radius),
                "inside": around(-R, lambda s: s.radius, hollow)},
-    "corner": {"floor deep": flat_z(lambda s, h: np.maximum(h, [R, R, 0]))},
-    "three-walls": {"edge": lambda s, h: np.maximum(h, R)},
+    "corner": {"floor wall deep": flat_z(lambda s, h: np.maximum(h, [R, R, 0]))},
+    "three-walls": {"diagonal edge": lambda s, h: np.maximum(h, R)},
     "channel": {"askew": flat_z(channel)},
     "wedge": {"over": flat_z(lambda s, h: wedge(h))},
 }  # fmt: skip

@@ -249,10 +249,11 @@ class Corner(Bend):
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """Along a leg, 3 mm deep, into the other; and straight into the corner."""
+        """Along each leg, 3 mm deep, into the other; and straight into the corner."""
         at = self._at
         return {
             "floor": corners_mm(at(12, 25), at(-3, 25), at(-3, -5), at(12, 15)),
+            "wall": corners_mm(at(25, 12), at(25, -3), at(-5, -3), at(15, 12)),
             "deep": corners_mm(at(12, 13), at(-6, -8), at(12, 13)),
         }
 
@@ -560,9 +561,12 @@ class ThreeWalls(Walls):
 
     @property
     def routes(self) -> dict[str, Vector]:
-        """Along a wall and an edge into the corner."""
-        into = (25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4)
-        return {"edge": corners_mm(*into, (15, 15, 15))}
+        """Into the corner along the diagonal, and along a wall and an edge into it."""
+        return {
+            "diagonal": corners_mm((14, 15, 16), (-6, -5, -4), (14, 15, 16)),
+            "edge": corners_mm((25, 15, 12), (25, -3, 12), (25, -3, -4), (-5, -3, -4),
+                               (15, 15, 15)),
+        }  # fmt: skip
 
 
 # Every scene by its name.
