@@ -2,11 +2,11 @@
 
 import json
 
-import golden
 import h5py
 import numpy as np
 import pytest
 from conftest import ROOT, need_program, output
+from golden import ARCHIVE, engine_sums
 from refusals import refuses
 
 from vfplan.bundle.read import read_bundle, read_fixture
@@ -15,7 +15,6 @@ from vfplan.bundle.validation import describe, validate
 from vfplan.errors import BundleError, SignatureError
 from vfplan.io.files import to_json_types
 
-ARCHIVE = ROOT / "tests" / "data" / "bundles"
 CURRENT = sorted(ARCHIVE.glob("2.*.h5"))
 PIECES = ROOT / "tests" / "data" / "oracle" / "bundles" / "pieces.h5"
 SIGNED = ARCHIVE / "2.0-signed.h5"
@@ -41,7 +40,7 @@ def test_every_value_is_what_it_was_when_it_was_written(path):
 @pytest.mark.parametrize("name", SUMS)
 def test_an_engine_makes_of_it_what_it_made_to_the_bit(name):
     path = PIECES if name == PIECES.stem else ARCHIVE / f"{name}.h5"
-    assert golden.engine_sums(read_fixture(path)) == SUMS[name]
+    assert engine_sums(read_fixture(path)) == SUMS[name]
 
 
 UNSEALED = {

@@ -9,8 +9,9 @@ import bundles
 import numpy as np
 import pydicom
 import pytest
+from bones import write_dicom
 from meshes import sphere
-from pydicom.uid import CTImageStorage, ExplicitVRLittleEndian
+from pydicom.uid import CTImageStorage
 from refusals import refuses
 
 import vfplan
@@ -30,19 +31,12 @@ ACROSS = np.array([[np.cos(TURN), np.sin(TURN), 0.0], [-np.sin(TURN), np.cos(TUR
 @pytest.fixture
 def study(tmp_path):
     """A slice of somebody's study."""
-    made = pydicom.Dataset()
-    made.SOPClassUID, made.SOPInstanceUID = CTImageStorage, "1.2.3.4"
-    made.StudyInstanceUID, made.SeriesInstanceUID = "1.2.3", "1.2.3.5"
-    made.FrameOfReferenceUID, made.PatientName, made.PatientID = "1.2.3.6", "Doe^Jane", "7"
-    made.PixelSpacing, made.SliceThickness = list(SPACING_MM), 1.0
-    made.ImageOrientationPatient = ACROSS.ravel().tolist()
-    made.ImagePositionPatient = ORIGIN_MM.tolist()
-    made.file_meta = pydicom.FileMetaDataset()
-    made.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    made.file_meta.MediaStorageSOPClassUID = CTImageStorage
-    made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
-    pydicom.dcmwrite(tmp_path / "slice.dcm", made, enforce_file_format=True)
-    return tmp_path / "slice.dcm"
+    return write_dicom(
+        tmp_path / "slice.dcm", CTImageStorage, "1.2.3.4", "CT", StudyInstanceUID="1.2.3",
+        SeriesInstanceUID="1.2.3.5", FrameOfReferenceUID="1.2.3.6", PatientName="Doe^Jane",
+        PatientID="7", PixelSpacing=list(SPACING_MM), SliceThickness=1.0,
+        ImageOrientationPatient=ACROSS.ravel().tolist(), ImagePositionPatient=ORIGIN_MM.tolist(),
+    )  # fmt: skip
 
 
 def in_study(study, **changes):

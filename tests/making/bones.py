@@ -94,43 +94,49 @@ def identity(points):
     return points
 
 
-def empty_dataset(kind, instance, modality):
-    """A data set of this SOP class, with nothing in it yet."""
-    from pydicom.dataset import Dataset, FileMetaDataset
+def item(**values):
+    """A data set of these elements."""
+    from pydicom.dataset import Dataset
+
+    made = Dataset()
+    for name, value in values.items():
+        setattr(made, name, value)
+    return made
+
+
+def write_dicom(path, kind, instance, modality, preamble=True, **values):
+    """A DICOM file of this SOP class with these elements."""
+    from pydicom.dataset import FileMetaDataset
     from pydicom.uid import ExplicitVRLittleEndian
 
-    data, meta = Dataset(), FileMetaDataset()
-    data.file_meta, data.Modality = meta, modality
+    about = {"SOPClassUID": kind, "SOPInstanceUID": instance, "Modality": modality}
+    data = item(**about | values)
+    data.file_meta = meta = FileMetaDataset()
     meta.TransferSyntaxUID = ExplicitVRLittleEndian
-    meta.MediaStorageSOPClassUID = data.SOPClassUID = kind
-    meta.MediaStorageSOPInstanceUID = data.SOPInstanceUID = instance
-    return data
+    meta.MediaStorageSOPClassUID, meta.MediaStorageSOPInstanceUID = kind, instance
+    data.save_as(path, enforce_file_format=preamble, implicit_vr=False, little_endian=True)
+    return path
 
 
 def write_rtstruct(path, rings, *, name="bone", place=identity, names=None, preamble=True, **more):
     """An RTSTRUCT of rings (M, 2) with their z; `place` carries points into the patient."""
-    from pydicom.dataset import Dataset
-
-    data = empty_dataset("1.2.840.10008.5.1.4.1.1.481.3", "1.2.826.99.7.1", "RTSTRUCT")
-    for key, value in more.items():
-        setattr(data, key, value)
-    data.StructureSetROISequence, data.ROIContourSequence = [], []
-    for number, label in enumerate(names or [name], start=1):
-        roi = Dataset()
-        roi.ROINumber, roi.ROIName = number, label
-        data.StructureSetROISequence.append(roi)
-        drawn = Dataset()
-        drawn.ReferencedROINumber, drawn.ContourSequence = number, []
-        for corners, z in rings if number == 1 else []:
-            contour = Dataset()
-            points = place(np.c_[corners, np.full(len(corners), z)])
-            contour.ContourGeometricType = "CLOSED_PLANAR"
-            contour.NumberOfContourPoints = len(points)
-            contour.ContourData = [f"{x:.7f}"[:16] for x in points.ravel()]
-            drawn.ContourSequence.append(contour)
-        data.ROIContourSequence.append(drawn)
-    data.save_as(path, enforce_file_format=preamble, implicit_vr=False, little_endian=True)
-    return path
+    contours = []
+    for corners, z in rings:
+        points = place(np.c_[corners, np.full(len(corners), z)])
+        texts = [f"{x:.7f}"[:16] for x in points.ravel()]
+        contours.append(
+            item(ContourGeometricType="CLOSED_PLANAR", NumberOfContourPoints=len(points),
+                 ContourData=texts)
+        )  # fmt: skip
+    labels = list(enumerate(names or [name], start=1))
+    return write_dicom(
+        path, "1.2.840.10008.5.1.4.1.1.481.3", "1.2.826.99.7.1", "RTSTRUCT", preamble,
+        StructureSetROISequence=[item(ROINumber=n, ROIName=label) for n, label in labels],
+        ROIContourSequence=[
+            item(ReferencedROINumber=n, ContourSequence=contours if n == 1 else [])
+            for n, _ in labels
+        ], **more,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -185,45 +191,36 @@ def write_nifti(path, labels, grid):
 
 def write_seg(path, labels, grid, name="bone", kind="BINARY", **more):
     """A DICOM SEG with a frame a slice along k, packed by bits."""
-    from pydicom.dataset import Dataset
-
-    data = empty_dataset("1.2.840.10008.5.1.4.1.1.66.4", "1.2.826.99.7.2", "SEG")
-    data.SegmentationType = kind
-    segment = Dataset()
-    segment.SegmentNumber, segment.SegmentLabel = 1, name
-    data.SegmentSequence = [segment]
     along, down = grid.axes[:, 0], grid.axes[:, 1]
-    spacing, direction = Dataset(), Dataset()
-    spacing.PixelSpacing = [float(np.linalg.norm(down)), float(np.linalg.norm(along))]
-    direction.ImageOrientationPatient = [
-        float(x) for axis in (along, down) for x in axis / np.linalg.norm(axis)
+    spacing = [float(np.linalg.norm(down)), float(np.linalg.norm(along))]
+    direction = [float(x) for axis in (along, down) for x in axis / np.linalg.norm(axis)]
+    places = grid.corner + np.arange(grid.size[2])[:, None] * grid.axes[:, 2]
+    shared = item(
+        PixelMeasuresSequence=[item(PixelSpacing=spacing)],
+        PlaneOrientationSequence=[item(ImageOrientationPatient=direction)],
+    )
+    frames = [
+        item(
+            PlanePositionSequence=[item(ImagePositionPatient=place)],
+            SegmentIdentificationSequence=[item(ReferencedSegmentNumber=1)],
+        )
+        for place in places.tolist()
     ]
-    shared = Dataset()
-    shared.PixelMeasuresSequence, shared.PlaneOrientationSequence = [spacing], [direction]
-    data.SharedFunctionalGroupsSequence = [shared]
-    data.PerFrameFunctionalGroupsSequence = []
-    for k in range(grid.size[2]):
-        frame, where, which = Dataset(), Dataset(), Dataset()
-        where.ImagePositionPatient = [float(x) for x in grid.corner + k * grid.axes[:, 2]]
-        which.ReferencedSegmentNumber = 1
-        frame.PlanePositionSequence, frame.SegmentIdentificationSequence = [where], [which]
-        data.PerFrameFunctionalGroupsSequence.append(frame)
-    data.NumberOfFrames, data.Rows, data.Columns = grid.size[2], grid.size[1], grid.size[0]
-    data.SamplesPerPixel, data.PhotometricInterpretation = 1, "MONOCHROME2"
-    data.PixelRepresentation = 0
-    frames = labels.transpose(2, 1, 0)
-    bits = 1 if kind == "BINARY" else 8
-    data.BitsAllocated = data.BitsStored = bits
-    data.HighBit = bits - 1
-    packed = np.packbits(frames.ravel() != 0, bitorder="little") if bits == 1 else frames
-    raw = packed.tobytes()
-    if bits == 8:
-        data.MaximumFractionalValue = 255
-    data.PixelData = raw + bytes(len(raw) % 2)
-    for key, value in more.items():
-        setattr(data, key, value)
-    data.save_as(path, enforce_file_format=True)
-    return path
+    bits, raw = 1, labels.transpose(2, 1, 0)
+    if kind == "BINARY":
+        raw = np.packbits(raw.ravel() != 0, bitorder="little")
+    else:
+        bits, more = 8, {"MaximumFractionalValue": 255} | more
+    raw = raw.tobytes()
+    return write_dicom(
+        path, "1.2.840.10008.5.1.4.1.1.66.4", "1.2.826.99.7.2", "SEG", SegmentationType=kind,
+        SegmentSequence=[item(SegmentNumber=1, SegmentLabel=name)],
+        SharedFunctionalGroupsSequence=[shared], PerFrameFunctionalGroupsSequence=frames,
+        NumberOfFrames=grid.size[2], Rows=grid.size[1], Columns=grid.size[0],
+        SamplesPerPixel=1, PhotometricInterpretation="MONOCHROME2", PixelRepresentation=0,
+        BitsAllocated=bits, BitsStored=bits, HighBit=bits - 1,
+        PixelData=raw + bytes(len(raw) % 2), **more,
+    )  # fmt: skip
 
 
 def write_curves(path, rings, *, ras=False, every=8):

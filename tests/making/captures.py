@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from bones import empty_dataset
+from bones import write_dicom
 from drawing import blend, coverage, flat, to_uint8, wavy
 from pydicom.uid import SecondaryCaptureImageStorage
 
@@ -18,23 +18,20 @@ PICTURE = to_uint8(blend(flat(SHAPE, 180), coverage(SHAPE, CURVE, 3), (230, 20, 
 
 def capture(tmp_path, pixels=PICTURE, kind="RGB", **more):
     """A secondary capture as a DICOM file."""
-    data = empty_dataset(SecondaryCaptureImageStorage, "1.2.3.4", "OT")
-    frames = pixels.ndim == 4
-    data.Rows, data.Columns = pixels.shape[frames : frames + 2]
-    data.SamplesPerPixel = pixels.shape[-1] if kind in ("RGB", "YBR_FULL") else 1
-    if data.SamplesPerPixel == 3:
-        data.PlanarConfiguration = 0
-    data.PhotometricInterpretation = kind
-    data.BitsAllocated = data.BitsStored = 8 * pixels.itemsize
-    data.HighBit, data.PixelRepresentation = data.BitsStored - 1, int(pixels.dtype.kind == "i")
-    if frames:
-        data.NumberOfFrames = len(pixels)
-    data.PixelData = pixels.tobytes()
-    for name, value in more.items():
-        setattr(data, name, value)
+    is_many = pixels.ndim == 4
+    bits = 8 * pixels.itemsize
+    about = {
+        "Rows": pixels.shape[is_many], "Columns": pixels.shape[is_many + 1], "SamplesPerPixel": 1,
+        "PhotometricInterpretation": kind, "BitsAllocated": bits, "BitsStored": bits,
+        "HighBit": bits - 1, "PixelRepresentation": int(pixels.dtype.kind == "i"),
+        "PixelData": pixels.tobytes(),
+    }  # fmt: skip
+    if kind in ("RGB", "YBR_FULL"):
+        about |= {"SamplesPerPixel": pixels.shape[-1], "PlanarConfiguration": 0}
+    if is_many:
+        about["NumberOfFrames"] = len(pixels)
     path = tmp_path / "slice.dcm"
-    data.save_as(path, enforce_file_format=True)
-    return path
+    return write_dicom(path, SecondaryCaptureImageStorage, "1.2.3.4", "OT", **about | more)
 
 
 def ct_series(folder, slices=7, series=2):

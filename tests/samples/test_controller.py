@@ -14,7 +14,7 @@ import bundles
 import curves
 import numpy as np
 import pytest
-from conftest import ROOT, need_program
+from conftest import ELBOW, ROOT, need_program
 from oracle.replays import build_controller
 
 import vfplan
@@ -66,9 +66,8 @@ def drawn(tmp_path_factory):
 @pytest.fixture(scope="session")
 def planned(vfplan_cli, tmp_path_factory):
     """The shipped slice, planned with lines and arcs: rendered as the curve it is."""
-    path, samples = tmp_path_factory.mktemp("planned") / "elbow.h5", ROOT / "samples"
-    markers = (samples / f"elbow_markers_{side}.csv" for side in ("image", "robot"))
-    command = "plan", samples / "elbow.png", *markers, "-o", path, "--pixel-spacing", 0.5
+    path = tmp_path_factory.mktemp("planned") / "elbow.h5"
+    command = "plan", *ELBOW, "-o", path, "--pixel-spacing", 0.5
     assert vfplan_cli(*command, "--arcs", 0.002).code == 0
     return path
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from bones import empty_dataset
+from bones import item, write_dicom
 from captures import capture
 from drawing import normal_errors
-from pydicom.dataset import Dataset
 from refusals import refuses
 from vector_files import polyline
 
@@ -21,31 +20,20 @@ LINE = np.array([(20.5, 20.5), (60.5, 30.5), (70.5, 60.5)])  # from the first pi
 
 
 def graphic(points=LINE, kind="POLYLINE", units="PIXEL"):
-    item = Dataset()
-    item.GraphicAnnotationUnits, item.GraphicDimensions = units, 2
-    item.NumberOfGraphicPoints, item.GraphicType = len(points), kind
-    item.GraphicData, item.GraphicFilled = np.ravel(points).tolist(), "N"
-    return item
+    return item(
+        GraphicAnnotationUnits=units, GraphicDimensions=2, NumberOfGraphicPoints=len(points),
+        GraphicType=kind, GraphicData=np.ravel(points).tolist(), GraphicFilled="N",
+    )  # fmt: skip
 
 
-def references(uid, frames=None):
-    image = Dataset()
-    image.ReferencedSOPClassUID, image.ReferencedSOPInstanceUID = "1.2", uid
-    if frames:
-        image.ReferencedFrameNumber = frames
-    return [image]
-
-
-def state(tmp_path, *graphics, image="1.2.3.4", frames=None):
+def state(tmp_path, *graphics, image="1.2.3.4", **frames):
     """A presentation state with a layer of graphics on an image."""
-    data, item = empty_dataset("1.2.840.10008.5.1.4.1.1.11.1", "1.2.3.5", "PR"), Dataset()
-    item.GraphicLayer, item.GraphicObjectSequence = "CUT", list(graphics)
+    layer = item(GraphicLayer="CUT", GraphicObjectSequence=list(graphics))
     if image:
-        item.ReferencedImageSequence = references(image, frames)
-    data.GraphicAnnotationSequence = [item]
-    path = tmp_path / "state.dcm"
-    data.save_as(path, enforce_file_format=True)
-    return path
+        named = item(ReferencedSOPClassUID="1.2", ReferencedSOPInstanceUID=image, **frames)
+        layer.ReferencedImageSequence = [named]
+    kind, path = "1.2.840.10008.5.1.4.1.1.11.1", tmp_path / "state.dcm"
+    return write_dicom(path, kind, "1.2.3.5", "PR", GraphicAnnotationSequence=[layer])
 
 
 def test_a_presentation_states_polyline_counts_from_the_first_pixels_corner(tmp_path):
@@ -105,7 +93,7 @@ def test_a_state_is_taken_on_the_image_it_names_alone(tmp_path):
     assert np.abs(normal_errors(stroke.points_px, LINE - 0.5, False)).max() < 0.03
     assert made.findings == ()
     for given, words in (({"image": "9.9"}, r"other image\(s\), the first 9\.9"),
-                         ({"frames": [2]}, "on frame 2, not 1")):  # fmt: skip
+                         ({"ReferencedFrameNumber": [2]}, "on frame 2, not 1")):  # fmt: skip
         with pytest.raises(CurveError, match=words):
             extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), **given))
     made = extract(slice_, ExtractSettings(), curve=state(tmp_path, graphic(), image=None))
@@ -131,13 +119,6 @@ def test_a_number_has_no_effect_on_other_files(tmp_path):
 def test_what_is_no_number_from_1_takes_no_curve(tmp_path, number):
     with refuses(SettingError, "stroke-unknown"):
         read_vector_curve(state(tmp_path, graphic(), graphic(LINE + 200)), number=number)
-
-
-def item(**values):
-    made = Dataset()
-    for name, value in values.items():
-        setattr(made, name, value)
-    return made
 
 
 PIXELS = [10, 10, 60, 10, 60, 40]
@@ -167,11 +148,8 @@ def test_lines_of_reports_and_structures_are_read(tmp_path, kind):
         }[kind]
         group = item(ValueType="CONTAINER", ContentSequence=[item(ValueType="NUM"), mark])
         content = {"ContentSequence": [group]}
-    data = empty_dataset("1.2.840.10008.5.1.4.1.1.88.33", "1.2.3.5", "SR")
-    for name, value in content.items():
-        setattr(data, name, value)
-    path = tmp_path / "report.dcm"
-    data.save_as(path, enforce_file_format=True)
+    kind_of_report, path = "1.2.840.10008.5.1.4.1.1.88.33", tmp_path / "report.dcm"
+    write_dicom(path, kind_of_report, "1.2.3.5", "SR", **content)
     curve = read_vector_curve(path, number=1)
     assert curve.closed == (kind in ("ring", "POLYGON", "CLOSED_PLANAR"))
     if curve.points.shape[1] == 2:

@@ -120,8 +120,6 @@ def written(made: Any, source: Any, kind: str, fixture: Fixture) -> bytes:
     made.SoftwareVersions, made.DeviceSerialNumber = fixture.provenance.software, "0"
     made.SeriesDescription = "Virtual fixture"
     made.file_meta = FileMetaDataset()
-    made.file_meta.MediaStorageSOPClassUID = kind
-    made.file_meta.MediaStorageSOPInstanceUID = made.SOPInstanceUID
     made.file_meta.TransferSyntaxUID = ExplicitVRLittleEndian
     file = io.BytesIO()
     dcmwrite(file, made, enforce_file_format=True)

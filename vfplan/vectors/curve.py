@@ -62,7 +62,7 @@ class VectorDrawing:
     points: NDArray[np.float64]
     closed: bool
     joined: Joined
-    sha256: str
+    sha256: str = ""
     warnings: tuple[str, ...] = ()
     drawn_on: dict[str, list[int]] = field(default_factory=dict)
     type_difference_m: float = 0.0
@@ -165,8 +165,8 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
         )
     points, closed = without_repeated_end(points)
     curve = VectorDrawing(
-        distinct_points(points, closed), closed, drawn["joined"], "", tuple(drawn["warnings"]),
-        drawn["drawn_on"],
+        distinct_points(points, closed), closed, drawn["joined"],
+        warnings=tuple(drawn["warnings"]), drawn_on=drawn["drawn_on"],
     )  # fmt: skip
     if curve.joined == "straight":
         return curve

@@ -9,7 +9,6 @@ Here a whole number is a pixel's centre.
 
 from __future__ import annotations
 
-import hashlib
 import logging
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +26,7 @@ from vfplan.io.files import (
     decode_text,
     naming_place,
     parse_table,
-    read_whole,
+    read_bytes,
 )
 from vfplan.markers.correspondences import fcsv_points, imagej_columns, lps_points, markups_of
 from vfplan.vectors.curve import (
@@ -87,7 +86,7 @@ def read_vector_curve(
         A `.roi` without the package roifile.
     """
     where = str(path)
-    data = read_whole(Path(path), MAX_TEXT_BYTES, CurveError)
+    data, digest = read_bytes(Path(path), MAX_TEXT_BYTES, CurveError)
     dicom = is_dicom(data)
 
     # An option that has no effect is refused.
@@ -123,7 +122,7 @@ def read_vector_curve(
                 curve = replace(curve, joined="straight")
     except (MarkerError, ImageError) as error:
         raise CurveError(error.message, where=error.where, code="vector-unreadable") from None
-    return replace(curve, sha256=hashlib.sha256(data).hexdigest())
+    return replace(curve, sha256=digest)
 
 
 def onto_slice(
@@ -172,7 +171,7 @@ def read_by_suffix(
     """A curve of any other file, by how its name ends."""
     if suffix == ".roi" or data.startswith(b"Iout"):
         points, closed, warnings = read_roi(data, origin, where)
-        return VectorDrawing(distinct_points(points, closed), closed, "straight", "", warnings)
+        return VectorDrawing(distinct_points(points, closed), closed, "straight", warnings=warnings)
     text = decode_text(data, where, CurveError)
     if suffix in SLICER_SUFFIXES:
         refuse_origin(origin, "Slicer's curves")
@@ -202,7 +201,7 @@ def read_markups(text: str, where: str) -> VectorDrawing:
 def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
     """A curve of 3D Slicer; its spline counts points, so those that are there twice stay."""
     distinct_points(points, closed)
-    return VectorDrawing(points, closed, "slicer", "")
+    return VectorDrawing(points, closed, "slicer")
 
 
 def read_control_points(text: str, where: str) -> VectorDrawing:
@@ -238,8 +237,8 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
     points = distinct_points(points, closed)
     if unit:
         points = 1e3 * METRES[unit.lower()] * points
-        return VectorDrawing(points, closed, "straight", "", measured_from=origin)
-    return VectorDrawing(_from_centres(points, origin), closed, "straight", "")
+        return VectorDrawing(points, closed, "straight", measured_from=origin)
+    return VectorDrawing(_from_centres(points, origin), closed, "straight")
 
 
 def read_roi(
