@@ -10,10 +10,11 @@ import slices
 from canvas import Canvas
 from drawing import blend, coverage, flat, to_uint8
 
-from vfplan.curve.account import find_leftover, join_findings
+from vfplan.curve.account import find_leftover, fold_findings, join_findings
 from vfplan.curve.coverage import Pen, find_ink
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError
+from vfplan.fixture import Stroke
 
 RED, GREEN = (255, 0, 0), (0, 200, 60)
 SHAPE = (300, 340)
@@ -211,6 +212,9 @@ def test_a_fourth_piece_at_the_line_and_a_curve_that_runs_back_are_asked_about()
     assert codes(extract_curve(picture(*dots))).count("ink-joins") == 1
     back = painted((CURVE, 3.0), (np.add(CURVE[100:500], (0.0, 5.5)), 3.0))
     assert "curve-folds" in codes(extract_curve(back, stroke="all"))
+    x, y = np.r_[0:60, [60] * 17, 61:100], np.r_[np.zeros(60), 0:9, 7:-1:-1, np.zeros(39)]
+    spur = Stroke(np.column_stack([x, y]), False, width=3.0)
+    assert [found.code for found in fold_findings([spur])] == ["curve-folds"]
 
 
 @pytest.mark.parametrize("marks", [0, 9])
