@@ -55,7 +55,13 @@ void play(const char* name, Space space, const scenes::Points& xyz, long length 
           const vfplan::Parameters& parameters = {}) {
     constexpr int D = Space::dimension;
     const auto cloud = vfplan::make_cloud(space, xyz.data(), xyz.size() / 3);
-    RuleOf rule({cloud}, parameters);
+    auto rule = [&] {
+        const vfplan::Parameters& p = parameters;
+        if constexpr (std::is_same_v<RuleOf, vfplan::PaperRule<D>>)
+            return RuleOf(cloud, p);
+        else
+            return RuleOf(p.R(), p.band, p.pace(), vfplan::Thinned<D>{cloud}, p);
+    }();
     scenes::Path path(xyz);
     Count by_state[4][loops] = {};
     long ticks[4] = {};

@@ -4,7 +4,6 @@
 // smooth run by pairs that meet with one tangent (Bolton, "Biarc curves", 1975), each as long as a
 // tolerance allows.
 #include <bit>
-#include <numeric>
 
 #include "numpy.hpp"
 #include "vfplan/curve/exact.hpp"
@@ -84,34 +83,22 @@ nb::tuple nearest(const Places& points, const Places& places) {
     auto rows = array<std::int64_t>(m, 1);
     {
         const nb::gil_scoped_release release;
-        std::vector<std::size_t> order(n);
-        std::iota(order.begin(), order.end(), 0);
         vfplan::BoundsTree<vfplan::Box<2>> tree;
-        const auto bounds_of = [&](std::size_t first, std::size_t last) {
-            vfplan::Box<2> box;
-            for (std::size_t i = first; i < last; ++i) box.include(place(points, order[i]));
-            return box;
-        };
-        const auto halve = [&](std::size_t first, std::size_t last) {
-            const vfplan::Box<2> box = bounds_of(first, last);
-            const int axis = box.high[0] - box.low[0] > box.high[1] - box.low[1] ? 0 : 1;
-            std::size_t* const begin = order.data() + first;
-            std::nth_element(
-                begin, begin + (last - first) / 2, order.data() + last,
-                [&](std::size_t a, std::size_t b) { return points(a, axis) < points(b, axis); });
-        };
-        tree.build(0, n, bounds_of, halve);
+        tree.build(n, [&](std::size_t i) {
+            const Vec2 at = place(points, i);
+            return vfplan::Box<2>{at, at};
+        });
         for (std::size_t k = 0; k < m; ++k) {
-            const vfplan::Vec2 at = place(places, k);
+            const Vec2 at = place(places, k);
             double square = vfplan::infinity, reach = square;
             std::size_t found = 0;
             tree.visit_nearest(at, reach, [&](std::size_t i) {
-                const vfplan::Vec2 away = place(points, order[i]) - at;
+                const Vec2 away = place(points, i) - at;
                 const double here = dot(away, away);
-                if (here > square || (here == square && order[i] > found)) return;
+                if (here > square || (here == square && i > found)) return;
                 square = here;
                 reach = std::sqrt(here);
-                found = order[i];
+                found = i;
             });
             distances.data()[k] = reach;
             rows.data()[k] = static_cast<std::int64_t>(found);

@@ -45,12 +45,9 @@ class RuleInSpace : public EngineImpl {
     }
 
     std::optional<Vec3> end_of_way() noexcept final {
-        if constexpr (requires { rule_.end_of_way(proxy_); }) {
-            const std::optional<Vec<D>> end = rule_.end_of_way(proxy_);
-            if (!end) return std::nullopt;
-            return space_.place(*end, last_.proxy, proxy_);
-        }
-        return last_.proxy;
+        const std::optional<Vec<D>> end = rule_.end_of_way(proxy_);
+        if (!end) return std::nullopt;
+        return space_.place(*end, last_.proxy, proxy_);
     }
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
@@ -93,12 +90,12 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
     static constexpr int D = Space::dimension;
 
   public:
-    /// `points`: those that the rule looks at, all or a thinned cloud. `all`: all of them, where
-    /// the rule has not.
-    template <class Points>
-    CloudEngine(Space space, const Parameters& p, const Points& points,
-                std::unique_ptr<PointIndex<D>> all)
-        : RuleInSpace<Space, RuleOf>(space, p, points, p), all_(std::move(all)) {}
+    /// `all`: all points, where the rule has a thinned cloud. `of_rule`: what the rule is made of.
+    template <class... OfRule>
+    CloudEngine(Space space, const Parameters& p, std::unique_ptr<PointIndex<D>> all,
+                OfRule&&... of_rule)
+        : RuleInSpace<Space, RuleOf>(space, p, std::forward<OfRule>(of_rule)...),
+          all_(std::move(all)) {}
 
     void change(const PendingChange& change) noexcept override {
         if (change.what == PendingChange::stiffness) {
@@ -110,19 +107,19 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
                 index().add(p);
             else
                 p = index().remove(change.id);
-            this->rule_.set_skin(nullptr);
-            this->rule_.point_changed(p, is_added);
+            motion().set_skin(nullptr);
+            this->rule_.surroundings_changed(motion().neighbours().reaches(p), is_added);
         }
     }
     void set_skin(const mesh::Surface& surface) override {
         if constexpr (is_editable && D == 3) {
             skin_ = std::make_unique<mesh::Mesh>(surface);
             if (!mesh::is_closed(*skin_)) skin_.reset();
-            this->rule_.set_skin(skin_.get());
+            motion().set_skin(skin_.get());
         }
     }
     std::size_t bytes() noexcept override {
-        return sizeof(*this) + this->rule_.neighbours().bytes() + (all_ ? all_->bytes() : 0) +
+        return sizeof(*this) + motion().neighbours().bytes() + (all_ ? all_->bytes() : 0) +
                (skin_ ? skin_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return index().cells(); }
@@ -135,9 +132,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
 
   private:
     static constexpr bool is_editable =
-        requires(RuleOf& rule, const Vec<D>& p) { rule.point_changed(p, true); };
+        requires(RuleOf& rule) { rule.surroundings_changed(true, true); };
 
-    PointIndex<D>& index() noexcept { return this->rule_.neighbours().index(); }
+    auto& motion() noexcept { return this->rule_.motion(); }
+    PointIndex<D>& index() noexcept { return motion().neighbours().index(); }
 
     std::unique_ptr<PointIndex<D>> all_;
     std::unique_ptr<mesh::Mesh> skin_;
@@ -163,13 +161,13 @@ ImplPtr make_in_space(Space space, const double* xyz, std::size_t n, const Param
     Cloud<D> cloud = make_cloud(space, xyz, n);
     check_resolved(p, xyz, n);
     if (p.rule == Rule::paper)
-        return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, cloud, nullptr);
+        return std::make_unique<CloudEngine<Space, PaperRule<D>>>(space, p, nullptr, cloud, p);
     const Thinned<D> thinned_cloud = thinned(cloud, p);
     std::unique_ptr<PointIndex<D>> all;
     if (thinned_cloud.lent > 0)
         all = std::make_unique<PointIndex<D>>(cloud, 2 * tuned::list_margin * p.R(), Search::grid);
-    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, thinned_cloud,
-                                                               std::move(all));
+    return std::make_unique<CloudEngine<Space, RobustRule<D>>>(space, p, std::move(all), p.R(),
+                                                               p.band, p.pace(), thinned_cloud, p);
 }
 
 VFPLAN_ONCE ImplPtr make_impl(const double* xyz, std::size_t n, const Parameters& p) {

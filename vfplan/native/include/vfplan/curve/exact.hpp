@@ -255,9 +255,7 @@ class CurveMotion {
     int iterations() const noexcept { return max_iterations; }
     bool is_spent() const noexcept { return curve_.budget().is_spent(); }
 
-    /// Whether a proxy that may be anywhere is outside.
-    bool is_clear(const Vec2& proxy) const noexcept { return curve_.distance(proxy) >= R_ - band_; }
-    /// The same after a motion. The distance is kept for `contact`.
+    /// Whether a proxy that may be anywhere is outside. The distance is kept for `contact`.
     bool is_outside(const Vec2& proxy) noexcept {
         distance_ = curve_.distance(proxy);
         return distance_ >= R_ - band_;
@@ -323,6 +321,8 @@ class CurveMotion {
         }));
         return distance;
     }
+    /// A curve is the skin of no body.
+    std::optional<bool> is_in_body(const Vec2&, double) const noexcept { return false; }
 
   private:
     /// The features that touch the proxy where it stands, each of which may hold it from sliding

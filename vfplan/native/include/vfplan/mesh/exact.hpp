@@ -61,10 +61,6 @@ class MeshMotion {
     /// Whether the tick may look once more through what is around the proxy, and not twice.
     bool is_overdrawn() const noexcept { return query_.budget().is_overdrawn(); }
 
-    bool is_clear(const Vec3& proxy) const noexcept {
-        double distance = R_ - band_;
-        return query_.nearest(proxy, distance) == Mesh::none;
-    }
     bool is_outside(const Vec3& proxy) noexcept {
         distance_ = list_reach * R_;
         query_.nearest(proxy, distance_, planes_);

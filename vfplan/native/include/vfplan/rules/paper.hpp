@@ -23,7 +23,9 @@ class PaperRule {
         known_ = false;
     }
     void continue_from(const FreeBefore<D>*) noexcept { reset(); }
+    PaperRule& motion() noexcept { return *this; }
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
+    std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept { return x; }
 
     /// Algorithm 1, one servo loop.
     RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {

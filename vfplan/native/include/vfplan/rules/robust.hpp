@@ -88,8 +88,6 @@ class RobustMotion {
     int iterations() const noexcept { return iterations_; }
     bool is_spent() noexcept { return budget().is_spent(); }
 
-    /// Asked before a motion, as `is_outside` is after one. Among points both are one test.
-    bool is_clear(const Vec<D>& proxy) noexcept { return is_outside(proxy); }
     /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud (R6). The
     /// distance that it measures is kept for `contact`.
     bool is_outside(const Vec<D>& proxy) noexcept {
@@ -186,10 +184,9 @@ class RobustMotion {
     }
     /// Whether y lies in the body; nothing where this tick may look no further. No point is nearer
     /// to y than `clear`, but the skin between the points may be.
-    std::optional<bool> is_in_body(const Vec<D>& y, double clear) noexcept
-        requires(D == 3)
-    {
-        return body_.is_inside(y, clear / 64, budget(), work::triangle);
+    std::optional<bool> is_in_body(const Vec<D>& y, double clear) noexcept {
+        if constexpr (D == 3) return body_.is_inside(y, clear / 64, budget(), work::triangle);
+        return false;
     }
 
   private:
@@ -469,20 +466,6 @@ class RobustMotion {
 
 /// The rule `robust`: its motion, and around it the guarantees of GuardedRule.
 template <int D>
-class RobustRule : public GuardedRule<RobustMotion<D>> {
-    using Guarded = GuardedRule<RobustMotion<D>>;
-
-  public:
-    RobustRule(const Thinned<D>& thinned, const Parameters& p)
-        : Guarded(p.R(), p.band, p.pace(), thinned, p) {}
-
-    Neighbours<D>& neighbours() noexcept { return this->motion().neighbours(); }
-    /// The points are samples of this closed mesh, or of none.
-    void set_skin(const mesh::Mesh* skin) noexcept { this->motion().set_skin(skin); }
-    /// A point at p came or went, by an edit of the cloud.
-    void point_changed(const Vec<D>& p, bool came) noexcept {
-        this->surroundings_changed(neighbours().reaches(p), came);
-    }
-};
+using RobustRule = GuardedRule<RobustMotion<D>>;
 
 }  // namespace vfplan::inline v1

@@ -102,7 +102,7 @@ class WayOut {
         ticks_to_choose_ = max_ticks_to_choose;
         leads_to_other_side_ = false;
         keeps_out_ = !free_before_;
-        if (keeps_out_ && is_in_body(geometry, hip, 0) == true) direction_ = nearest_ = -nearest_;
+        if (keeps_out_ && geometry.is_in_body(hip, 0) == true) direction_ = nearest_ = -nearest_;
     }
 
     /// One tick; true once the proxy has reached the free space.
@@ -222,15 +222,6 @@ class WayOut {
         return false;
     }
 
-    /// Whether x, with no geometry within `clear`, lies in a body whose skin is the geometry, where
-    /// the geometry knows; nothing where this tick may look no further.
-    template <class Geometry>
-    static std::optional<bool> is_in_body(Geometry& geometry, const Vec<D>& x,
-                                          double clear) noexcept {
-        if constexpr (requires { geometry.is_in_body(x, clear); })
-            return geometry.is_in_body(x, clear);
-        return false;
-    }
     /// Unit vector from the nearest geometry to x; the direction of the way where x lies on it.
     template <class Geometry>
     Vec<D> leave_nearest(Geometry& geometry, const Vec<D>& x) noexcept {
@@ -258,7 +249,7 @@ class WayOut {
         const double s = geometry.exit_distance(y, d);
         if (s != free) return s + tuned::hop_margin * R_;
         if (!keeps_out_) return free;
-        const std::optional<bool> is_in = is_in_body(geometry, y, R_);
+        const std::optional<bool> is_in = geometry.is_in_body(y, R_);
         if (!is_in) {
             is_cut_short_ = true;
             return 0;
