@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vfplan import extract_curve
-from vfplan.errors import CurveError, ImageError
+from vfplan.errors import CurveError
 
 GREY, RED = 120, np.array([255.0, 0.0, 0.0])
 
@@ -21,19 +21,14 @@ def one_red_pixel():
     return image
 
 
-def one_bit():
-    rows, columns = np.indices((300, 300))
-    return np.hypot(rows - 150, columns - 150) < 80
-
-
 @pytest.mark.parametrize(
     "image",
     [blank(1), blank(8), blank(300), blank(300) * 0 + RED.astype(np.uint8), one_red_pixel(),
-     one_bit(), np.random.default_rng(3).integers(0, 256, (600, 700, 3), dtype=np.uint8)],
-    ids=["1 x 1", "8 x 8", "no red", "all red", "one red pixel", "1 bit", "noise"],
+     np.random.default_rng(3).integers(0, 256, (600, 700, 3), dtype=np.uint8)],
+    ids=["1 x 1", "8 x 8", "no red", "all red", "one red pixel", "noise"],
 )  # fmt: skip
 def test_a_slice_without_a_curve_is_refused(image):
-    with pytest.raises((CurveError, ImageError)):
+    with pytest.raises(CurveError):
         extract_curve(image)
 
 

@@ -48,9 +48,3 @@ def test_no_line_that_a_person_clicks_on_is_lost_in_silence_and_the_bound_holds(
     results = [table.result_of(kind, k, tmp_path) for kind in table.KINDS for k in range(count)]
     assert [r for r in results if not r.is_told and not r.is_whole] == []
     assert np.mean([r.is_within for r in results]) >= 0.9
-
-
-@pytest.mark.parametrize("seed", [11, 20, 23])
-def test_the_bound_holds_where_the_ends_of_a_ring_cross(seed, tmp_path):
-    result = table.result_of("ends that cross", seed, tmp_path)
-    assert result.is_within

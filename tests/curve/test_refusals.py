@@ -137,10 +137,6 @@ def test_runs_side_by_side():
     assert len(extract_curve(image, accept_width=True).strokes) == 1
 
 
-def test_a_pressed_pen_is_no_second_run():
-    assert pressed(4.0 * (1 + 0.4 * np.sin(6 * np.pi * T))).findings == ()
-
-
 @pytest.mark.parametrize("rise_px", [40, 60])
 def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about(rise_px):
     up, down = (np.clip((260 * T - start) / rise_px, 0, 1) for start in (60, 150))

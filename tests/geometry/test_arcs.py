@@ -51,12 +51,6 @@ def test_smooth_curves_are_followed_without_a_kink(points, closed, most):
     assert np.abs(arcs.bulges).max() <= 1
 
 
-def test_a_coarser_tolerance_takes_fewer_pieces():
-    counts = [len(fit_arcs(wave(), False, t).bulges) for t in (1e-7, 1e-6, 1e-5, 1e-4)]
-    assert counts == sorted(counts, reverse=True)
-    assert counts[3] < counts[0] / 4
-
-
 @pytest.mark.parametrize("noise", [0.0, 5e-6])
 def test_a_corner_stays_one(noise):
     leg = np.arange(1, 61) * 5e-4

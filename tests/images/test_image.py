@@ -27,7 +27,6 @@ def test_lossless_formats_hold_the_same_pixels(tmp_path, form):
     read = vfplan.read_image(saved(tmp_path, form))
     assert np.array_equal(read.rgb, PICTURE)
     assert (read.width_px, read.height_px) == SHAPE[::-1]
-    assert read.pixel_spacing_mm is None
 
 
 @pytest.mark.parametrize("form", ["png", "tiff"])
@@ -212,9 +211,7 @@ def test_a_jpeg_that_its_decoder_would_fill_in_is_refused(tmp_path, at, damage, 
 
 def test_what_is_no_image_is_refused(tmp_path):
     (tmp_path / "text.png").write_text("not a picture")
-    Image.fromarray(np.zeros((8, 8), np.float32)).save(tmp_path / "floats.png", "TIFF")
-    said = {"absent.png": "no such file", ".": "directory", "text.png": "is no PNG, JPEG",
-            "floats.png": "8 or 16 bits"}  # fmt: skip
+    said = {"absent.png": "no such file", ".": "directory", "text.png": "is no PNG, JPEG"}
     for name, words in said.items():
         with pytest.raises(ImageError, match=words):
             vfplan.read_image(tmp_path / name)

@@ -43,7 +43,6 @@ from vfplan.io.files import (
     check_text_size,
     named_columns,
     naming_place,
-    npy_header,
     open_number_table,
     other_unit,
     read_bytes,
@@ -297,12 +296,12 @@ def read_npy(data: bytes) -> Mesh:
     """The points of a NumPy file."""
     stream = io.BytesIO(data)
     try:
-        npy_header(stream)
-        stream.seek(0)
         points = np.lib.format.read_array(stream, allow_pickle=False)
-    except (ValueError, EOFError, OverflowError, MemoryError) as error:
+    except Exception as error:  # NumPy parses the header as Python source.
+        reason = str(error)[:80].partition("\n")[0]
         raise InputError(
-            f"It is no .npy file of numbers: {error}. Save an array (N, 3) with numpy.save."
+            f"It is no .npy file of numbers: the header is not that of the data ({reason}). Save "
+            "an array (N, 3) with numpy.save."
         ) from error
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
         raise InputError(

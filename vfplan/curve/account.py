@@ -156,25 +156,15 @@ class AccountEntry:
 
 def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     """The ink beyond the curves' own edges, piece by piece, the largest first."""
-    import cv2
-
-    # Most ink lies plainly on a curve. What is left needs exact distances, which take long.
-    plain = np.zeros(ink.mask.shape, np.uint8)
-    for curve in curves:
-        if curve.is_ordered:
-            line, width = np.rint(16 * curve.points).astype(np.int32), max(1, int(curve.width or 0))
-            cv2.polylines(plain, [line], curve.closed, 1, width, shift=4)
-    u, v = ink.pixels.T
-    pixels = ink.pixels[plain[v, u] == 0]
-    edge_distance = np.full(len(pixels), np.inf)
+    edge_distance = np.full(len(ink.pixels), np.inf)
     for curve in curves:
         points = curve.points
         if np.hypot(*np.diff(points, axis=0).T).max(initial=0) > 2 * tuned.EDGE_BLUR_PX:
             points = evenly(points, curve.closed)
-        to_curve, _ = _core.nearest(points, pixels)
+        to_curve, _ = _core.nearest(points, ink.pixels)
         edge_distance = np.minimum(edge_distance, to_curve - curve.width / 2)
     outside = edge_distance > tuned.EDGE_BLUR_PX
-    pixels, edge_distance = pixels[outside], edge_distance[outside]
+    pixels, edge_distance = ink.pixels[outside], edge_distance[outside]
     least_size = tuned.MIN_ASPECT / 2 * min((curve.width or 0.0 for curve in curves), default=0.0)
     pieces = []
     for members in connected(pixels):

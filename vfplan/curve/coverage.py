@@ -46,7 +46,17 @@ class Pen:
     @classmethod
     def of_colour(cls, colour: str) -> Pen:
         """The pen of a CSS colour name or `#rrggbb`; raises `SettingError` for grey or nonsense."""
-        rgb = parse_colour(colour)
+        rgb = np.array([255.0, 0.0, 0.0])
+        if colour != "red":  # The default needs no import of matplotlib.
+            from matplotlib.colors import to_rgb
+
+            try:
+                rgb = 255.0 * np.array(to_rgb(colour))
+            except ValueError:
+                raise SettingError(
+                    f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
+                    code="colour-unknown",
+                ) from None
         chroma = rgb - rgb.mean()
         strength = float(np.linalg.norm(chroma))
         if strength < tuned.CHROMA_FLOOR:
@@ -68,21 +78,6 @@ class Pen:
     def degrees_from(self, other: Pen) -> float:
         """The angle of this pen's hue from that of another [degrees]."""
         return float(np.degrees(np.arctan2(self.along @ other.across, self.along @ other.along)))
-
-
-def parse_colour(colour: str) -> Array:
-    """(3,) RGB on 0..255 of `#rrggbb` or a CSS colour name; raises `SettingError`."""
-    if colour == "red":  # The default needs no import of matplotlib.
-        return np.array([255.0, 0.0, 0.0])
-    from matplotlib.colors import to_rgb
-
-    try:
-        return 255.0 * np.array(to_rgb(colour))
-    except ValueError:
-        raise SettingError(
-            f"The colour {colour!r} is unknown. Give the name of a colour or #rrggbb.",
-            code="colour-unknown",
-        ) from None
 
 
 # (u, v, width, height) [px].
@@ -182,12 +177,8 @@ class Ink:
     @cached_property
     def pixels(self) -> NDArray[np.int64]:
         """(n, 2) columns and rows of the mask's pixels."""
-        import cv2
-
-        found = cv2.findNonZero(self.mask.view(np.uint8))
-        return (
-            np.zeros((0, 2), np.int64) if found is None else found.reshape(-1, 2).astype(np.int64)
-        )
+        v, u = np.nonzero(self.mask)
+        return np.column_stack([u, v])
 
 
 # A part of the picture: its rows and columns with what lies around them, and the columns that it

@@ -33,17 +33,10 @@ def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Cand
     Raises `CurveError` where there are lines and none passes by all of the places. The error names
     the place that the nearest line misses.
     """
-    passing, misses = [], []
-    for line in lines:
-        named = (("--start", start), ("--end", end))
-        errors = [_off_curve_error(line.path, line.width, *pair) for pair in named]
-        if any(errors):
-            misses.append(max(filter(None, errors), key=_distance_missed))
-        else:
-            passing.append(line)
-    if lines and not passing:
-        raise min(misses, key=_distance_missed)
-    return passing
+    errors = [_off_curve_error(line.path, line.width, start, end) for line in lines]
+    if lines and all(errors):
+        raise min(errors, key=lambda error: error.numbers["distance_px"])
+    return [line for line, error in zip(lines, errors, strict=True) if error is None]
 
 
 def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
@@ -57,16 +50,19 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
     """
     if start is None and end is None:
         return curve
-    if curve.closed:
-        if end is not None:
-            raise CurveError(
-                "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
-            )
-        ring = np.arange(len(curve.points))
-        return _with_points(curve, np.roll(ring, -_index(curve, start, "--start")))
+    if curve.closed and end is not None:
+        raise CurveError(
+            "The curve is closed, so it has no end. Leave --end out.", code="end-of-a-ring"
+        )
+    if error := _off_curve_error(curve.points, curve.width, start, end):
+        raise error
+    first, stop = (
+        None if place is None else int(np.hypot(*(curve.points - place).T).argmin())
+        for place in (start, end)
+    )
     last = len(curve.points) - 1
-    first = None if start is None else _index(curve, start, "--start")
-    stop = None if end is None else _index(curve, end, "--end")
+    if curve.closed:
+        return _with_points(curve, np.roll(np.arange(last + 1), -first))
     if first is None:
         first = last if stop <= last / 2 else 0
     if stop is None:
@@ -76,10 +72,9 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
             "--start and --end lie on the same point of the curve. Move one of them.",
             code="start-is-end",
         )
-    keep = np.arange(min(first, stop), max(first, stop) + 1)
-    if first < stop:
-        return _with_points(curve, keep)
-    return replace(_with_points(curve, keep[::-1]), ends=curve.ends[::-1])
+    step = 1 if first < stop else -1
+    kept = _with_points(curve, np.arange(first, stop + step, step))
+    return replace(kept, ends=curve.ends[::step])
 
 
 def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
@@ -101,18 +96,12 @@ def without_cut_off(
     ]
 
 
-def _index(curve: MeasuredStroke, place: Place, option: str) -> int:
-    error = _off_curve_error(curve.points, curve.width, option, place)
-    if error is not None:
-        raise error
-    return int(np.hypot(*(curve.points - place).T).argmin())
-
-
-def _off_curve_error(points: NDArray, width: float, option: str, place: Place) -> CurveError | None:
-    """The error for a place too far off a line; `None` for one on it, or for no place."""
-    if place is None:
-        return None
-    distance, reach = _distance(points, place), max(REACH_WIDTHS * width, REACH_PX)
+def _off_curve_error(points: NDArray, width: float, start: Place, end: Place) -> CurveError | None:
+    """The error for the place farther off a line, if it is too far off; otherwise `None`."""
+    named = [pair for pair in ((start, "--start"), (end, "--end")) if pair[0] is not None]
+    place, option = max(named, key=lambda pair: _distance(points, pair[0]))
+    distance = _distance(points, place)
+    reach = max(REACH_WIDTHS * width, REACH_PX)
     if distance <= reach:
         return None
     return CurveError(
@@ -121,10 +110,6 @@ def _off_curve_error(points: NDArray, width: float, option: str, place: Place) -
         code="place-off-curve",
         numbers={"distance_px": distance, "distance_max_px": reach},
     )
-
-
-def _distance_missed(error: CurveError) -> float:
-    return error.numbers["distance_px"]
 
 
 def _distance(points: NDArray, place: Place) -> float:

@@ -307,7 +307,8 @@ def _find_end(profiles: Profiles, visible: int, pen_px: float, edge_px: float, n
     """
     # A pressed pen has another width here than elsewhere, and may have rested at the end. Where it
     # rested the ink is a disc, broader than the line.
-    ink = _smoothed(profiles.mass)
+    # It is smoothed, so that noise leaves it one crossing of each level.
+    ink = gaussian(profiles.mass, tuned.MASK_BLUR_PX)
     before = ink[max(visible - tuned.TANGENT_PX, 0) : visible + 1]
     level = max(float(np.median(before)), 1e-6)
     highest = before[-tuned.TANGENT_PX // 2 :].max()
@@ -426,15 +427,10 @@ def _end_of_band(coverage: NDArray, visible: int, band: Flags) -> float | None:
     """Where half of the ink is left in a band along the line; `None` in an empty band."""
     if not band.any():
         return None
-    ink = _smoothed(coverage[:, band].mean(1))
+    ink = gaussian(coverage[:, band].mean(1), tuned.MASK_BLUR_PX)
     before = ink[max(visible - tuned.TANGENT_PX, 0) : visible + 1]
     ink = ink / max(float(np.median(before)), 1e-6)
     return _crossing(ink, _last_above(ink, HIGH, visible), tuned.HALF)
-
-
-def _smoothed(ink: NDArray) -> Array:
-    """(N,) ink along a line, smoothed so that noise leaves it one crossing of each level."""
-    return gaussian(ink, tuned.MASK_BLUR_PX)
 
 
 def _last_above(ink: NDArray, level: float, visible: int) -> int:

@@ -40,8 +40,6 @@ DEFLATED = b"1.2.840.10008.1.2.1.99"
 ITEM = b"\xfe\xff\x00\xe0"
 # How an element of pixels may begin: with either explicit type, or with none.
 PIXEL_DATA = (b"\xe0\x7f\x10\x00OB\0\0", b"\xe0\x7f\x10\x00OW\0\0", b"\xe0\x7f\x10\x00")
-# A data set without a preamble begins with an element of a lower number than this or this one.
-LAST_FIRST_ELEMENT = 0x1199
 
 
 def is_dicom(data: bytes) -> bool:
@@ -52,16 +50,9 @@ def is_dicom(data: bytes) -> bool:
 def begins_like_dicom(data: bytes) -> bool:
     """Whether the bytes begin as a DICOM file or as a data set without its preamble.
 
-    Without a preamble a data set begins with group 0002 or 0008, in either of the usual encodings.
+    Without a preamble a data set begins with group 0002 or 0008.
     """
-    if is_dicom(data):
-        return True
-    group = data[:2]
-    element = int.from_bytes(data[2:4], "little")
-    if group not in (b"\x02\x00", b"\x08\x00") or element > LAST_FIRST_ELEMENT:
-        return False
-    has_type = data[4:6].isalpha() and data[4:6].isupper()
-    return has_type or int.from_bytes(data[4:8], "little") < len(data)
+    return is_dicom(data) or data.startswith((b"\x02\x00", b"\x08\x00"))
 
 
 @contextmanager
@@ -330,9 +321,6 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, lis
     width, height = int(dataset.Columns), int(dataset.Rows)
     check_size(width, height, max_pixels)
     raise_limits(BYTES_PER_PIXEL * width * height, width * height // PIXELS_PER_SECOND)
-    bits = int(dataset.BitsAllocated)
-    if bits not in (8, 16) and not is_grey:
-        raise ImageError(f"has {bits} bits a sample. Export the slice with 8 or 16.")
     try:
         pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
     except RuntimeError:
@@ -342,13 +330,15 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, lis
         ) from None
     if is_grey:
         return windowed_grey(dataset, pixels, kind == "MONOCHROME1")
-    stored_bits = int(dataset.get("BitsStored") or bits)
+    stored_bits = int(dataset.get("BitsStored") or dataset.BitsAllocated)
     if kind == "PALETTE COLOR":
         pixels = apply_color_lut(pixels, dataset)
         stored_bits = 8 * pixels.itemsize
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype.kind != "u":
+    is_colour = pixels.ndim == 3 and pixels.shape[2] == 3
+    if not is_colour or pixels.dtype not in (np.uint8, np.uint16):
         raise ImageError(
-            f"its pixels are {pixels.shape} of {pixels.dtype}. Export the slice as RGB."
+            f"its pixels are {pixels.shape} of {pixels.dtype}. Export the slice as RGB of 8 or 16 "
+            "bits."
         )
     unused_bits = 8 * pixels.itemsize - stored_bits
     if unused_bits:
@@ -386,9 +376,7 @@ def read_spacing(dataset: Any, name: str, index: int) -> tuple[float, float] | N
         value = group_value(dataset, "PixelMeasuresSequence", name, index)
     if value is None:
         return None
-    if not hasattr(value, "__len__"):
-        value = [value]
-    numbers = [float(number) for number in value]
+    numbers = [float(number) for number in np.ravel(value)]
     if len(numbers) != 2 or not all(0 < number < float("inf") for number in numbers):
         raise ImageError(f"{name} is {numbers}. Give two numbers above 0.")
     return numbers[1], numbers[0]

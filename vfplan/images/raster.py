@@ -174,8 +174,6 @@ def jpeg_header(data: bytes, max_pixels: int) -> Header:
             tags = exif_tags(data[content + 6 : position])
         elif marker == 0xDA:
             scans += 1
-            if not is_sized:
-                raise ImageError(DAMAGED_HEADER)
             if scans > MAX_JPEG_SCANS:
                 raise ImageError(f"has more than {MAX_JPEG_SCANS} scans. Export the slice again.")
             end = END_OF_SCAN.search(data, position)
@@ -217,11 +215,6 @@ READERS = {
     BMP_START: bmp_header,
     **dict.fromkeys(TIFF_BYTE_ORDERS, tiff_header),
 }
-
-
-def is_picture(data: bytes) -> bool:
-    """Whether the bytes begin as a file does whose header can be read here."""
-    return data.startswith(tuple(READERS))
 
 
 def read_header(data: bytes, max_pixels: int) -> Header:

@@ -25,12 +25,12 @@ from vfplan.images.raster import (
     ALPHA,
     COLOURS,
     PREMULTIPLIED,
+    READERS,
     Header,
     Tag,
     check_size,
     chosen_index,
     decode_raster,
-    is_picture,
     read_header,
     upright,
 )  # fmt: skip
@@ -130,7 +130,7 @@ def is_picture_file(path: str | Path) -> bool:
             start = file.read(io.DEFAULT_BUFFER_SIZE)
     except InputError:
         return False
-    return is_dicom(start) or is_picture(start)
+    return is_dicom(start) or start.startswith(tuple(READERS))
 
 
 def read_image(

@@ -1,8 +1,8 @@
 """Read files from outside: regular files of a bounded size, whole or through one open descriptor.
 
-Also strict decimal numbers and lengths of time as text holds them, headers of `.npy` files, values
-as JSON holds them, the time that outputs are stamped with, and CSV tables: `parse_table` reads a
-small one whole, as text, and `open_number_table` numbers of any length, block by block.
+Also strict decimal numbers and lengths of time as text holds them, values as JSON holds them, the
+time that outputs are stamped with, and CSV tables: `parse_table` reads a small one whole, as text,
+and `open_number_table` numbers of any length, block by block.
 
 Columns are separated by commas, semicolons or tabs, whichever the header line holds. Between
 semicolons or tabs, numbers may have a decimal comma, as spreadsheets in most of Europe write them.
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, BinaryIO, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
 from vfplan.errors import CheckFailed, InputError
 
@@ -262,13 +262,6 @@ def decompress(data: bytes, kind: str, max_bytes: int) -> bytes:
     return content
 
 
-def first_decompressed(data: bytes) -> bytes:
-    """The first 540 bytes that gzip data hold; fewer where the data are damaged."""
-    with suppress(zlib.error):
-        return zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540)
-    return b""
-
-
 def check_text_size(data: bytes) -> None:
     """Raise `ValueError` for text that is too long or has too long a line."""
     if len(data) > MAX_TEXT_BYTES:
@@ -323,26 +316,6 @@ def now_utc() -> str:
         text = f"the environment's SOURCE_DATE_EPOCH is {epoch!r}. Give whole seconds since 1970"
         raise InputError(text, code="epoch-invalid")
     return moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def npy_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, whether stored by columns, and type of the array in a `.npy` file.
-
-    The stream is left where the array's data begin. Raises `ValueError`, in one line, for a header
-    that is none or too long.
-    """
-    from numpy.lib import format as numpy_format
-
-    version = numpy_format.read_magic(stream)
-    if version not in ((1, 0), (2, 0)):
-        raise ValueError(f".npy version {version}; 1.0 and 2.0 are read")
-    try:
-        if version == (1, 0):
-            return numpy_format.read_array_header_1_0(stream)
-        return numpy_format.read_array_header_2_0(stream)
-    except Exception as error:  # NumPy parses the header as Python source.
-        first_line = str(error)[:80].partition("\n")[0]
-        raise ValueError(f"the header is none: {first_line}") from None
 
 
 def to_json_types(value: Any) -> Any:

@@ -28,6 +28,7 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
@@ -64,7 +65,6 @@ MAX_ARRAY_BYTES = 256 << 20
 HAS_SANDBOX = sys.platform == "linux" and resource is not None and hasattr(os, "fork")
 
 _ARRAY_TYPES = ("<f8", "|i1", "|u1", "<u2")
-_LENGTH = struct.Struct("<Q")
 
 
 def run_in_sandbox(
@@ -81,14 +81,14 @@ def run_in_sandbox(
     kind: class of the error when the reader crashed or exceeded a limit
     Raises VfplanError: what the job raised, or one of `kind` when it did not come to its end
     """
-    files = [each for each in (file,) if each is not None]
+    files = [] if file is None else [file]
     if not HAS_SANDBOX:
         logging.getLogger(__name__).info("%s is read without limits: there is no sandbox here", job)
         streams = [stream_over(each.fileno(), each) for each in files]
         yield from pkgutil.resolve_name(job)(*streams, *args)
         return
     read_end, write_end = os.pipe()
-    with open(read_end, "rb") as pipe:
+    with Connection(read_end, writable=False) as pipe:
         try:
             request = {"job": job, "args": args, "step_s": STEP_S}
             send_request(request, [write_end, *(each.fileno() for each in files)])
@@ -98,7 +98,7 @@ def run_in_sandbox(
             if "value" in answer:
                 yield answer["value"]
             elif "arrays" in answer:
-                yield tuple(read_array(pipe, dtype, shape) for dtype, shape in answer["arrays"])
+                yield answer["arrays"]
             elif "error" in answer:
                 name, message, details = answer["error"]
                 error_class = getattr(errors, str(name), None)
@@ -122,28 +122,22 @@ def run_once(job: str, *args: Any, **options: Any) -> Any:
     return value
 
 
-def next_answer(pipe: BinaryIO) -> dict[str, Any] | None:
-    """The head of the child's next answer; `None` where the child has ended without one."""
+def next_answer(pipe: Connection) -> dict[str, Any] | None:
+    """The child's next answer; `None` where the child has ended without one."""
     try:
-        (length,) = _LENGTH.unpack(_read_exactly(pipe, _LENGTH.size, _LENGTH.size))
-        answer = json.loads(_read_exactly(pipe, length, MAX_HEAD_BYTES))
-    except (EOFError, ValueError):
+        answer = json.loads(pipe.recv_bytes(MAX_HEAD_BYTES))
+        if "arrays" in answer:
+            answer["arrays"] = tuple(read_array(pipe, *array) for array in answer["arrays"])
+    except (EOFError, OSError, TypeError, ValueError):
         return None
     return answer if isinstance(answer, dict) else None
 
 
-def read_array(pipe: BinaryIO, dtype: str, shape: list[int]) -> NDArray:
+def read_array(pipe: Connection, dtype: str, shape: list[int]) -> NDArray:
     """An array of an answer, of one of the types that are sent."""
     known = np.dtype(_ARRAY_TYPES[_ARRAY_TYPES.index(dtype)])
-    data = _read_exactly(pipe, math.prod(shape) * known.itemsize, MAX_ARRAY_BYTES)
+    data = pipe.recv_bytes(MAX_ARRAY_BYTES)
     return np.frombuffer(bytearray(data), known).reshape(shape)
-
-
-def _read_exactly(pipe: BinaryIO, size: int, max_bytes: int) -> bytes:
-    data = pipe.read(size) if 0 <= size <= max_bytes else b""
-    if len(data) != size:
-        raise EOFError
-    return data
 
 
 # --- In the program: start the helper and send it requests --------------------------------------
@@ -231,7 +225,7 @@ def serve(descriptor: int) -> NoReturn:
 def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> NoReturn:
     """Run a job in this process under limits, send what it yields, and end the process."""
     try:
-        with open(descriptors[0], "wb") as pipe:
+        with Connection(descriptors[0], readable=False) as pipe:
             try:
                 files = map(stream_over, descriptors[1:])
                 resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -268,20 +262,19 @@ def _set_soft_limit(limit: int, value: int) -> None:
     resource.setrlimit(limit, (value, resource.getrlimit(limit)[1]))
 
 
-def _send_result(pipe: BinaryIO, result: Any) -> None:
+def _send_result(pipe: Connection, result: Any) -> None:
     if not isinstance(result, tuple):
         _send(pipe, {"value": result})
         return
     types = [a.dtype.str if a.dtype.str in _ARRAY_TYPES else "<f8" for a in result]
     shapes = [[dtype, array.shape] for dtype, array in zip(types, result, strict=True)]
-    contents = [np.ascontiguousarray(a, t).tobytes() for a, t in zip(result, types, strict=True)]
-    _send(pipe, {"arrays": shapes}, *contents)
+    _send(pipe, {"arrays": shapes})
+    for array, dtype in zip(result, types, strict=True):
+        pipe.send_bytes(np.ascontiguousarray(array, dtype).tobytes())
 
 
-def _send(pipe: BinaryIO, head: dict[str, Any], *data: bytes) -> None:
-    text = json.dumps(head).encode()
-    pipe.writelines((_LENGTH.pack(len(text)), text, *data))
-    pipe.flush()
+def _send(pipe: Connection, head: dict[str, Any]) -> None:
+    pipe.send_bytes(json.dumps(head).encode())
 
 
 # --- Processes of a pool -----------------------------------------------------------------------

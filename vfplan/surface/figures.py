@@ -52,30 +52,29 @@ def draw_surface(result: Surface, path: Path) -> None:
 
 def draw_cut(axes: Any, result: Surface, stack: Stack, k: int) -> None:
     """The outline of slice k, and the surface's cuts there and half a gap beyond."""
-    outline = [1e3 * np.vstack([ring, ring[:1]]) for ring in stack.outlines[k].rings]
-    draw_lines(axes, outline, "outline", color=HIP, lw=2.2)
+    from matplotlib.collections import LineCollection
+
     z = stack.z
-    draw_lines(axes, cut_pieces(result, z[k]), "surface there", color=FORCE, lw=0.9)
-    halfway = (z[k] + z[k + 1]) / 2
-    draw_lines(axes, cut_pieces(result, halfway), "half a gap on", color=CONTACT, lw=0.9)
+    outline = [1e3 * np.vstack([ring, ring[:1]]) for ring in stack.outlines[k].rings]
+    there, halfway = (cut_pieces(result, place) for place in (z[k], (z[k] + z[k + 1]) / 2))
+    for lines, label, colors, lw in (
+        (outline, "outline", HIP, 2.2),
+        (there, "surface there", FORCE, 0.9),
+        (halfway, "half a gap on", CONTACT, 0.9),
+    ):
+        axes.add_collection(LineCollection(lines, colors=colors, lw=lw, label=label))
+    axes.autoscale()
     axes.set_aspect("equal")
     axes.set_title(f"{1e3 * z[k]:z.1f} mm (axes in mm)", fontsize="medium")
     axes.tick_params(labelsize="small")
 
 
-def draw_lines(axes: Any, lines: list[Array], name: str, **look: Any) -> None:
-    """Lines [mm] that stand as one in the legend."""
-    for line in lines:
-        axes.plot(*line.T, label=name, **look)
-        name = ""
-
-
-def cut_pieces(result: Surface, z: float) -> list[Array]:
-    """(2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
+def cut_pieces(result: Surface, z: float) -> Array:
+    """(N, 2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
     local = result.fixture.points @ result.sliced.R_slice_patient.T
     # The surface has corners on the slice itself; a nanometre beyond, it is cut between corners.
     pieces = crossings(local[result.fixture.mesh], 2, z + 1e-9)
-    return list(1e3 * pieces[:, :, :2])
+    return 1e3 * pieces[:, :, :2]
 
 
 def draw_from_side(axes: Any, result: Surface) -> None:

@@ -22,6 +22,7 @@ from vfplan.images.dicom import (
     group_value,
     open_dataset,
     place_in_patient,
+    read_spacing,
     refuse_costly,
 )
 from vfplan.io.files import MAX_TEXT_BYTES, naming_place, opened_file, read_bytes, read_text
@@ -204,7 +205,8 @@ def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str,
     borders: list[tuple[list[Array], bool]] = [([], True)] * len(frames)
     for k in members:
         if kind == "FRACTIONAL":
-            borders[k] = volumes.rings_of_share(frames[k] / largest_share), True
+            padded = np.pad(frames[k] / largest_share, 1)
+            borders[k] = [ring - 1 for ring in volumes.zero_rings(0.5 - padded)], True
         else:
             label = chosen.number if kind == "LABELMAP" else 1
             borders[k] = volumes.rings_of_mask(frames[k] == label)
@@ -259,19 +261,12 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, list[in
 
 def frame_place(dataset: Any, k: int) -> tuple[Array, Array]:
     """Corner (3,) and axes (3, 2) of a frame, LPS [m]."""
-    # DICOM writes the distance between rows first.
-    spacing = group_value(dataset, "PixelMeasuresSequence", "PixelSpacing", k) or ()
-    between = [float(x) for x in spacing]
-    if len(between) != 2 or not all(MIN_VOXEL_M < 1e-3 * x < MAX_VOXEL_M for x in between):
+    spacing_mm = read_spacing(dataset, "PixelSpacing", k)
+    place = place_in_patient(dataset, spacing_mm, k)
+    if place is None or not all(MIN_VOXEL_M < 1e-3 * x < MAX_VOXEL_M for x in spacing_mm):
         raise InputError(
-            f"PixelSpacing of frame {k + 1} is not two lengths from {1e3 * MIN_VOXEL_M:g} to "
-            f"{1e3 * MAX_VOXEL_M:g} mm. Export it again.",
-            code="volume-without-place",
-        )
-    place = place_in_patient(dataset, (between[1], between[0]), k)
-    if place is None:
-        raise InputError(
-            f"frame {k + 1} does not say where it lies in the patient. Export it with its place.",
+            f"frame {k + 1} does not say where it lies in the patient, or its PixelSpacing is not "
+            f"from {1e3 * MIN_VOXEL_M:g} to {1e3 * MAX_VOXEL_M:g} mm. Export it with its place.",
             code="volume-without-place",
         )
     return place[:3, 2], place[:3, :2]
@@ -321,12 +316,9 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     Raises `InputError` for a file that is no DICOM slice or has no place in the patient, and for a
     drawing that is not closed.
     """
-    from vfplan.curve.extraction import load_libraries
-    from vfplan.images.read import read_image
     from vfplan.planning.extraction import extract
     from vfplan.planning.settings import ExtractSettings
 
-    load_libraries()
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
     rings = []
     digest = hashlib.sha256()
@@ -334,12 +326,11 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     for number, path in enumerate(files, start=1):
         where = f"{folder}, file {number} of {len(files)} by name"
         try:
-            rgb = read_image(path).rgb
-            if (rgb == rgb[..., :1]).all():
-                slices_without_drawing += 1
-                continue
             extracted = extract(path, ExtractSettings(colour=colour, stroke="all"))
         except InputError as error:
+            if error.code == "image-grey":
+                slices_without_drawing += 1
+                continue
             error.where = where
             raise
         place = extracted.image.T_patient_image

@@ -13,6 +13,7 @@ import logging
 import os
 import re
 import warnings
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,11 +26,11 @@ from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.raster import chosen_index
 from vfplan.io.files import (
+    GZIP_OR_ZLIB,
     MAX_DECOMPRESSED_BYTES,
     MAX_SETTINGS_BYTES,
     OpenedFile,
     decompress,
-    first_decompressed,
 )  # fmt: skip
 from vfplan.io.sandbox import raise_limits, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
@@ -102,12 +103,6 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     first = np.array([rows[0], columns[0]])
     rings = smooth_borders if keeps_parts else borders
     return [ring + first - PAD_PX for ring in rings], keeps_parts
-
-
-def rings_of_share(share: NDArray) -> list[Array]:
-    """(M, 2) row and column [px] of the half-tone borders of an (H, W) share of 0 to 1."""
-    padded = np.pad(share.astype(np.float64), 1)
-    return [ring - 1 for ring in zero_rings(0.5 - padded)]
 
 
 def zero_rings(values: Array) -> list[Array]:
@@ -414,9 +409,11 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         import nibabel
     logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
     is_packed = data.startswith(GZIP)
-    head = first_decompressed(data) if is_packed else data
-    kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
     with library_errors("cannot be read as NIfTI"):
+        head = data
+        if is_packed:
+            head = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540)
+        kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
         header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
         shape = tuple(int(n) for n in header.get_data_shape())
         size = int(np.prod(shape, dtype=object)) * header.get_data_dtype().itemsize
