@@ -245,7 +245,7 @@ def register(
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(
-            error, settings.max_tre_length_m, taken_from=taken_from, curve=unregistered,
+            error, settings.max_tre_length_m, unregistered, taken_from=taken_from,
             is_touched=touched is not None,
         )  # fmt: skip
 

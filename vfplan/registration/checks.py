@@ -491,13 +491,13 @@ UNUSUAL = 2.0
 
 
 def refuse_large_error(
-    error: TargetError, max_tre_m: float, *, taken_from: str = "", curve: Fixture | None = None,
+    error: TargetError, max_tre_m: float, curve: Fixture, *, taken_from: str = "",
     is_touched: bool = False,
 ) -> None:  # fmt: skip
     """Refuse a registration that may be further off along the curve than a person allows.
 
-    taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     curve: what was registered, as it was drawn
+    taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     is_touched: whether touched points refined what the markers gave
     Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`. The message names
         the largest part of the bound, and its place
@@ -507,20 +507,17 @@ def refuse_large_error(
     if value_m <= max_tre_m:
         return
     cause, why, advice = "markers", "the markers", "Add markers around the curve"
-    if is_touched:
+    if 2 * error.own_m[point] ** 2 > value_m**2:
+        cause, why, advice = cause_of_own_error(curve, point)
+    elif is_touched:
         cause, why, advice = "touched", "the touched points", "Touch more places"
-    at = ""
-    if curve is not None:
-        place = curve.points[point]
-        at = f" at ({coordinates(1e3 * place, 1)}) mm"
-        if curve.frame == "image":
-            at = f" at ({coordinates(place[:2])}) px"
-        if 2 * error.own_m[point] ** 2 > value_m**2:
-            cause, why, advice = cause_of_own_error(curve, point)
+    place = f"({coordinates(1e3 * curve.points[point], 1)}) mm"
+    if curve.frame == "image":
+        place = f"({coordinates(curve.points[point, :2])}) px"
     allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
-        f"the curve may lie {_mm(value_m)} from its place{at} (95 % bound), mostly because of "
-        f"{why}, and --max-tre allows {allowed}. {advice}, or give another --max-tre",
+        f"the curve may lie {_mm(value_m)} from its place at {place} (95 % bound), mostly because "
+        f"of {why}, and --max-tre allows {allowed}. {advice}, or give another --max-tre",
         where=f"curve point {point}",
         code="tre-large",
         numbers={
