@@ -40,7 +40,6 @@ from vfplan.registration.models import (
     marker_rows,
     most_off,
     rms_length,
-    studentised_f,
 )
 from vfplan.registration.registration import (
     Registration,
@@ -217,7 +216,7 @@ def perspective_test(registration: Registration, fewest: int = 6) -> Perspective
     sure = SURE_BY_FIVE if n == MIN_FOR_HOMOGRAPHY else SURE_PERSPECTIVE
 
     # The probability that any marker of a good set is as much of an outlier as the worst one here.
-    f_of_markers = np.nan_to_num(studentised_f(affine))
+    f_of_markers = np.nan_to_num(affine.studentised_f)
     outlier_probability = n * float(f_exceeds(3, affine.dof - 3, f_of_markers.max()))
     return PerspectiveTest(
         p_value=p_value,
@@ -601,11 +600,9 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = registration.place_px(int(unchecked[0]))
-    residual_m = 0.0
+    residual_m, used = 0.0, registration.used
     if registration.model == "affine" and registration.problem.model.dimension == 2:
-        residual_m = rms_length(
-            fit_similarity(registration.problem, registration.used).vectors[registration.used]
-        )
+        residual_m = rms_length(fit_similarity(registration.problem, used).vectors[used])
     finding = doubt
     if share[unchecked].max() > DECISIVE_LEVERAGE:
         text += " Add a marker near it."
