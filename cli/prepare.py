@@ -60,7 +60,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
     from vfplan.markers.correspondences import read_markers
     from vfplan.planning.extraction import UNTURNED, read_slice
     from vfplan.planning.match import find_drawn
-    from vfplan.registration.rectify import flattening
+    from vfplan.registration.rectify import flattening, projected
 
     markers_path = flat_markers(output)
     refuse_outputs(output, markers_path)
@@ -81,7 +81,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         findings.append(doubt("pixels-unturned", "register", f"{markers}: {UNTURNED}"))
     is_encoded, data = cv2.imencode(".png", picture.rgb[..., ::-1])
     assert is_encoded
-    places = flat.places(pairs.source).round(4).tolist()
+    places = projected(flat.homography, pairs.source).round(4).tolist()
     with outputs(output, markers_path) as (path, table):
         write_whole(path, [with_made_flat(data.tobytes(), flat.told)], overwrite=False)
         write_whole(table, [marker_table(pairs, places).encode()], overwrite=False)

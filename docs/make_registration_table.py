@@ -26,7 +26,6 @@ from vfplan.registration.checks import (
     POSSIBLE_PERSPECTIVE,
     SURE_PERSPECTIVE,
     error_findings,
-    refuse_large_error,
     refuse_wrong_markers,
     registration_findings,
 )
@@ -70,9 +69,10 @@ def judge(markers: MarkerSet, target: NDArray[np.float64], model: str) -> tuple[
         refuse_wrong_markers(r, 1e-3)
         curve = curve_of(markers)
         error = target_error(r, curve)
-        refuse_large_error(error, 5e-3)
     except VfplanError as refusal:
         return "refused", refusal.code
+    if error.curve95_m.max() > 5e-3:
+        return "refused", "tre-large"
     findings = [*registration_findings(r), *error_findings(error)]
     for severity in ("doubt", "note"):
         codes = [finding.code for finding in findings if finding.severity == severity]

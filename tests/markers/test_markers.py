@@ -159,7 +159,6 @@ BAD_TABLES = {
         "label,u_px,v_px\nx1,1\n", "label,u_px,v_px\nx1,1,5,2,5\n",
     ],
     "sigma-without-positions": ["label,u_px,v_px,sigma_m\nx1,1,1,1\n"],
-    "sigma-range": ["label,x_m,y_m,z_m,sigma_m\nx1,1,1,1,0\n"],
     "no-markers": ["label,u_px,v_px\n"],
     "table-empty": ["\n"],
     "table-broken": [

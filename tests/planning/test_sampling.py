@@ -119,16 +119,13 @@ def test_points_lie_on_the_curve_in_order_with_both_ends(name):
 @pytest.mark.parametrize("wrong", [
     {"radius_m": 0.0}, {"radius_m": float("inf")}, {"radius_m": R, "tolerance_m": -1.0},
     {"radius_m": R, "tolerance_m": float("nan")}, {"radius_m": R, "density_per_m": 0.0},
+    {"points_m": np.zeros((1, 3))}, {"points_m": np.zeros((5, 2))},
+    {"points_m": np.full((5, 3), np.nan)},
 ], ids=str)  # fmt: skip
-def test_settings_out_of_range_are_refused(wrong):
+def test_settings_out_of_range_and_curves_that_are_none_are_refused(wrong):
+    given = {"points_m": CURVES["line"][0], "closed": False, "radius_m": R}
     with pytest.raises(SettingError):
-        sample_curve(*CURVES["line"], **wrong)
-
-
-@pytest.mark.parametrize("points", [np.zeros((1, 3)), np.zeros((5, 2)), np.full((5, 3), np.nan)])
-def test_curves_that_are_none_are_refused(points):
-    with pytest.raises(SettingError):
-        sample_curve(points, False, radius_m=R)
+        sample_curve(**given | wrong)
 
 
 def test_two_points_are_a_line():

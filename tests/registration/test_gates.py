@@ -152,21 +152,6 @@ def test_a_tie_or_an_exact_fit_is_never_refused():
             refuse_wrong_markers(fit(source, planar(source, noise, seed)), 1e-3)
 
 
-def test_the_bound_of_the_curve_is_a_gate():
-    r = fit(grid(), planar(grid()))
-    error = target_error(r, grid())
-    assert error.curve95_m.max() > error.bound95_m.max() > error.rms_m.max()
-    refuse_large_error(error, 2e-3)
-    with pytest.raises(CheckFailed) as caught:
-        refuse_large_error(error, 1e-4)
-    assert (caught.value.code, caught.value.exit_code) == ("tre-large", 1)
-    assert caught.value.numbers["curve95_max_m"] == error.curve95_m.max()
-    assert caught.value.numbers["max_tre_m"] == 1e-4
-    assert "(the " not in caught.value.message
-    with pytest.raises(CheckFailed, match=r"0\.1 mm \(the contact radius\)"):
-        refuse_large_error(error, 1e-4, taken_from="contact radius")
-
-
 @pytest.mark.parametrize(
     ("name", "cause", "advice"),
     [
@@ -178,7 +163,7 @@ def test_the_bound_of_the_curve_is_a_gate():
         ("touched", "touched", "Touch more places"),
     ],
 )
-def test_a_large_bound_names_its_largest_part_and_the_place(name, cause, advice):
+def test_a_large_bound_is_refused_and_names_its_largest_part_and_the_place(name, cause, advice):
     r, drawn = fit(grid(), planar(grid())), grid()
     is_there = np.arange(len(drawn)) == 4
     high = 0.0 if cause in ("markers", "touched") else 9.0
@@ -187,11 +172,20 @@ def test_a_large_bound_names_its_largest_part_and_the_place(name, cause, advice)
     stroke = Stroke(np.pad(drawn, [(0, 0), (0, 1)]), False, sigma, **flags)
     curve = Fixture("image", stroke.points, PROVENANCE, curve=Curve.of([stroke]), sigma=sigma)
     error = target_error(r, drawn, own_bound([stroke]))
+    assert error.curve95_m.max() > error.bound95_m.max() > error.rms_m.max()
+    refuse_large_error(error, error.curve95_m.max(), curve)
     with pytest.raises(CheckFailed, match=advice) as caught:
-        refuse_large_error(error, 1e-4, curve=curve, is_touched=name == "touched")
-    assert caught.value.numbers["cause"] == cause
+        refuse_large_error(error, 1e-4, curve, is_touched=name == "touched")
+    assert (caught.value.code, caught.value.exit_code) == ("tre-large", 1)
+    assert caught.value.numbers == {
+        "curve95_max_m": error.curve95_m.max(), "max_tre_m": 1e-4, "point": error.worst,
+        "cause": cause,
+    }  # fmt: skip
     assert "({:.0f}, {:.0f}) px".format(*drawn[error.worst]) in caught.value.message
+    assert "(the " not in caught.value.message
     assert cause in ("markers", "touched", "ink") or error.worst == 4
+    with pytest.raises(CheckFailed, match=r"0\.1 mm \(the contact radius\)"):
+        refuse_large_error(error, 1e-4, curve, taken_from="contact radius")
 
 
 @pytest.mark.parametrize("sets", [pytest.param(1, marks=pytest.mark.full)])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from layouts import MODELS, PX, R, fit, grid, markers, solid
-from scipy.special import fdtrc, fdtri, ndtri
+from scipy.special import fdtrc, fdtri
 
 from vfplan.registration.models import f_exceeds, f_quantile, homogeneous
-from vfplan.registration.registration import fit_registration, normal_quantile
+from vfplan.registration.registration import fit_registration
 
 TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
 LAYOUTS = {
@@ -169,11 +169,6 @@ def test_quantiles_are_scipys(probability):
     dof, other_dof = degrees_of_freedom(1000)
     expected = fdtri(dof, other_dof.astype(float), probability)
     assert f_quantile(dof, other_dof, probability) == pytest.approx(expected, rel=1e-9)
-
-
-def test_normal_quantiles_are_scipys():
-    share = np.concatenate([[1e-11, 0.075, 0.925, 1 - 1e-11], np.linspace(1e-4, 1 - 1e-4, 2000)])
-    assert normal_quantile(share) == pytest.approx(ndtri(share), rel=1e-14)
 
 
 def test_two_and_two_degrees_of_freedom_have_a_closed_form():

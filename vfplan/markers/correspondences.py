@@ -49,11 +49,8 @@ MAX_RADIUS_M = 1.0
 
 SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
-FCSV_COLUMNS = [
-    *("id", "x", "y", "z", "ow", "ox", "oy", "oz", "vis", "sel", "lock"),
-    *("label", "desc", "associatedNodeID"),
-]
-SLICER3_COLUMNS = ["label", "x", "y", "z", "sel", "vis"]
+FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
+SLICER3_COLUMNS = "label,x,y,z,sel,vis"
 
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
@@ -313,13 +310,6 @@ def parse_marker_table(
         spread = None
         if sigma:
             spread = _numbers(table, labels, [columns[name] for name in sigma])
-            for row, label, values in zip(table.rows, labels, spread, strict=True):
-                if not (values > 0).all():
-                    raise MarkerError(
-                        f"sigma of marker {label!r} is {values.min():g}. Give a number above 0",
-                        where=f"{where}, line {row.line}", code="sigma-range",
-                        numbers={"label": label},
-                    )  # fmt: skip
             sigma_unit = sigma[0].rsplit("_", 1)[-1] if sigma != ("sigma",) else unit
             spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
         positions = raw / PER_METRE[unit]
@@ -553,10 +543,10 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     is_slicer4 = "markups fiducial file version" in header
     columns = FCSV_COLUMNS if is_slicer4 else SLICER3_COLUMNS
     system = header.get("coordinatesystem", None if is_slicer4 else "RAS")
-    stated = header.get("columns", ",".join(columns))
-    if [name.strip() for name in stated.split(",")][: len(columns)] != columns:
+    names, stated = columns.split(","), header.get("columns", columns)
+    if [name.strip() for name in stated.split(",")][: len(names)] != names:
         raise MarkerError(
-            f"columns are {stated!r}. They may be {','.join(columns)!r}",
+            f"columns are {stated!r}. They may be {columns!r}",
             where=where, code="column-unknown",
         )  # fmt: skip
     signs = {"LPS": np.ones(3), "1": np.ones(3), "RAS": RAS_TO_LPS, "0": RAS_TO_LPS}
@@ -569,7 +559,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     points = []
     rows = split_rows("\n".join(lines), where, MarkerError)
     for number, (_, row) in enumerate(rows, start=1):
-        cells = dict(zip(columns, row, strict=False))
+        cells = dict(zip(names, row, strict=False))
         label = cells.get("label")
         what = f"of marker {label.strip()!r}" if label else "of it"
         place = f"{where}, point {number}"

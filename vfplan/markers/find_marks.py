@@ -47,6 +47,11 @@ MAX_BRIGHTNESS_MISFIT = 0.7
 # Largest blur [px] of a mark whose colour compression has not blurred.
 SHARP_PX = 0.7
 
+# Blur [px] of the brightness of a mark whose colour compression has blurred, and the coverage from
+# which a pixel does not show the background. With these, crosses in pictures of quality 80 are
+# found to 0.08 px rms.
+BRIGHTNESS_BLUR_PX, MIN_COVERAGE = 0.6, 0.05
+
 
 @dataclass(frozen=True)
 class DrawnMarker:
@@ -199,36 +204,28 @@ def coverages_around(picture: Array, place: tuple[float, float], search_px: floa
 
 def marks_around(coverage: Array, place: tuple[float, float], search_px: float) -> list[Mark]:
     """The connected marks that reach within `search_px` of a place, none cut by the window."""
-    from scipy import ndimage
+    from scipy.ndimage import binary_dilation
+    from skimage.measure import label, regionprops
 
-    numbers, _ = ndimage.label(coverage > 0.35, structure=np.ones((3, 3)))
+    numbers = label(coverage > 0.35)
     marks = []
-    for number, box in enumerate(ndimage.find_objects(numbers), start=1):
-        rows, columns = box
-        is_inside = numbers[box] == number
-        v, u = np.nonzero(is_inside)
-        distance = np.hypot(u + columns.start - place[0], v + rows.start - place[1]).min()
-        is_cut = min(rows.start, columns.start) == 0
-        is_cut |= rows.stop == coverage.shape[0] or columns.stop == coverage.shape[1]
-        is_large = max(is_inside.shape) > MAX_SIDE_PX
-        if distance > search_px or is_cut or is_large or len(u) < 4:
+    for spot in regionprops(numbers, coverage):
+        top, left, bottom, right = spot.bbox
+        distance = np.linalg.norm(spot.coords[:, ::-1] - place, axis=1).min()
+        is_cut = min(top, left) == 0 or bottom == coverage.shape[0] or right == coverage.shape[1]
+        side = max(bottom - top, right - left)
+        if distance > search_px or is_cut or side > MAX_SIDE_PX or spot.area < 4:
             continue
 
         # A window with the mark's blurred edge.
-        window = (
-            slice(max(0, rows.start - EDGE_PX), rows.stop + EDGE_PX),
-            slice(max(0, columns.start - EDGE_PX), columns.stop + EDGE_PX),
-        )
-        alpha = coverage[window]
-        is_other = (numbers[window] != number) & (numbers[window] > 0)
-        v, u = np.indices(alpha.shape).astype(float)
-        u, v = u + window[1].start, v + window[0].start
-        weight = np.where(numbers[window] == number, alpha, 0.0)
-        centre_u = float((u * weight).sum() / weight.sum())
-        centre_v = float((v * weight).sum() / weight.sum())
-        valid = ~ndimage.binary_dilation(is_other, iterations=2)
-        radius = max(is_inside.shape) / 2
-        marks.append(Mark(alpha, valid, u, v, (centre_u, centre_v), radius))
+        top, left = max(0, top - EDGE_PX), max(0, left - EDGE_PX)
+        window = np.s_[top : bottom + EDGE_PX, left : right + EDGE_PX]
+        v, u = np.indices(numbers[window].shape).astype(float)
+        is_other = (numbers[window] != spot.label) & (numbers[window] > 0)
+        valid = ~binary_dilation(is_other, iterations=2)
+        centre_v, centre_u = spot.centroid_weighted
+        centre = (float(centre_u), float(centre_v))
+        marks.append(Mark(coverage[window], valid, u + left, v + top, centre, side / 2))
     return marks
 
 
@@ -250,13 +247,16 @@ def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
 
     Where the mark is about as bright as its background nothing is known, and nothing counts.
     """
+    from skimage.restoration import inpaint_biharmonic
+
     rows, columns = mark.v[:, 0].astype(int), mark.u[0].astype(int)
     # Brightness as JPEG stores it, by ITU-R BT.601.
     grey = picture[np.ix_(rows, columns)] @ [0.299, 0.587, 0.114]
-    background = (
-        background_under_cross(mark, grey, by_colour.parameters)
-        if by_colour.shape == "cross" else background_under_dot(mark, grey)
-    )  # fmt: skip
+    # The background under the shape is the smoothest filling.
+    parameters = by_colour.parameters.copy()
+    parameters[-2:] = BRIGHTNESS_BLUR_PX, 1.0
+    covered = MODELS[by_colour.shape](mark.u, mark.v, *parameters) > MIN_COVERAGE
+    background = grey if covered.all() else inpaint_biharmonic(grey, covered)
     darkest_ink = np.unravel_index(np.argmax(mark.coverage * mark.valid), grey.shape)
     contrast = float(grey[darkest_ink]) - background
     is_known = np.abs(contrast) > MIN_CONTRAST / 2
@@ -264,47 +264,6 @@ def brightness_mark(mark: Mark, picture: Array, by_colour: ShapeFit) -> Mark:
     coverage[is_known] = (grey - background)[is_known] / contrast[is_known]
     weight = np.abs(contrast) / max(float(np.abs(contrast).max()), np.finfo(float).tiny)
     return replace(mark, coverage=coverage, valid=mark.valid & is_known, weight=weight)
-
-
-def background_under_dot(mark: Mark, grey: Array) -> Array:
-    """The background under a dot: the smoothest filling."""
-    from scipy.ndimage import binary_dilation
-    from skimage.restoration import inpaint_biharmonic
-
-    covered = binary_dilation((mark.coverage > 0.15) & mark.valid, iterations=2)
-    return grey if covered.all() else inpaint_biharmonic(grey, covered)
-
-
-def background_under_cross(mark: Mark, grey: Array, parameters: Array) -> Array:
-    """The background under a cross: across each bar, from what lies on its two sides."""
-    from scipy import ndimage
-
-    u0, v0, length, half_width, angle = parameters[:5]
-    cosine, sine = np.cos(angle), np.sin(angle)
-    # Along and across the first bar.
-    x = cosine * (mark.u - u0) + sine * (mark.v - v0)
-    y = cosine * (mark.v - v0) - sine * (mark.u - u0)
-    reach = min(half_width, 1.5) + 1.5
-
-    def grey_at(x: Array, y: Array) -> Array:
-        rows = v0 + sine * x + cosine * y - mark.v[0, 0]
-        columns = u0 + cosine * x - sine * y - mark.u[0, 0]
-        return ndimage.map_coordinates(grey, [rows, columns], order=1, mode="nearest")
-
-    def between(low: Array, high: Array, place: Array) -> Array:
-        part = np.clip((place + reach) / (2 * reach), 0, 1)
-        return (1 - part) * low + part * high
-
-    edge = np.full_like(x, reach)
-    across_first = between(grey_at(x, -edge), grey_at(x, edge), y)
-    across_second = between(grey_at(-edge, y), grey_at(edge, y), x)
-    above = between(grey_at(-edge, -edge), grey_at(edge, -edge), x)
-    below = between(grey_at(-edge, edge), grey_at(edge, edge), x)
-    is_first = (np.abs(y) < reach) & (np.abs(x) < length + 1.5)
-    is_second = (np.abs(x) < reach) & (np.abs(y) < length + 1.5)
-    background = np.where(is_second, across_second, grey)
-    background = np.where(is_first, across_first, background)
-    return np.where(is_first & is_second, between(above, below, y), background)
 
 
 def fit_shape(mark: Mark) -> ShapeFit:
@@ -322,10 +281,9 @@ def fit_shape(mark: Mark) -> ShapeFit:
     # A mark that covers more than half of its circle is probably a dot.
     if area > 0.5 * np.pi * r**2:
         starts[:2] = starts[1::-1]
-    models = {"cross": _cross, "dot": _disc}
     best: ShapeFit | None = None
     for shape, start in starts:
-        parameters, misfit = minimise_misfit(mark, models[shape], start)
+        parameters, misfit = minimise_misfit(mark, MODELS[shape], start)
         if best is None or misfit < best.misfit:
             found_u, found_v, blur = parameters[[0, 1, -2]].tolist()
             best = ShapeFit(found_u, found_v, shape, misfit, blur, parameters)
@@ -401,3 +359,6 @@ def _ramp(x: Array, blur: float) -> Array:
 
     z = x / blur
     return x * ndtr(z) + blur * np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi)
+
+
+MODELS = {"cross": _cross, "dot": _disc}

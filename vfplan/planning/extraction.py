@@ -254,33 +254,30 @@ def vector_alone(
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     curve = curve if curve.measured_from is None else onto_slice(curve, None, str(path))
     is_in_image = curve.points.shape[1] == 2
-    if is_in_image and settings.density_per_mm is not None:
-        raise SettingError(
-            "a density per millimetre needs a pixel spacing, and so an image. Leave it out",
-            code="density-without-spacing",
-        )
-    frame, step = "image" if is_in_image else "patient_lps", 1.0
-    if not is_in_image:
-        step = FINE_M
-        if settings.density_per_mm is not None:
-            step = 1e-3 / settings.density_per_mm
+    step = 1.0 if is_in_image else FINE_M
+    if settings.density_per_mm is not None:
+        if is_in_image:
+            raise SettingError(
+                "a density per millimetre needs a pixel spacing, and so an image. Leave it out",
+                code="density-without-spacing",
+            )
+        step = 1e-3 / settings.density_per_mm
     stroke = curve.stroke(step)
-    points = stroke.points
-    described = {"length_mm": stroke.length * 1e3}
+    frame, points = "patient_lps", stroke.points
+    described: dict[str, Any] = {"length_mm": stroke.length * 1e3}
+    findings = vector_findings(curve, contact_radius)
     if is_in_image:
-        points = np.column_stack([points, np.zeros(len(points))])
+        frame, points = "image", np.column_stack([points, np.zeros(len(points))])
         described = {"length_px": stroke.length}
+        findings += fold_findings([stroke])
     described |= {"closed": stroke.closed, "points": len(points)}
-    findings = tuple(vector_findings(curve, contact_radius))
-    if is_in_image:
-        findings += tuple(fold_findings([stroke]))
     provenance = Provenance.now({"curve": curve.sha256}, settings)
-    fixture = Fixture(frame, points, provenance, curve=Curve.of([stroke]), findings=findings)
-    report: dict[str, Any] = {
+    fixture = Fixture(frame, points, provenance, curve=Curve.of([stroke]), findings=tuple(findings))
+    report = {
         "frame": frame, "strokes": [described], "points": len(points),
         "elapsed_s": time.perf_counter() - started,
     }  # fmt: skip
-    return ExtractResult(fixture, None, None, report, findings)
+    return ExtractResult(fixture, None, None, report, fixture.findings)
 
 
 def resample(

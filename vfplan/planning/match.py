@@ -325,6 +325,7 @@ def refine(
         out of range
     Raises MarkerError: the file cannot be read, or its points do not hold the bone
     """
+    from vfplan.registration.models import rms
     from vfplan.registration.touch import refine_by_touch
 
     if curve.mesh is None:
@@ -349,8 +350,8 @@ def refine(
     moved_over_bound = float((moved_m / np.maximum(bound_m, 1e-12)).max())
     strays = np.flatnonzero(~refined.used) + 1
     record.report["touched"] = {
-        "points": len(points), "left_out": strays, "rms_m": refined.rms_m,
-        "before_rms_m": float(np.sqrt((refined.before_m[refined.used] ** 2).mean())),
+        "points": len(points), "left_out": strays, "rms_m": rms(refined.distances_m[refined.used]),
+        "before_rms_m": rms(refined.before_m[refined.used]),
         "held": refined.constraint, "moved_max_m": float(moved_m.max()),
         "moved_over_markers_bound95": moved_over_bound, "tip_radius_m": tip_radius,
     }  # fmt: skip

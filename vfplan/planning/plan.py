@@ -28,6 +28,7 @@ from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
+from vfplan.geometry.lines import plane_normal
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import (
@@ -245,7 +246,7 @@ def register(
     if settings.max_tre_length_m is not None:
         taken_from = "contact radius" if settings.max_tre_m == "contact radius" else ""
         refuse_large_error(
-            error, settings.max_tre_length_m, taken_from=taken_from, curve=unregistered,
+            error, settings.max_tre_length_m, unregistered, taken_from=taken_from,
             is_touched=touched is not None,
         )  # fmt: skip
 
@@ -488,7 +489,7 @@ def ignored_axis(
             )
         return check_axis(choice)
     columns = T[:3, :3] @ slice_axes if slice_axes is not None else T[:3, :2]
-    normal = np.cross(columns[:, 0], columns[:, 1])
+    normal = plane_normal(columns)
     normal /= np.linalg.norm(normal)
     if choice == "normal":
         return normal

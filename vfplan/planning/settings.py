@@ -23,8 +23,6 @@ LEAD_SPEED_M_S = 0.02
 # Setting of a recipe: the 95 % bound of the error over the whole curve that `register` found [m].
 CURVE95 = "curve95_max_m"
 
-AXES = ("normal", "x", "y", "z", "none")
-
 
 def margin_length(margin: str | float | None, bound_m: float | None) -> str | float | None:
     """A margin [m], of which "tre95" stands for the bound; a text that is no margin stays as it is.
@@ -43,6 +41,7 @@ def margin_length(margin: str | float | None, bound_m: float | None) -> str | fl
     return None if bound_m is None else bound_m + tip_m
 
 
+# A length, or none of them.
 GATE = {
     "form": "MM|none",
     "unit": "mm",
@@ -244,9 +243,7 @@ class FixtureSettings:
     )  # fmt: skip
     arcs_m: float | None = setting(
         None, "Fit lines and arcs to the curve within this distance [mm]; none makes points only.  "
-        "[default: 0.001, if it can be reached]", form="MM|none",
-        unit="mm", least=MIN_ARCS_M, most="/pieces@error_m",
-        from_option=lambda millimetres: 1e-3 * millimetres[0] if millimetres else None,
+        "[default: 0.001, if it can be reached]", least=MIN_ARCS_M, most="/pieces@error_m", **GATE,
     )  # fmt: skip
     points_only: bool = setting(False, "", option="arcs", from_option=lambda arcs: arcs == ())
     # One number is held as a tuple of one.
@@ -265,7 +262,7 @@ class FixtureSettings:
     )  # fmt: skip
     ignore_axis: str | None = setting(
         None, "Extend the fixture without end along this axis.  [default: normal, of the drawn "
-        "slice]", choices=AXES,
+        "slice]", choices=("normal", "x", "y", "z", "none"),
     )  # fmt: skip
     seen_from: tuple[float, float, float] | str | None = setting(
         None, "Say from which side you look at the slice: above (robot +z), below, or a direction "

@@ -40,7 +40,6 @@ from vfplan.registration.models import (
     marker_rows,
     most_off,
     rms_length,
-    studentised_f,
 )
 from vfplan.registration.registration import (
     Registration,
@@ -217,7 +216,7 @@ def perspective_test(registration: Registration, fewest: int = 6) -> Perspective
     sure = SURE_BY_FIVE if n == MIN_FOR_HOMOGRAPHY else SURE_PERSPECTIVE
 
     # The probability that any marker of a good set is as much of an outlier as the worst one here.
-    f_of_markers = np.nan_to_num(studentised_f(affine))
+    f_of_markers = np.nan_to_num(affine.studentised_f)
     outlier_probability = n * float(f_exceeds(3, affine.dof - 3, f_of_markers.max()))
     return PerspectiveTest(
         p_value=p_value,
@@ -491,13 +490,13 @@ UNUSUAL = 2.0
 
 
 def refuse_large_error(
-    error: TargetError, max_tre_m: float, *, taken_from: str = "", curve: Fixture | None = None,
+    error: TargetError, max_tre_m: float, curve: Fixture, *, taken_from: str = "",
     is_touched: bool = False,
 ) -> None:  # fmt: skip
     """Refuse a registration that may be further off along the curve than a person allows.
 
-    taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     curve: what was registered, as it was drawn
+    taken_from: the other setting that gave `max_tre_m`, where nobody stated the limit itself
     is_touched: whether touched points refined what the markers gave
     Raises CheckFailed: the 95 % bound of the whole curve is above `max_tre_m`. The message names
         the largest part of the bound, and its place
@@ -507,20 +506,17 @@ def refuse_large_error(
     if value_m <= max_tre_m:
         return
     cause, why, advice = "markers", "the markers", "Add markers around the curve"
-    if is_touched:
+    if 2 * error.own_m[point] ** 2 > value_m**2:
+        cause, why, advice = cause_of_own_error(curve, point)
+    elif is_touched:
         cause, why, advice = "touched", "the touched points", "Touch more places"
-    at = ""
-    if curve is not None:
-        place = curve.points[point]
-        at = f" at ({coordinates(1e3 * place, 1)}) mm"
-        if curve.frame == "image":
-            at = f" at ({coordinates(place[:2])}) px"
-        if 2 * error.own_m[point] ** 2 > value_m**2:
-            cause, why, advice = cause_of_own_error(curve, point)
+    place = f"({coordinates(1e3 * curve.points[point], 1)}) mm"
+    if curve.frame == "image":
+        place = f"({coordinates(curve.points[point, :2])}) px"
     allowed = f"{1e3 * max_tre_m:g} mm" + (f" (the {taken_from})" if taken_from else "")
     raise CheckFailed(
-        f"the curve may lie {_mm(value_m)} from its place{at} (95 % bound), mostly because of "
-        f"{why}, and --max-tre allows {allowed}. {advice}, or give another --max-tre",
+        f"the curve may lie {_mm(value_m)} from its place at {place} (95 % bound), mostly because "
+        f"of {why}, and --max-tre allows {allowed}. {advice}, or give another --max-tre",
         where=f"curve point {point}",
         code="tre-large",
         numbers={
@@ -604,11 +600,9 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = registration.place_px(int(unchecked[0]))
-    residual_m = 0.0
+    residual_m, used = 0.0, registration.used
     if registration.model == "affine" and registration.problem.model.dimension == 2:
-        residual_m = rms_length(
-            fit_similarity(registration.problem, registration.used).vectors[registration.used]
-        )
+        residual_m = rms_length(fit_similarity(registration.problem, used).vectors[used])
     finding = doubt
     if share[unchecked].max() > DECISIVE_LEVERAGE:
         text += " Add a marker near it."

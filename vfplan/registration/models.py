@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
@@ -147,6 +147,11 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
     if name == "affine":
         return Affine(dimension)
     return Orthogonal(dimension, metric_scale if name == "rigid" else None, name)
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square of numbers."""
+    return float(np.sqrt(np.square(values).mean()))
 
 
 def rms_length(vectors: Array) -> float:
@@ -492,6 +497,47 @@ class Fit:
         """(N,) share of each marker in its own prediction: the mean of its block's diagonal."""
         return np.trace(self.hat, axis1=1, axis2=2) / 3
 
+    @cached_property
+    def loo_m(self) -> Array:
+        """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined.
+
+        Every fit is made again without each marker.
+        """
+        problem, used = self.problem, self.used
+        errors = np.linalg.norm(self.vectors, axis=1)
+        for i in np.flatnonzero(used):
+            others = np.flatnonzero(used & (np.arange(len(used)) != i))
+            errors[i] = np.nan
+            if len(others) >= problem.model.minimal and is_spread_out(problem, others[None])[0]:
+                s, y, weights = (of[others] for of in (problem.s, problem.y, problem.weights))
+                m = problem.model.solve(s, y, weights)
+                errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
+        return errors
+
+    @cached_property
+    def studentised_f(self) -> Array:
+        """(N,) F of each marker against the others, with 3 and ν - 3 degrees of freedom.
+
+        q = eᵀ W (I - H)⁻¹ e is what the sum of squares loses without the marker, and F is q / 3
+        over the mean square of the others (Cook and Weisberg, section 2.2). A marker that the fit
+        did not use is tested as a new observation, which gives the same F. NaN where no degree of
+        freedom is left to judge by.
+        """
+        used, vectors = self.used, self.vectors
+        blocks = np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * self.hat
+        regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
+        deleted = np.full_like(vectors, np.nan)
+        deleted[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
+        lost = (self.problem.weights * vectors * deleted).sum(axis=1)
+        floor = self.problem.rounding_floor_m**2
+        total = float((self.problem.weights * vectors**2)[used].sum())
+        others = np.maximum(total - lost * used, floor)
+        others_dof = self.dof - 3 * used
+        f = (lost / 3) / (others / np.maximum(others_dof, 1))
+        f[lost <= floor] = 0.0  # The fit is exact, but for rounding.
+        f[~(others_dof > 0) | ~np.isfinite(lost)] = np.nan
+        return f
+
 
 def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
     """Fit the markers that are `used` (N,), by default all of them."""
@@ -517,55 +563,6 @@ def fit_similarity(problem: Problem, used: Flags) -> Fit:
     """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
     similarity = Orthogonal(problem.model.dimension, None, "similarity")
     return fit_model(replace(problem, model=similarity), used)
-
-
-def leave_one_out(fit: Fit) -> Array:
-    """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined.
-
-    Every fit is made again without each marker.
-    """
-    problem, used = fit.problem, fit.used
-    errors = np.linalg.norm(fit.vectors, axis=1)
-    for i in np.flatnonzero(used):
-        others = np.flatnonzero(used & (np.arange(len(used)) != i))
-        errors[i] = np.nan
-        if len(others) >= problem.model.minimal and is_spread_out(problem, others[None])[0]:
-            m = problem.model.solve(problem.s[others], problem.y[others], problem.weights[others])
-            errors[i] = np.linalg.norm(problem.y[i] - m @ problem.x[i])
-    return errors
-
-
-def studentised_f(fit: Fit) -> Array:
-    """(N,) F of each marker against the others, with 3 and ν - 3 degrees of freedom.
-
-    q = eᵀ W (I - H)⁻¹ e is what the sum of squares loses without the marker, and F is q / 3 over
-    the mean square of the others (Cook and Weisberg, section 2.2). A marker that the fit did not
-    use is tested as a new observation, which gives the same F. NaN where no degree of freedom is
-    left to judge by.
-    """
-    problem, used, vectors = fit.problem, fit.used, fit.vectors
-    blocks = np.eye(3) + np.where(used, -1.0, 1.0)[:, None, None] * fit.hat
-    regular = np.linalg.svd(blocks, compute_uv=False)[:, -1] > 1e-9
-    deleted = np.full_like(vectors, np.nan)
-    deleted[regular] = np.linalg.solve(blocks[regular], vectors[regular][:, :, None])[:, :, 0]
-    lost = (problem.weights * vectors * deleted).sum(axis=1)
-    floor = problem.rounding_floor_m**2
-    total = float((problem.weights * vectors**2)[used].sum())
-    others = np.maximum(total - lost * used, floor)
-    others_dof = fit.dof - 3 * used
-    f = (lost / 3) / (others / np.maximum(others_dof, 1))
-    f[lost <= floor] = 0.0  # The fit is exact, but for rounding.
-    f[~(others_dof > 0) | ~np.isfinite(lost)] = np.nan
-    return f
-
-
-@cache
-def f_limit(n: int, dof: int, probability: float = GOOD_SET_PROBABILITY) -> float:
-    """F of 3 and `dof` degrees of freedom that any of n good markers exceeds so seldom.
-
-    The probability is shared evenly among the markers (Bonferroni).
-    """
-    return float(f_quantile(3, dof, 1 - probability / n))
 
 
 def most_off(rows: Array, errors: Array, floor: float) -> tuple[int, Array, float, float]:

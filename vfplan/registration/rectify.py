@@ -23,7 +23,7 @@ from vfplan.registration.checks import (
     mapped_by_homography,
     perspective_test,
 )
-from vfplan.registration.models import GOOD_SET_PROBABILITY
+from vfplan.registration.models import GOOD_SET_PROBABILITY, rms
 from vfplan.registration.registration import fit_registration
 
 # Smallest over largest singular value of the equations of a homography that is determined. Markers
@@ -66,17 +66,13 @@ class Flattening:
     @property
     def residual_rms_m(self) -> float:
         """RMS of the residuals."""
-        return float(np.sqrt((self.residuals_m**2).mean()))
+        return rms(self.residuals_m)
 
     @property
     def numbers(self) -> tuple[float, ...]:
         """As `vfplan.images.read.made_flat` takes it, and a bundle's recipe keeps it."""
         size = (self.width_px, self.height_px, self.pixel_spacing_mm)
         return (*self.homography.ravel().tolist(), *size)
-
-    def places(self, places_px: Array) -> Array:
-        """(N, 2) places of the photograph in the flat picture."""
-        return projected(self.homography, places_px)
 
     @property
     def told(self) -> str:
@@ -130,8 +126,7 @@ def flattening(
     residuals = np.linalg.norm(problem.y - mapped_by_homography(h, problem.s), axis=1)
     squares = float((problem.weights.mean(axis=1) * residuals**2).sum())
     error_m = float(np.sqrt(3 * squares / (3 * n - len(h))))
-    is_folded = not (depths > 0).all()
-    is_off = is_folded or (max_error_m is not None and error_m > max_error_m)
+    is_off = not (depths > 0).all() or (max_error_m is not None and error_m > max_error_m)
     if is_off or not is_determined:
         mistake = label_mistake(registration)
         if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:

@@ -51,20 +51,20 @@ from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
 from vfplan.geometry.lines import Array, Flags, plane_normal
 from vfplan.registration.models import (
+    GOOD_SET_PROBABILITY,
     Fit,
     ModelName,
     Orthogonal,
     Problem,
     f_exceeds,
-    f_limit,
     f_quantile,
     fit_model,
     homogeneous,
     is_spread_out,
-    leave_one_out,
     make_problem,
     marker_rows,
-    studentised_f,
+    rms,
+    rms_length,
 )
 
 # Probability that an error stays within its bound, and that an interval holds the true value.
@@ -105,11 +105,11 @@ def target_error(
 ) -> TargetError:
     """The predicted error along a curve (M, 2|3) given in the source frame.
 
-    own: the bound of the curve's own error there, (M,) of `own_bound`
+    own: the bound of the curve's own error there, (M,) of `own_bound` in the source frame's unit
     """
     rms_m, bound95_m = registration.tre_m(points), registration.tre95_m(points)
-    curve95_m = registration.curve95_m(points, own)
-    own_m = np.broadcast_to(registration.mean_scale * np.asarray(own), curve95_m.shape)
+    curve95_m = registration.tre95_curve_m(points, own)
+    own_m = registration.mean_scale * np.broadcast_to(own, rms_m.shape)
     at_markers_m = registration.tre_m(registration.source[registration.used])
     is_beyond = rms_m > at_markers_m.max() * (1 + 1e-9)
     return TargetError(rms_m, bound95_m, curve95_m, own_m, int(curve95_m.argmax()), is_beyond)
@@ -212,10 +212,10 @@ STOP_PROBABILITY = 0.05
 
 def is_outlier(fit: Fit) -> Flags:
     """(N,) the markers whose F is above its limit, and those that a robust fit left out."""
-    count = int(fit.used.sum())
-    freedom = (fit.dof - 3 * fit.used).tolist()
-    limits = np.array([f_limit(count, dof) if dof > 0 else np.inf for dof in freedom])
-    return (np.nan_to_num(studentised_f(fit)) > limits) | ~fit.used
+    # The probability is shared evenly among the markers (Bonferroni).
+    share = GOOD_SET_PROBABILITY / fit.used.sum()
+    limits = f_quantile(3, np.maximum(fit.dof - 3 * fit.used, 1), 1 - share)
+    return (np.nan_to_num(fit.studentised_f) > limits) | ~fit.used
 
 
 def single_outlier(registration: Registration) -> tuple[int, float] | None:
@@ -227,10 +227,8 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
     worst = int(f.argmax())
     if not (registration.used[worst] and is_outlier(registration)[worst]):
         return None
-    # Three times F is what the squares lose without the marker, over the mean square of the others.
-    dof = registration.dof
-    squares = registration.variance * dof / (1 + 3 * f[worst] / (dof - 3))
-    others_m = float(np.sqrt(squares / (registration.used.sum() - 1)))
+    others = registration.used & (np.arange(len(f)) != worst)
+    others_m = rms_length(fit_model(registration.problem, others).vectors[others])
     if others_m > registration.fre_rms_m / 2:
         return None
     return worst, others_m
@@ -276,7 +274,7 @@ def consistent_markers(problem: Problem) -> Flags:
 
     # The minimal subset whose transform leaves the least sum over the half that fits it best.
     subsets = combinations(range(n), minimal)
-    smallest_sum, best_subset = np.inf, []
+    smallest_sum, best_subset, best_squares = np.inf, [], np.zeros(n)
     while block := list(islice(subsets, ROWS_AT_ONCE)):
         index = np.array(block)
         index = index[is_spread_out(problem, index)]
@@ -287,17 +285,17 @@ def consistent_markers(problem: Problem) -> Flags:
         candidate = int(sums.argmin())
         if sums[candidate] < smallest_sum:
             smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
-    squares = _squares(problem, np.array([best_subset]))[0]
+            best_squares = squares[candidate]
     used = np.zeros(n, dtype=bool)
     used[best_subset] = True
-    used[np.argsort(squares, kind="stable")[:half]] = True
+    used[np.argsort(best_squares, kind="stable")[:half]] = True
 
     # Take in the marker that fits best, until the best of the others does not fit.
     while not used.all():
         fit = fit_model(problem, used)
-        f = np.where(used, np.inf, studentised_f(fit))
+        f = np.where(used, np.inf, fit.studentised_f)
         next_marker = int(np.argmin(f))
-        if f[next_marker] > f_limit(n, fit.dof, STOP_PROBABILITY):
+        if f[next_marker] > f_quantile(3, fit.dof, 1 - STOP_PROBABILITY / n):
             break
         used[next_marker] = True
     return used
@@ -381,7 +379,7 @@ class Registration(Fit):
     @property
     def fre_rms_m(self) -> float:
         """Fiducial registration error √(Σ|e|²/N) over the markers used [m]."""
-        return float(np.sqrt((self.residuals_m[self.used] ** 2).mean()))
+        return rms(self.residuals_m[self.used])
 
     @property
     def sigma_m(self) -> float:
@@ -394,23 +392,13 @@ class Registration(Fit):
         weights = self.problem.weights[self.used]
         return float(np.sqrt(self.variance * (1 / weights).sum(axis=1).mean()))
 
-    @cached_property
-    def loo_m(self) -> Array:
-        """(N,) error at each marker of the fit without it [m]; NaN where that is undetermined."""
-        return leave_one_out(self)
-
     @property
     def loo_rms_m(self) -> float | None:
         """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
-        value = float(np.sqrt((self.loo_m[self.used] ** 2).mean()))
+        value = rms(self.loo_m[self.used])
         if not np.isfinite(value):
             return None
         return value
-
-    @cached_property
-    def studentised_f(self) -> Array:
-        """(N,) F of each marker against the others; NaN where nothing is left to judge by."""
-        return studentised_f(self)
 
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
@@ -430,28 +418,24 @@ class Registration(Fit):
 
     def tre_rms_m(self, points: ArrayLike) -> float:
         """Predicted target registration error [m], RMS over source points."""
-        return float(np.sqrt((self.tre_m(points) ** 2).mean()))
+        return rms(self.tre_m(points))
 
     def tre95_m(self, points: ArrayLike) -> Array:
         """(M,) radius [m] that the error stays within at each point with probability 0.95."""
         rows = self._error_rows(points)
         return pointwise_bound(rows @ np.swapaxes(rows, 1, 2), self.dof)
 
-    def tre95_curve_m(self, points: ArrayLike) -> Array:
+    def tre95_curve_m(self, points: ArrayLike, own: ArrayLike = 0.0) -> Array:
         """(M,) radius [m] that the error stays within at all these points at once, with 0.95.
 
         The pointwise bound holds at each point with probability 0.95, hence along a whole curve
         less often. This one is wider by the factor that makes up for it (see `error`).
-        """
-        pointwise_m = self.tre95_m(points)
-        return whole_curve_factor(self._error_rows(points), pointwise_m, self.dof) * pointwise_m
-
-    def curve95_m(self, points: ArrayLike, own: ArrayLike) -> Array:
-        """(M,) radius [m] that a curve stays within at all these points at once, with 0.95.
 
         own: the bound of the curve's own error, (M,) of `own_bound` in the source frame's unit
         """
-        return np.hypot(self.tre95_curve_m(points), self.mean_scale * np.asarray(own))
+        bound_m = self.tre95_m(points)
+        bound_m *= whole_curve_factor(self._error_rows(points), bound_m, self.dof)
+        return np.hypot(bound_m, self.mean_scale * np.asarray(own))
 
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
@@ -651,7 +635,7 @@ def registration_report(
         report["seen_from"] = describe_side(registration.image_faces)
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
-    rms_m = float(np.sqrt((error.rms_m**2).mean()))
+    rms_m = rms(error.rms_m)
     place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
     report["tre_rms_m"] = rms_m
     report["tre"] = {

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
-from vfplan.registration.models import most_off
+from vfplan.registration.models import most_off, rms
 from vfplan.registration.registration import pointwise_bound
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ class Tip:
     @property
     def residual_rms_m(self) -> float:
         """The root mean square of the residuals [m]."""
-        return float(np.sqrt(np.mean(self.residuals_m**2)))
+        return rms(self.residuals_m)
 
 
 def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:

@@ -91,11 +91,6 @@ class TouchRefinement:
     # How well the patch constrains the motion that it constrains least; see `MIN_CONSTRAINT`.
     constraint: float
 
-    @property
-    def rms_m(self) -> float:
-        """RMS distance of the points used [m]."""
-        return float(np.sqrt((self.distances_m[self.used] ** 2).mean()))
-
 
 def refine_by_touch(
     registration: Registration,
@@ -127,7 +122,7 @@ def refine_by_touch(
     from scipy.special import stdtrit
 
     model = registration.problem.model
-    if not isinstance(model, Orthogonal) or model.name != "rigid" or model.dimension != 3:
+    if registration.model != "rigid" or model.dimension != 3:
         raise SettingError(
             f"touching refines a rigid registration in space, and this one is "
             f"{registration.model}. Give --model rigid",

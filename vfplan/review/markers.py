@@ -249,7 +249,7 @@ def bound95_m(
     points = points[::step]
     if place is not None:
         points, own = points @ place[:, :2].T + place[:, 2], own * size_of(place)
-    return registration.curve95_m(points, own)
+    return registration.tre95_curve_m(points, own)
 
 
 def fit_of(pairs: Correspondences, image: PlannedImage, settings: FixtureSettings) -> Fit:
