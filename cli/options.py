@@ -446,8 +446,9 @@ def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
 def settings_of_file(path: Path) -> dict[str, Any]:
     """The settings in a file, of those whose options the running command has and nobody typed.
 
-    The file is one JSON object. Its names are the fields of `ExtractSettings` and
-    `FixtureSettings`, and its values are in their units: metres, N/m, pixels.
+    The file is one JSON object, which may also stand in place of the file's name. Its names are the
+    fields of `ExtractSettings` and `FixtureSettings`, and its values are in their units: metres,
+    N/m, pixels.
 
     Raises
     ------
@@ -456,8 +457,9 @@ def settings_of_file(path: Path) -> dict[str, Any]:
     SettingError
         A name that the command has no option for, or a value that it does not take.
     """
-    where = str(path)
-    data = read_whole(path, MAX_SETTINGS_BYTES)
+    where = data = str(path)
+    if not data.startswith("{"):
+        data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         with naming_place(where):
             settings = json.loads(

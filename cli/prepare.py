@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@command("rectify")
+@command("rectify", settings_file=True)
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)

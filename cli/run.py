@@ -341,7 +341,7 @@ class Printer:
 # Options of every command, but for the first one, which only some have.
 COMMON_OPTIONS = (
     option("--settings", "settings_file", type=FILE, metavar="FILE.json",
-           help="Take options from a file that holds fields of ExtractSettings and "
+           help="Take options from a file, or from its text: fields of ExtractSettings and "
            "FixtureSettings in their units; a typed option wins."),
     option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
     option("-q", "--quiet", is_flag=True, help="Print warnings and failures only."),
