@@ -9,17 +9,15 @@ import json
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.main import cli
-from vfplan.cli.options import settings_of_file
+from vfplan.cli.options import SETTINGS, settings_of_file
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import option_words
 
 if TYPE_CHECKING:
@@ -117,21 +115,18 @@ def public_key_beside(fixture: Path, key_id: str) -> Path | str:
     return "KEYS.pub"
 
 
-def approval_command(
-    fixture: Path, seal: dict[str, Any], *, case: str | None, is_reviewed: bool, has_image: bool,
-    has_page: bool,
-) -> str:  # fmt: skip
+def approval_command(fixture: Path, content: dict[str, Any]) -> str:
     """The command that is open on a sound bundle's way to the robot: review, sign or verify.
 
-    seal: as `Seal.describe` gives it
-    case: what the bundle is for, where it says so
-    has_image: whether it was drawn on a slice
-    has_page: as `review_command` takes it
+    content: what it holds, as `vfplan.bundle.validation.describe` gives it
     """
+    seal = content["seal"]
     if seal["signed"]:
         return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), seal)
-    if is_reviewed:
-        return sign_command(fixture, {"case": case})
+    if content["reviewed"] is not None:
+        return sign_command(fixture, {"case": content.get("/@case")})
+    has_image = any(path.startswith("/image@") for path in content)
+    has_page = "/curve/stroke" in content and "/mesh/triangles" not in content
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
@@ -242,7 +237,7 @@ def typed_options(
     path = click.get_current_context().params["settings_file"]
     if path is not None:
         chosen, kept = settings_of_file(path), {}
-        for setting in (*fields(ExtractSettings), *fields(FixtureSettings)):
+        for setting in SETTINGS:
             option = f"--{option_words(setting)[-1]}"
             if setting.name in chosen and option in takes_value and option not in leaving_out:
                 kept[setting.name] = instead.get(option, chosen[setting.name])

@@ -141,8 +141,6 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         # Whoever reads the address may stop the review at once, so signals are noted before it.
         with noted_signals() as is_stopped:
             click.echo(server.address, err=as_json)
-            for stream in filter(None, (sys.stdout, sys.stderr)):
-                stream.flush()
             if not arguments["no_browser"]:
                 open_door(stack, output, server.address)
             approver = server.run(write, is_stopped)
