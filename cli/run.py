@@ -184,8 +184,7 @@ class PagedCommand(click.Command):
         listed = {"--help", "--help-all", *self.first_screen}
         is_whole = ctx.meta.get(SHOW_ALL) or not self.first_screen
         options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
-        records = [(option, option.get_help_record(ctx)) for option in options]
-        records = [(option, record) for option, record in records if record is not None]
+        records = [(option, option.get_help_record(ctx)) for option in options if not option.hidden]
         visible = [record for option, record in records if is_whole or listed & set(option.opts)]
         if visible:
             with formatter.section("Options"):
@@ -283,7 +282,7 @@ class Printer:
         for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
-            reason = " ".join((result.failed or "a check did not hold").split())
+            reason = " ".join(result.failed.split())
             click.echo(printable(f"vfplan: failed: {reason}"), err=True)
 
         # The result itself is the only thing on stdout.
