@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.main import cli
-from vfplan.cli.options import SETTINGS, settings_of_file
+from vfplan.cli.options import SETTINGS, SIGNED_FOR, settings_of_file
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
@@ -92,9 +92,9 @@ def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) 
 def words_of_signature(signed_for: dict[str, Any]) -> list[str]:
     """The options that name what a signature is for: `case` and `robot_serial`."""
     words = []
-    for option, name in (("--case", "case"), ("--robot-serial", "robot_serial")):
+    for name, demand in SIGNED_FOR.items():
         if signed_for.get(name):
-            words += [option, signed_for[name]]
+            words += [demand.split()[0], signed_for[name]]
     return words
 
 
@@ -155,9 +155,8 @@ def rectify_command(
 
     pairs = read_markers(markers, markers2, common=True)
     flat = file_beside(Path(image.name), "flat", ".png")
-    files = [file for file in (image, markers, markers2) if file is not None]
     typed = typed_options("rectify", overwrites=False, leaving_out=["--settings"])
-    rectify = command_of("rectify", *files, *typed, "-o", flat)
+    rectify = command_of("rectify", image, markers, markers2, *typed, "-o", flat)
     plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
     return f"{rectify} && {plan}"
 

@@ -524,16 +524,13 @@ def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def trust(arguments: dict[str, Any]) -> Any:
     """The `vfplan.Trust` that `signature_options` ask for, or `None`."""
-    demands = (arguments["case"], arguments["robot_serial"], arguments["max_age"])
-    if arguments["keys"] is not None:
-        from vfplan.bundle.seal import Trust, read_keys
+    if arguments["keys"] is None:
+        refuse_unused("without --require-signature KEYS", *SIGNED_FOR, "max_age")
+        return None
+    from vfplan.bundle.seal import Trust, read_keys
 
-        return Trust(read_keys(arguments["keys"]), *demands)
-    if demands != (None, None, None):
-        raise click.UsageError(
-            "--case, --robot-serial and --max-age read a signature. Give --require-signature KEYS"
-        )
-    return None
+    demands = (arguments[name] for name in (*SIGNED_FOR, "max_age"))
+    return Trust(read_keys(arguments["keys"]), *demands)
 
 
 def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> dict[str, str]:
