@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import click
 from vfplan.cli.next_commands import register_command, review_command
@@ -50,9 +49,11 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points or the mesh in CLOUD."""
     from vfplan.bundle.importing import import_cloud
     from vfplan.bundle.read import read_bundle
+    from vfplan.bundle.validation import engine_doubt
     from vfplan.bundle.write import write_fixture
     from vfplan.engine.proxy import best_rule, mesh_findings
     from vfplan.errors import SceneError
+    from vfplan.fixture import size_doubt
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)
     try:
@@ -97,25 +98,16 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     next_step = review_command(output, None, has_page=False)
     if fixture.frame == "patient_lps":
         next_step = f"{register_command(output)} --model rigid"
-    return CommandResult(
-        data, text, warnings=import_warnings(fixture),
-        findings=fixture.findings,
-        verdict=f"imported, {certified}",
-        next_step=next_step,
-    )  # fmt: skip
-
-
-def import_warnings(fixture: Any) -> list[str]:
-    """Doubts about an imported fixture: its size, its engine, what was ignored."""
-    from vfplan.bundle.validation import engine_doubt
-    from vfplan.fixture import size_doubt
-
-    ignored = fixture.provenance.settings.get("left_out")
+    # Doubts about its size, about its engine, and about what was ignored.
     _, no_engine = engine_doubt(fixture) or ("", "")
     warnings = [size_doubt(fixture.points), no_engine]
+    ignored = fixture.provenance.settings.get("left_out")
     if ignored:
         warnings.append(f"the file says more than the fixture holds, which is left out: {ignored}")
-    return [warning for warning in warnings if warning]
+    return CommandResult(
+        data, text, warnings=[*filter(None, warnings)], findings=fixture.findings,
+        verdict=f"imported, {certified}", next_step=next_step,
+    )  # fmt: skip
 
 
 @command("export")

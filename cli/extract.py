@@ -114,10 +114,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
             sentences = re.split(r"(?<=\.) ", error.message)
-            message = " ".join(sorted(sentences, key=lambda text: text.endswith(f"{general}.")))
-            if message.endswith(f"{general}."):
-                message = message.removesuffix(".")
-            error.message = message.replace(general, page)
+            message = " ".join(sorted(sentences, key=lambda text: general in text))
+            error.message = message.removesuffix(".").replace(general, page)
         elif TO_RECTIFY in error.message:
             ways = f"(on a page: {page}) or here: {rectify_command(*files, **options)}"
             error.message = error.message.replace(TO_RECTIFY, ways)

@@ -26,13 +26,10 @@ def vfplan_info(fixture) -> CommandResult:
 
     data = describe(fixture, work=True)
     verdict = f"sound, {or_not(data['seal']['signed'], 'signed')}"
-    next_step = approval_command(
-        fixture, data["seal"], case=data.get("/@case"), is_reviewed=data["reviewed"] is not None,
-        has_image=any(path.startswith("/image@") for path in data),
-        has_page="/curve/stroke" in data and "/mesh/triangles" not in data,
+    return CommandResult(
+        data, summary_text(data), verdict=verdict, next_step=approval_command(fixture, data),
+        verdict_in_json=False,
     )  # fmt: skip
-    text = summary_text(data)
-    return CommandResult(data, text, verdict=verdict, next_step=next_step, verdict_in_json=False)
 
 
 def summary_text(data: dict[str, Any]) -> str:
@@ -108,7 +105,11 @@ def vfplan_diff(a, b, session) -> CommandResult:
     # What the files hold.
     differences = diff(a, b)
     data: dict[str, Any] = {"differences": differences}
-    lines = [difference_line(difference) for difference in differences]
+    lines = []
+    for found in differences:
+        values = [f"{name} {found[name]}" for name in found if name not in ("path", "what")]
+        line = f"{found['path']}: {found['what']}"
+        lines.append(f"{line} ({', '.join(values)})" if values else line)
     failed = []
     if differences:
         failed.append(f"{count(len(differences), 'difference')} between {a} and {b}")
@@ -157,15 +158,6 @@ def vfplan_diff(a, b, session) -> CommandResult:
     return CommandResult(
         data, "\n".join(lines), failed=", ".join(failed), verdict=verdict, next_step=next_step
     )
-
-
-def difference_line(difference: dict[str, Any]) -> str:
-    """A difference: the place in the file, what differs there, and the values."""
-    values = [f"{name} {difference[name]}" for name in difference if name not in ("path", "what")]
-    line = f"{difference['path']}: {difference['what']}"
-    if values:
-        return f"{line} ({', '.join(values)})"
-    return line
 
 
 def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:

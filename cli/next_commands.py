@@ -5,21 +5,20 @@ In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import Field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 from vfplan.cli.main import cli
-from vfplan.cli.options import settings_of_file
+from vfplan.cli.options import SETTINGS, SIGNED_FOR, settings_of_file
 
 from vfplan.display import command_of
 from vfplan.errors import VfplanError
-from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import flat, option_words, scale_of
+from vfplan.settings import option_words
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -93,9 +92,9 @@ def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) 
 def words_of_signature(signed_for: dict[str, Any]) -> list[str]:
     """The options that name what a signature is for: `case` and `robot_serial`."""
     words = []
-    for option, name in (("--case", "case"), ("--robot-serial", "robot_serial")):
+    for name, demand in SIGNED_FOR.items():
         if signed_for.get(name):
-            words += [option, signed_for[name]]
+            words += [demand.split()[0], signed_for[name]]
     return words
 
 
@@ -116,21 +115,18 @@ def public_key_beside(fixture: Path, key_id: str) -> Path | str:
     return "KEYS.pub"
 
 
-def approval_command(
-    fixture: Path, seal: dict[str, Any], *, case: str | None, is_reviewed: bool, has_image: bool,
-    has_page: bool,
-) -> str:  # fmt: skip
+def approval_command(fixture: Path, content: dict[str, Any]) -> str:
     """The command that is open on a sound bundle's way to the robot: review, sign or verify.
 
-    seal: as `Seal.describe` gives it
-    case: what the bundle is for, where it says so
-    has_image: whether it was drawn on a slice
-    has_page: as `review_command` takes it
+    content: what it holds, as `vfplan.bundle.validation.describe` gives it
     """
+    seal = content["seal"]
     if seal["signed"]:
         return verify_command(fixture, public_key_beside(fixture, seal["key_id"]), seal)
-    if is_reviewed:
-        return sign_command(fixture, {"case": case})
+    if content["reviewed"] is not None:
+        return sign_command(fixture, {"case": content.get("/@case")})
+    has_image = any(path.startswith("/image@") for path in content)
+    has_page = "/curve/stroke" in content and "/mesh/triangles" not in content
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
@@ -159,9 +155,8 @@ def rectify_command(
 
     pairs = read_markers(markers, markers2, common=True)
     flat = file_beside(Path(image.name), "flat", ".png")
-    files = [file for file in (image, markers, markers2) if file is not None]
-    typed = typed_options("rectify", overwrites=False, spells_settings=True)
-    rectify = command_of("rectify", *files, *typed, "-o", flat)
+    typed = typed_options("rectify", overwrites=False, leaving_out=["--settings"])
+    rectify = command_of("rectify", image, markers, markers2, *typed, "-o", flat)
     plan = plan_flat_command(flat, pairs, markers2, output=output, overwrites=overwrites)
     return f"{rectify} && {plan}"
 
@@ -194,9 +189,8 @@ def plan_flat_command(
     else:
         words.append(markers2)
     words += typed_options(
-        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True, instead=PLACES,
-        spells_settings=True,
-    )  # fmt: skip
+        "plan", overwrites=overwrites, leaving_out=leaving_out, all_outputs=True, instead=PLACES
+    )
     return command_of(*words, "-o", output)
 
 
@@ -207,15 +201,15 @@ def flat_markers(picture: Path) -> Path:
 
 def typed_options(
     name: str, *, overwrites: bool, leaving_out: Sequence[str] = (), all_outputs: bool = False,
-    spells_settings: bool = False, instead: Mapping[str, str] = {},
+    instead: Mapping[str, str] = {},
 ) -> list[str]:  # fmt: skip
     """The options that were typed and that the command `name` has too, with their values.
 
     --json is left out: a person at the page reads text.
     overwrites: as `page_command` takes it
-    leaving_out: options that mean something else to the other command
+    leaving_out: options that mean something else to the other command; without --settings its
+        file's own settings stand there, of those whose options are not left out
     all_outputs: whether the other command writes the pictures that were asked for too
-    spells_settings: whether the options of a settings file stand there one by one
     instead: what stands in place of the value of an option
     """
     unwanted = ("as_json",) if all_outputs else ("as_json", "_out", "output", "paper")
@@ -226,7 +220,7 @@ def typed_options(
     if not overwrites:
         leaving_out = (*leaving_out, "--overwrite")
     words = []
-    typed = iter(sys.argv[2:] + (words_of_settings() if spells_settings else []))
+    typed = iter(sys.argv[2:])
     for word in typed:
         option, equals, value = word.partition("=")
         if option not in takes_value or option in leaving_out:
@@ -237,34 +231,14 @@ def typed_options(
             words += [option, instead.get(option, next(typed, ""))]
         else:
             words.append(option)
+    if "--settings" not in leaving_out:
+        return words
+    path = click.get_current_context().params["settings_file"]
+    if path is not None:
+        chosen, kept = settings_of_file(path), {}
+        for setting in SETTINGS:
+            option = f"--{option_words(setting)[-1]}"
+            if setting.name in chosen and option in takes_value and option not in leaving_out:
+                kept[setting.name] = instead.get(option, chosen[setting.name])
+        words += ["--settings", json.dumps(kept)]
     return words
-
-
-def words_of_settings() -> list[str]:
-    """The options of the running command's settings file that nobody typed."""
-    path = click.get_current_context().params.get("settings_file")
-    chosen = {} if path is None else settings_of_file(path)
-    return [
-        word
-        for setting in (*fields(ExtractSettings), *fields(FixtureSettings))
-        if setting.name in chosen and chosen[setting.name] != setting.default
-        for word in words_of_setting(setting, chosen[setting.name])
-    ]
-
-
-def words_of_setting(setting: Field, value: Any) -> list[str]:
-    """The option of a setting with a value that is not its default."""
-    name = f"--{option_words(setting)[-1]}"
-    if setting.name == "margin" and not isinstance(value, str):
-        # A length is the margin of a campaign, and that was made for one plan.
-        return [f"{name}=p=P", "--campaign=DIR"]
-    if setting.name == "points_only" or value is None:
-        return [f"{name}=none"]
-    if value is True:
-        return [name]
-    if setting.name == "guide_pull":
-        value = (value[0], *(1e3 * speed for speed in value[1:]))
-    if isinstance(value, int | float):
-        value = f"{value / scale_of(setting):.12g}"
-    # A repeatable option stands there once for each of its values.
-    return [f"{name}={one}" for one in flat(value).split(";")]

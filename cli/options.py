@@ -443,11 +443,16 @@ def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
         require_same_plan(arguments["campaign"], fixture)
 
 
+# The settings that a file may hold.
+SETTINGS = (*fields(ExtractSettings), *fields(FixtureSettings))
+
+
 def settings_of_file(path: Path) -> dict[str, Any]:
     """The settings in a file, of those whose options the running command has and nobody typed.
 
-    The file is one JSON object. Its names are the fields of `ExtractSettings` and
-    `FixtureSettings`, and its values are in their units: metres, N/m, pixels.
+    The file is one JSON object, which may also stand in place of the file's name. Its names are the
+    fields of `ExtractSettings` and `FixtureSettings`, and its values are in their units: metres,
+    N/m, pixels.
 
     Raises
     ------
@@ -456,12 +461,14 @@ def settings_of_file(path: Path) -> dict[str, Any]:
     SettingError
         A name that the command has no option for, or a value that it does not take.
     """
-    where = str(path)
-    data = read_whole(path, MAX_SETTINGS_BYTES)
+    where = data = str(path)
+    if not data.startswith("{"):
+        data = read_whole(path, MAX_SETTINGS_BYTES)
     try:
         with naming_place(where):
+            # Python's reader of JSON would let NaN and Infinity pass.
             settings = json.loads(
-                data, parse_constant=refuse_constant, parse_int=parse_whole,
+                data, parse_constant=parse_decimal, parse_int=parse_whole,
                 parse_float=parse_decimal, object_pairs_hook=dict_of_pairs,
             )  # fmt: skip
         if not isinstance(settings, dict):
@@ -471,12 +478,8 @@ def settings_of_file(path: Path) -> dict[str, Any]:
         raise InputError(message, where=where, code="not-json") from None
 
     context = click.get_current_context()
-    known = {}
-    for kind in (ExtractSettings, FixtureSettings):
-        types = get_type_hints(kind)
-        for setting in fields(kind):
-            if argument_of(setting) in context.params:
-                known[setting.name] = setting, types[setting.name]
+    known = {one.name: one for one in SETTINGS if argument_of(one) in context.params}
+    types = get_type_hints(ExtractSettings) | get_type_hints(FixtureSettings)
     chosen = {}
     for name, raw in settings.items():
         if name not in known:
@@ -485,11 +488,11 @@ def settings_of_file(path: Path) -> dict[str, Any]:
                 f"{', '.join(sorted(known))}",
                 where=where, code="unknown-setting",
             )  # fmt: skip
-        setting, declared = known[name]
+        setting = known[name]
         if name == "pixel_spacing_mm" and isinstance(raw, int | float):
             raw = [raw, raw]
         try:
-            value = value_as(declared, flat(raw))
+            value = value_as(types[name], flat(raw))
         except RecursionError:
             value = MISFIT
         if value is MISFIT and "choices" in setting.metadata:
@@ -501,11 +504,6 @@ def settings_of_file(path: Path) -> dict[str, Any]:
         if context.get_parameter_source(argument_of(setting)) is not ParameterSource.COMMANDLINE:
             chosen[name] = value
     return chosen
-
-
-def refuse_constant(name: str) -> float:
-    """Refuse NaN and Infinity, which Python's reader of JSON would let pass."""
-    raise ValueError(f"{name} is no number of JSON")
 
 
 def parse_whole(text: str) -> int:
@@ -526,16 +524,13 @@ def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def trust(arguments: dict[str, Any]) -> Any:
     """The `vfplan.Trust` that `signature_options` ask for, or `None`."""
-    demands = (arguments["case"], arguments["robot_serial"], arguments["max_age"])
-    if arguments["keys"] is not None:
-        from vfplan.bundle.seal import Trust, read_keys
+    if arguments["keys"] is None:
+        refuse_unused("without --require-signature KEYS", *SIGNED_FOR, "max_age")
+        return None
+    from vfplan.bundle.seal import Trust, read_keys
 
-        return Trust(read_keys(arguments["keys"]), *demands)
-    if demands != (None, None, None):
-        raise click.UsageError(
-            "--case, --robot-serial and --max-age read a signature. Give --require-signature KEYS"
-        )
-    return None
+    demands = (arguments[name] for name in (*SIGNED_FOR, "max_age"))
+    return Trust(read_keys(arguments["keys"]), *demands)
 
 
 def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> dict[str, str]:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import numpy as np
 
 
-@command("rectify")
+@command("rectify", settings_file=True)
 @click.argument("image", type=FILE)
 @click.argument("markers", type=FILE)
 @click.argument("markers2", type=FILE, required=False)
@@ -197,18 +197,15 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
             )
             raise InputError(message, where=str(path), code="pose-columns")
     rows = np.concatenate([np.zeros((0, len(columns))), *table.blocks(columns)])
+    is_pose = np.isfinite(rows).all(axis=1)
     if len(columns) == 7:
-        length = np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
-        is_pose = np.abs(length[:, 0] - 1) < UNIT_ROUNDED
-        rows[:, 3:] /= np.where(length > 0, length, 1)
-        poses = matrices(rows)
+        is_pose &= np.abs(np.linalg.norm(rows[:, 3:], axis=1) - 1) < UNIT_ROUNDED
     else:
-        poses = rows.reshape(-1, 4, 4) if row_major else rows.reshape(-1, 4, 4).transpose(0, 2, 1)
+        poses = rows.reshape(-1, 4, 4).transpose((0, 1, 2) if row_major else (0, 2, 1))
         R = poses[:, :3, :3]
         products = R.transpose(0, 2, 1) @ R - np.eye(3)
-        is_pose = np.abs(products).max(axis=(1, 2)) < 2 * UNIT_ROUNDED
+        is_pose &= np.abs(products).max(axis=(1, 2)) < 2 * UNIT_ROUNDED
         is_pose &= (np.linalg.det(R) > 0) & (np.abs(poses[:, 3] - [0, 0, 0, 1]).max(axis=1) < 1e-6)
-    is_pose &= np.isfinite(rows).all(axis=1)
     if not is_pose.all():
         i = int(np.argmin(is_pose))
         message = (
@@ -217,5 +214,7 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
             "--row-major"
         )
         raise InputError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
+    if len(columns) == 7:
+        poses = matrices(rows)
     poses[:, :3, 3] *= unit_factor(units)
     return poses

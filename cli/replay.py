@@ -147,10 +147,12 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     if report_folder is not None:
         refuse_folder(report_folder)
         index_path = report_folder / "index.html"
-    elif arguments["image"] is not None:
-        raise click.UsageError("--image is for the pictures of a report. Give --report DIR too")
+    else:
+        options.refuse_unused("without --report DIR", "image")
     if arguments["drop"] is None and arguments["jitter_s"] is None:
         options.refuse_unused("without --drop or --jitter", "seed")
+    if arguments["poses"] is None:
+        options.refuse_unused("without --poses POSES.csv", "pose_limits", "pivot")
     mcap = arguments["mcap"]
     if mcap is not None and (arguments["poses"] or arguments["events"]):
         raise click.UsageError("--mcap shows a fixture at rest. Leave --poses and --events out")
@@ -274,8 +276,6 @@ def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
     settings = dict(zip(names, arguments["pose_limits"] or (), strict=False))
     if arguments["pivot"] is not None:
         settings["pivot"] = arguments["pivot"]
-    if settings and arguments["poses"] is None:
-        raise click.UsageError("--pose-limits and --pivot are for a moving fixture. Give --poses")
     return settings
 
 

@@ -112,8 +112,8 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
     from vfplan.review.server import Draft, ReviewServer, draft_path
     from vfplan.review.session import Session
 
-    if arguments["case"] and arguments["key"] is None:
-        raise click.UsageError("--case belongs to a signature. Give --key KEY too")
+    if arguments["key"] is None:
+        options.refuse_unused("without --key KEY, which signs for it", "case")
     by = arguments["by"] and visible_name(arguments["by"])
     # Before anybody looks at a plan that could not be signed afterwards.
     check_texts(arguments["case"])
@@ -141,8 +141,6 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         # Whoever reads the address may stop the review at once, so signals are noted before it.
         with noted_signals() as is_stopped:
             click.echo(server.address, err=as_json)
-            for stream in filter(None, (sys.stdout, sys.stderr)):
-                stream.flush()
             if not arguments["no_browser"]:
                 open_door(stack, output, server.address)
             approver = server.run(write, is_stopped)
@@ -277,10 +275,7 @@ def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
     from vfplan.review.plan import Plan
 
     source, markers, curve = (arguments[name] for name in ("source", "markers", "curve"))
-    if arguments["slice_path"] is not None:
-        raise click.UsageError(
-            "--slice belongs to a bundle, and SOURCE is a slice itself. Leave it out"
-        )
+    options.refuse_unused("where SOURCE is a slice itself", "slice_path")
     if markers is None:
         extracted = extract(source, settings, curve=curve)
         return Plan.of(extracted.fixture, source.name, extracted.image)

@@ -184,8 +184,7 @@ class PagedCommand(click.Command):
         listed = {"--help", "--help-all", *self.first_screen}
         is_whole = ctx.meta.get(SHOW_ALL) or not self.first_screen
         options = [param for param in self.get_params(ctx) if isinstance(param, click.Option)]
-        records = [(option, option.get_help_record(ctx)) for option in options]
-        records = [(option, record) for option, record in records if record is not None]
+        records = [(option, option.get_help_record(ctx)) for option in options if not option.hidden]
         visible = [record for option, record in records if is_whole or listed & set(option.opts)]
         if visible:
             with formatter.section("Options"):
@@ -283,7 +282,7 @@ class Printer:
         for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
-            reason = " ".join((result.failed or "a check did not hold").split())
+            reason = " ".join(result.failed.split())
             click.echo(printable(f"vfplan: failed: {reason}"), err=True)
 
         # The result itself is the only thing on stdout.
@@ -341,7 +340,7 @@ class Printer:
 # Options of every command, but for the first one, which only some have.
 COMMON_OPTIONS = (
     option("--settings", "settings_file", type=FILE, metavar="FILE.json",
-           help="Take options from a file that holds fields of ExtractSettings and "
+           help="Take options from a file, or from its text: fields of ExtractSettings and "
            "FixtureSettings in their units; a typed option wins."),
     option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout."),
     option("-q", "--quiet", is_flag=True, help="Print warnings and failures only."),

@@ -67,7 +67,8 @@ def vfplan_stability(
     The exit code is 1 if K times the margin is not stable, or if a case did not end as it should.
     The files are written all the same.
     """
-    from vfplan.bundle.read import read_sealed
+    from vfplan.bundle.read import read_fixture
+    from vfplan.bundle.validation import describe
     from vfplan.robot import read_robot
     from vfplan.stability.study import DEFAULT_ROBOT, study
 
@@ -76,7 +77,7 @@ def vfplan_stability(
     typed = {name: value for name, value in robot_figures.items() if value is not None}
     if typed:
         judged_robot = replace(judged_robot, **typed)
-    judged, seal = read_sealed(fixture) if fixture is not None else (None, None)
+    judged = None if fixture is None else read_fixture(fixture)
     with naming_place(fixture):
         studied = study(
             judged, judged_robot, stiffness=stiffness, safety_factor=margin, parts=parts, full=full,
@@ -107,10 +108,7 @@ def vfplan_stability(
             again = command_of("stability", fixture, *words)
             next_step = f"judge it with your own robot: {again}"
         else:
-            next_step = approval_command(
-                fixture, seal, case=judged.case, is_reviewed=judged.reviewed is not None,
-                has_image=judged.image is not None, has_page=judged.curve is not None,
-            )  # fmt: skip
+            next_step = approval_command(fixture, describe(fixture))
     if not judgement.stable:
         failed.insert(0, f"{subject} does not pass")
         verdict = f"fail: {subject} is not stable with robot {judged_robot.name!r}"

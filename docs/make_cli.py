@@ -23,6 +23,9 @@ shows the usual options, and `--help-all` every option.
   and failures only.
 - `--json` prints one JSON document on stdout and nothing else there. After a failure it is
   `{"error": {"kind", "message", "where", "code", "numbers"}}`.
+- `plan`, `extract`, `register`, `rectify` and `review` take options from a file by
+  `--settings FILE.json`, or from its text in place of FILE.json: the fields of `ExtractSettings`
+  and `FixtureSettings`, in their units. A typed option wins.
 - An error is one line on stderr. It says what is wrong and what to do. `-vv` adds the traceback.
 - Outputs appear whole or not at all. They replace a file only with `--overwrite`.
 - If a command is killed (SIGKILL, a power cut), it can leave hidden files whose names begin with
@@ -114,12 +117,6 @@ def command_section(name: str, group: click.Context, shared: dict[str, list[clic
         lines += option_table(own, context)
     if links:
         lines += [f"And the {', the '.join(links)}.", ""]
-    if any("--settings" in param.opts for param in command.params):
-        lines += [
-            "`--settings FILE.json` takes options from a file: the fields of `ExtractSettings` and "
-            "`FixtureSettings`, in their units. A typed option wins.",
-            "",
-        ]
     return "\n".join(lines)
 
 

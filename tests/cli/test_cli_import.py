@@ -95,12 +95,6 @@ def test_what_a_mesh_leaves_unused_and_what_takes_long_ticks_is_said(vfplan_cli,
     assert "a tick may take" in run.stderr
 
 
-def test_a_mesh_too_large_for_its_spacing_is_refused(stl, vfplan_cli, tmp_path):
-    """A tetrahedron of 30 mm at 5 um: more than 1e8 samples, which are not built first."""
-    words = ("--units", "mm", "--spacing", "0.005", "-o", tmp_path / "a.h5", "--json")
-    vfplan_cli("import", stl, *words).fails(3, error="spacing-too-fine")
-
-
 def test_a_bare_cloud_gets_the_band_that_its_spacing_needs(vfplan_cli, tmp_path):
     """A ball of radius 30 mm in points about 1.1 mm apart: dimples deeper than the paper's band.
 

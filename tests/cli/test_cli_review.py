@@ -14,10 +14,6 @@ from vfplan.review.paper import PAGE_HEIGHT, PAGE_WIDTH
 PLAN = ("plan", IMAGE, *MARKERS, "--pixel-spacing", 0.5)
 
 
-def sheet_size(path):
-    return cv2.imread(str(path)).shape
-
-
 @pytest.fixture(scope="module")
 def folder(vfplan_cli, tmp_path_factory):
     """A folder with a curve, a fixture, its sheet, and what `plan` reported."""
@@ -33,12 +29,6 @@ def report(folder):
     return json.loads((folder / "report.json").read_text())
 
 
-def test_plan_writes_the_sheet_beside_the_bundle(folder, report):
-    assert report["sheet"] == str(folder / "elbow-sheet.png")
-    assert sheet_size(folder / "elbow-sheet.png") == (PAGE_HEIGHT, PAGE_WIDTH, 3)
-    assert len(report["digest"]) == 64
-
-
 def test_sheet_that_exists_is_not_overwritten(vfplan_cli, tmp_path):
     sheet = tmp_path / "f-sheet.png"
     sheet.write_bytes(b"mine")
@@ -46,7 +36,7 @@ def test_sheet_that_exists_is_not_overwritten(vfplan_cli, tmp_path):
     assert sheet.read_bytes() == b"mine"
     assert list(tmp_path.iterdir()) == [sheet]
     assert vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overwrite").sound
-    assert sheet_size(sheet)[1] == PAGE_WIDTH
+    assert cv2.imread(str(sheet)).shape == (PAGE_HEIGHT, PAGE_WIDTH, 3)
 
 
 def test_sheet_and_overlay_need_two_names(vfplan_cli, tmp_path):

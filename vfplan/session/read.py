@@ -99,13 +99,10 @@ def open_session(
     if is_our_mcap:
         notes |= {"format": "mcap"} | ({"cut": True} if is_cut else {})
         read = partial(run_in_sandbox, "vfplan.session.bags:read_hips", **source)
-    elif signature == HDF5_SIGNATURE:
-        notes["format"] = "hdf5"
-        job = "vfplan.session.read:read_hdf5"
+    elif signature == HDF5_SIGNATURE or signature.startswith(ZIP_SIGNATURE):
+        notes["format"] = "hdf5" if signature == HDF5_SIGNATURE else "npz"
+        job = f"vfplan.session.read:read_{notes['format']}"
         read = partial(run_in_sandbox, job, units, frame, **source)
-    elif signature.startswith(ZIP_SIGNATURE):
-        notes["format"] = "npz"
-        read = partial(run_in_sandbox, "vfplan.session.read:read_npz", units, frame, **source)
     else:
         notes["format"] = "csv"
         table = open_number_table(file.view, name, SessionError, ("t",))
