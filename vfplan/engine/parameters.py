@@ -312,7 +312,6 @@ def number(
     above: float | None = None,
     least: float | None = None,
     most: float | None = None,
-    why: str = "",
 ) -> float:
     """One finite number within its range, as a float.
 
@@ -320,8 +319,6 @@ def number(
     ----------
     above, least, most
         The value must be above the first, at least the second and at most the third.
-    why
-        The reason for the range, for the message.
 
     Raises
     ------
@@ -337,10 +334,8 @@ def number(
     bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     unit = f" {unit}" if unit else ""
     of = "of " if above is None else ""
-    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
-    if why:
-        wanted += f" ({why})"
-    raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
+    message = f"{name} is {checked:g}{unit}. Give a value {of}{bounds}{unit}."
+    raise SettingError(message, numbers={name: checked})
 
 
 def real_number(name: str, value: Any) -> float:

@@ -515,10 +515,6 @@ class ProxyEngine:
         engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
-        if not isinstance(engine, ProxyEngine):
-            raise SceneError(
-                f"exchange for {type(other).__name__}. Give another ProxyEngine, or a Fixture."
-            )
         if None not in (self._frame, engine._frame) and self._frame != engine._frame:
             raise SceneError(
                 f"exchange of a fixture in frame {self._frame!r} for one in {engine._frame!r}. "
