@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
-from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled
+from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled, settings_of
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
@@ -255,10 +255,4 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
         raise SettingError(message, code="rule-not-paper")
     from vfplan.reference import PaperProxy
 
-    return PaperProxy(
-        sampled(fixture).points,
-        contact_radius=fixture.contact_radius,
-        point_radius=fixture.point_radius,
-        stiffness=fixture.stiffness,
-        ignore_axis=fixture.ignore_axis,
-    )
+    return PaperProxy(sampled(fixture).points, **settings_of(fixture))
