@@ -5,13 +5,13 @@ import pytest
 from conftest import dimple_depth
 from motion import grid
 
-from vfplan.engine.parameters import default_band
+from vfplan import ProxyParameters
 
 R, Z = 5e-3, np.array([0.0, 0.0, 1.0])
 
 
 def band(points, axis=None, radius=R):
-    return default_band(np.ascontiguousarray(points, float), radius, 0.0, axis)
+    return ProxyParameters.make(points, radius, ignore_axis=axis).band
 
 
 def line(h, n=200):

@@ -400,14 +400,14 @@ class ProxyEngine:
         pieces: Pieces,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
+        *,
         ignore_axis: str | ArrayLike | None = "z",
-        outer_radius: float | None = None,
-        max_hip_step: float = 0.0,
+        **settings: Any,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
-        The settings are those of the class, and an axis must be ignored. Raises as the class does.
+        The settings are those of the class: stiffness, outer_radius and max_hip_step. An axis must
+        be ignored. Raises as the class does.
         """
         shape = check_pieces(pieces)
         if ignore_axis is None:
@@ -415,8 +415,8 @@ class ProxyEngine:
                 "ignore_axis is None, and lines and arcs are planar. Name the axis across which "
                 "they lie."
             )
-        table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
-        return cls._with_shape(shape, table, max_hip_step)
+        table = (contact_radius, None, point_radius)
+        return cls._with_shape(shape, table, ignore_axis=ignore_axis, **settings)
 
     @classmethod
     def on(
@@ -425,24 +425,23 @@ class ProxyEngine:
         triangles: ArrayLike,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
-        outer_radius: float | None = None,
-        max_hip_step: float = 0.0,
+        **settings: Any,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
         `points` are the corners (N, 3) [m], and `triangles` (K, 3) are rows of them. The settings
-        are those of the class. Raises as the class does.
+        are those of the class: stiffness, outer_radius and max_hip_step. Raises as the class does.
         """
-        table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
-        return cls._with_shape(check_triangles(points, triangles), table, max_hip_step)
+        table = (contact_radius, None, point_radius)
+        shape = check_triangles(points, triangles)
+        return cls._with_shape(shape, table, ignore_axis=None, **settings)
 
     @classmethod
     def _with_shape(
-        cls, shape: tuple[Any, ...], table: tuple[Any, ...], max_hip_step: float
+        cls, shape: tuple[Any, ...], table: tuple[Any, ...], **settings: Any
     ) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        parameters = ProxyParameters.make(shape[0], *table, max_hip_step=max_hip_step)
+        parameters = ProxyParameters.make(shape[0], *table, rule="exact", **settings)
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
@@ -487,15 +486,15 @@ class ProxyEngine:
 
         Other threads of Python run meanwhile.
         """
-        trace = Trace(*self.native.run(check_path(hips))[:5])
-        if len(trace) > 0:
-            self.status = Status(int(trace.status[-1]))
-        return trace
+        return self.run_timed(hips)[0]
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
         *answer, seconds = self.native.run(check_path(hips))
-        return Trace(*answer), 1e6 * seconds
+        trace = Trace(*answer)
+        if len(trace) > 0:
+            self.status = Status(int(trace.status[-1]))
+        return trace, 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:
         """Go on with another engine's fixture from the next step on. `other` is then spent.
