@@ -87,5 +87,4 @@ def test_noise_asks_for_what_a_ball_sinks_into(share):
         dimple_depth(size[np.searchsorted(kept, q)], R, planar=True) for q in (0.5, 0.9)
     )
     found = band(np.pad(points, ((0, 0), (0, 1))), Z)
-    print(f"noise {share:.0%}: band {1e6 * found:.0f} um")
     assert found == pytest.approx(typical + 2 * (deep - typical), rel=0.3)

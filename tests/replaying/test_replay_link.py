@@ -71,7 +71,7 @@ def test_jitter_only_ages_and_keeps_order():
     assert 0.5e-3 < age.mean() < 2.5e-3
 
 
-def test_losses_are_counted_and_held():
+def test_losses_are_counted():
     session = probing(2.0)
     seen, report = delivered(Link(drop=0.5, seed=8), session.time, session.hip, 128)
     lost = ~(seen == session.hip).all(axis=1)
@@ -81,8 +81,6 @@ def test_losses_are_counted_and_held():
     assert report["lost_longest"] == longest
     start = report["lost_longest_tick"]
     assert lost[start : start + longest].all()
-    for k in np.flatnonzero(lost):
-        np.testing.assert_array_equal(seen[k], seen[k - 1])
 
 
 def test_a_lost_packet_repeats_the_last_command():
@@ -171,8 +169,6 @@ def test_limits_hold_or_do_not():
     assert found.verdict == "fail"
     assert (force["pass"], clearance["pass"]) == (False, True)
     assert force["value"] == found.metrics["force_max_n"]
-    with refuses(SettingError, "no-such-number"):
-        replay(fixture, session, limits=(("force", "at_most", 1.0),))
     with refuses(SettingError, "no-such-number") as refused:
         replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
     assert "Give one of penetration_max_m, " in str(refused.value)

@@ -468,11 +468,6 @@ class ProxyEngine:
             counts["grid"] = 1
         return counts
 
-    @property
-    def bytes(self) -> int:
-        """Memory that the native engine holds [bytes]."""
-        return self.native.bytes
-
     def reset(self, hip: ArrayLike) -> None:
         """Put the proxy at `hip` (3,) [m], wherever that is."""
         self.native.reset(check_hip(hip, finite=True))
@@ -549,10 +544,19 @@ class ProxyEngine:
             Numbers of points that are not there; points out of range, or so close together that a
             tick would take too long; no point that remains; rule "exact", which renders no points.
         """
-        removed, added = check_edit(remove, add)
+        removed = np.asarray([] if remove is None else remove)
+        if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
+            raise SceneError(
+                f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of "
+                "the points as (n,) integers."
+            )
+        # The core refuses the number that no point has.
+        removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
+        is_empty = add is None or np.size(add) == 0
+        added = np.empty((0, 3)) if is_empty else check_points(add)
         self.make_editable()
         with core_errors(SceneError):
-            is_taken = self.native.edit(removed, added)
+            is_taken = self.native.edit(removed.astype(np.uint32), added)
         self._points += len(added) - len(removed)
         return is_taken
 
@@ -585,23 +589,3 @@ class ProxyEngine:
         Less R it is the clearance.
         """
         return self.native.distance(check_path(positions))
-
-
-def check_edit(
-    remove: ArrayLike | None, add: ArrayLike | None
-) -> tuple[NDArray[np.uint32], Vector]:
-    """Numbers of points to remove (n,) and points to add (m, 3) [m].
-
-    Raises `SceneError` for what cannot be such numbers or points.
-    """
-    removed = np.asarray([] if remove is None else remove)
-    if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
-        raise SceneError(
-            f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of the "
-            "points as (n,) integers."
-        )
-    # The core refuses the number that no point has.
-    removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
-    is_empty = add is None or np.size(add) == 0
-    added = np.empty((0, 3)) if is_empty else check_points(add)
-    return removed.astype(np.uint32), added
