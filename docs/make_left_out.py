@@ -74,7 +74,7 @@ def make() -> str:
             with h5py.File(folder / "out.h5") as bundle:
                 absent = [group for group in GROUPS if group not in bundle]
             engine = vfplan.ProxyEngine.of(vfplan.read_fixture(folder / "out.h5"))
-            memory = f"{engine.bytes / 1e3:.3g} kB"
+            memory = f"{engine.native.bytes / 1e3:.3g} kB"
             lists = [", ".join(names) for names in (unused, absent, engine.left_out)]
             rows.append([scene, engine.rule, *lists, memory])
     head = ["scene", "rule", "not imported", "not in the bundle", "not in a tick", "engine holds"]

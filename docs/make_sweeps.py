@@ -47,7 +47,7 @@ def slide(points, hips, truth, stiffness=1000.0, **settings) -> Cost:
     error = np.linalg.norm(trace.proxy - truth, axis=1)[50:]
     median, tail = np.quantile(us, [0.5, 0.999])
     rms = float(np.sqrt(np.mean(error**2)))
-    return Cost(rms, stiffness * float(error.max()), median, tail, engine.bytes / 1e6)
+    return Cost(rms, stiffness * float(error.max()), median, tail, engine.native.bytes / 1e6)
 
 
 def on_ball(spacing=0.5e-3, radius=5e-3, speed=0.1, offset=0.0, dtype=float, **settings) -> Cost:

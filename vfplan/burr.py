@@ -136,8 +136,7 @@ class Burred:
     replayed: Replay
     # The edits, each with its tick
     events: list[Event]
-    # The points (N, 3) [m] at first and at the end: a point that went is now its deeper one
-    before: Vector
+    # The points (N, 3) [m] at the end: one of the fixture that went is now its deeper one
     after: Vector
 
 
@@ -288,7 +287,7 @@ def burr(
             "wall from both sides."
         )
         replayed.metrics["findings"].append(finding("burr-held", "warning", text))
-    return Burred(replayed, events, fixture.points, ball.points)
+    return Burred(replayed, events, ball.points)
 
 
 def burr_figure(burred: Burred) -> Figure:
@@ -296,13 +295,12 @@ def burr_figure(burred: Burred) -> Figure:
     from vfplan.figures.replay import plane_basis
     from vfplan.figures.style import subplots
 
-    lowered = burred.before - burred.after
+    points = burred.replayed.fixture.points
+    lowered = points - burred.after
     axis = burred.replayed.fixture.ignore_axis
     if axis is None:
         axis = lowered.sum(axis=0) if lowered.any() else np.array([0.0, 0.0, 1.0])
-    flat = (
-        MM * (burred.before - burred.before.mean(axis=0)) @ plane_basis(axis / np.linalg.norm(axis))
-    )
+    flat = MM * (points - points.mean(axis=0)) @ plane_basis(axis / np.linalg.norm(axis))
     figure, (above, below) = subplots(7.5, 6.0, 2, 1, height_ratios=(3, 2))
     dots = above.scatter(*flat.T, c=MM * row_norms(lowered), s=6, cmap="viridis", lw=0, zorder=3)
     figure.colorbar(dots, ax=above, label="lowered [mm]")

@@ -36,8 +36,8 @@ def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
     assert burred.replayed.metrics["clearance_min_m"] >= -BAND
     assert burred.replayed.metrics["inside_ticks"] == 0
     # What the hand never came near is as it was; what is left lies outside the ball's last places.
-    flat = np.hypot(*burred.before[:, :2].T) > 12e-3
-    assert np.array_equal(burred.before[flat], burred.after[flat])
+    flat = np.hypot(*fixture.points[:, :2].T) > 12e-3
+    assert np.array_equal(fixture.points[flat], burred.after[flat])
     away = np.linalg.norm(burred.after - session.hip[-1], axis=1)
     assert away.min() > B - 2 * BAND - 1e-6
     # Beyond R - B there is no more to press against: the force stays near K (R - B).

@@ -134,7 +134,9 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = tmp_path / "other.png"
     other.write_bytes(image.read_bytes() + b" ")
-    vfplan_cli(*call, tmp_path / "two", "--image", other).fails(3, "Give the planned slice.")
+    vfplan_cli(*call, tmp_path / "two", "--image", other).fails(
+        3, "This is not the slice that the curve was drawn on"
+    )
     assert not (tmp_path / "two").exists()
 
 

@@ -5,13 +5,13 @@ import pytest
 from conftest import dimple_depth
 from motion import grid
 
-from vfplan.engine.parameters import default_band
+from vfplan import ProxyParameters
 
 R, Z = 5e-3, np.array([0.0, 0.0, 1.0])
 
 
 def band(points, axis=None, radius=R):
-    return default_band(np.ascontiguousarray(points, float), radius, 0.0, axis)
+    return ProxyParameters.make(points, radius, ignore_axis=axis).band
 
 
 def line(h, n=200):
@@ -87,5 +87,4 @@ def test_noise_asks_for_what_a_ball_sinks_into(share):
         dimple_depth(size[np.searchsorted(kept, q)], R, planar=True) for q in (0.5, 0.9)
     )
     found = band(np.pad(points, ((0, 0), (0, 1))), Z)
-    print(f"noise {share:.0%}: band {1e6 * found:.0f} um")
     assert found == pytest.approx(typical + 2 * (deep - typical), rel=0.3)

@@ -134,11 +134,6 @@ def test_ignored_axis_makes_the_fixture_infinite_along_it(axis):
         assert step.normal @ a == pytest.approx(0, abs=1e-12)
 
 
-def test_stiffness_acts_along_each_axis():
-    step = tick([0, 0, RC], [1e-3, 2e-3, -1e-3], points=sheet(), stiffness=[1, 2, 3])
-    assert step.force == pytest.approx((step.proxy - [1e-3, 2e-3, -1e-3]) * [1, 2, 3], rel=1e-14)
-
-
 def test_what_cannot_be_rendered_is_refused():
     with pytest.raises(SettingError, match="'paper' only"):
         PaperProxy(ORIGIN, rule="robust")

@@ -15,7 +15,7 @@ from vfplan.errors import InputError
 from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
-from vfplan.fixture import Guidance, Provenance, RegistrationRecord
+from vfplan.fixture import Guidance, RegistrationRecord
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
 from vfplan.session.session import Session
 
@@ -90,25 +90,21 @@ def test_depth_along_the_curve(pressed):
     assert depth.max() == t.penetration.max()
 
 
-def on_image(pressed, sha):
+def on_image(pressed):
     uv = np.stack([np.linspace(20, 180, len(line())), np.full(len(line()), 60.0)], axis=1)
     points = uv @ T_ROBOT_IMAGE[:, :2].T + T_ROBOT_IMAGE[:, 2]
     record = RegistrationRecord("affine", "image", T_ROBOT_IMAGE, ("a",), uv[:1], points[:1],
                                 np.zeros(1), 0.0)  # fmt: skip
-    born = Provenance("2026-01-01T00:00:00Z", "vfplan 0", {"image": sha})
-    fixture = replace(pressed.fixture, points=points, provenance=born, registration=record)
+    fixture = replace(pressed.fixture, points=points, registration=record)
     return replace(pressed, fixture=fixture), uv
 
 
 def test_depth_is_carried_back_to_the_slice(pressed):
-    sha = "ab" * 32
-    moved, uv = on_image(pressed, sha)
-    image = PlannedImage(np.zeros((120, 200, 3), np.uint8), None, sha)
+    moved, uv = on_image(pressed)
+    image = PlannedImage(np.zeros((120, 200, 3), np.uint8))
     axes = pictures.slice_depth(moved, image).axes[0]
     drawn = np.vstack([axes.lines[0].get_xydata(), axes.collections[0].get_offsets()])
     np.testing.assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
-    with refuses(InputError, "another-slice"):
-        pictures.slice_depth(moved, PlannedImage(image.rgb, None, "cd" * 32))
     with refuses(InputError, "no-image-registration"):
         pictures.slice_depth(pressed, image)
 

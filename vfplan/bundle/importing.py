@@ -32,7 +32,7 @@ from vfplan.bundle.leak import (
     widest_opening,
 )
 from vfplan.engine import PAPER_BAND
-from vfplan.engine.parameters import check_axis, check_points, default_band
+from vfplan.engine.parameters import ProxyParameters, check_axis, check_points
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
@@ -179,7 +179,8 @@ def import_cloud(
             if len(distinct) < len(points):
                 ignored.append(f"{len(points) - len(distinct)} points that are there twice")
                 points = points[distinct]
-        band = default_band(points, contact_radius, point_radius, axis)
+        table = (contact_radius, None, point_radius)
+        band = ProxyParameters.make(points, *table, ignore_axis=axis).band
         if curve is not None:
             strokes = Curve(np.zeros(len(points), np.int32), np.array([curve == "closed"]))
         else:

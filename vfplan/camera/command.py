@@ -215,7 +215,7 @@ def shown_frames(
     frames, ms = len(seconds), 1e3 * median(seconds)
     data = report | {
         "frames": frames, "shown": frames - refusals.total(), "refusals": refusals,
-        "latency_ms": ms, "frames_per_s": 1e3 / ms, "output": written,
+        "latency_ms": ms, "output": written,
     }  # fmt: skip
     text = f"{data['shown']} of {frames} frames show the wall; {ms:.0f} ms a frame"
     if latencies_ms:

@@ -259,13 +259,10 @@ def check_strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:
 
     Raises `SceneError` for anything else.
     """
-    if isinstance(points, np.ndarray) and points.dtype != object:
-        return [check_points(points)]
     if not isinstance(points, Sequence | np.ndarray) or len(points) == 0:
         raise SceneError(f"points is {points!r:.60}. Give (N, 3), or a sequence of such curves.")
-    if np.ndim(np.asarray(points[0], object)) == 1:
-        return [check_points(points)]
-    return [check_points(stroke) for stroke in points]
+    strokes = points if np.ndim(np.asarray(points[0], object)) > 1 else [points]
+    return [check_points(stroke) for stroke in strokes]
 
 
 def check_closed(closed: bool | Sequence[bool], count: int) -> list[bool]:

@@ -59,11 +59,13 @@ class MovingFrame:
         pivot: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         with core_settings(max_age="s", max_speed="m_s", max_turn="rad_s"):
+            self.max_speed_m_s = real_number("max_speed_m_s", max_speed_m_s)
+            self.max_turn_rad_s = real_number("max_turn_rad_s", max_turn_rad_s)
             # The native frame, which checks nothing.
             self.native = _core.MovingFrame(
                 real_number("max_age_s", max_age_s),
-                real_number("max_speed_m_s", max_speed_m_s),
-                real_number("max_turn_rad_s", max_turn_rad_s),
+                self.max_speed_m_s,
+                self.max_turn_rad_s,
                 check_hip(pivot, "pivot", finite=True),
             )
 

@@ -80,8 +80,10 @@ class ProxyParameters(_core.Parameters):
             r_c from 1e-9 to 1e6 and r_v from 0 to 1e6 [m].
         band
             r2 - r_c = r_c - r1 [m], from 1e-8 (r_c + r_v) to r_c, and at least 2.2e-12 of the
-            largest coordinate. `None`: `default_band`; with rule "paper" 10 µm. Rule "exact" takes
-            what roundings need.
+            largest coordinate. `None`: 10 µm; with rule "robust" more where a ball of r_c + r_v
+            sinks deeper between the points, by noise, pixels' stairs or gaps, but at most r_c / 2
+            (`vfplan::band_for` of the C++ header cloud/band.hpp). Rule "exact" takes what roundings
+            need.
         stiffness
             K [N/m] > 0, one number or one an axis.
         rule
@@ -110,50 +112,27 @@ class ProxyParameters(_core.Parameters):
         points = check_points(points)
         rule = one_of("rule", rule, get_args(Rule))
         radius = real_number("contact_radius", contact_radius)
-        around = real_number("point_radius", point_radius)
-        axis = check_axis(ignore_axis)
-        outer = 2 * radius if outer_radius is None else real_number("outer_radius", outer_radius)
-        if rule == "exact" or (band is None and rule != "paper"):
-            band = default_band(points, radius, around, axis, rule)
-        elif band is None:
-            band = PAPER_BAND
+        follows_points = rule == "exact" or (rule == "robust" and band is None)
         parameters = cls(
             contact_radius=radius,
-            band=real_number("band", band),
-            point_radius=around,
-            outer_radius=outer,
+            band=PAPER_BAND if band is None else real_number("band", band),
+            point_radius=real_number("point_radius", point_radius),
+            outer_radius=real_number(
+                "outer_radius", 2 * radius if outer_radius is None else outer_radius
+            ),
             gain=real_number("gain", gain),
             stiffness=check_stiffness(stiffness),
-            ignore_axis=axis,
+            ignore_axis=check_axis(ignore_axis),
             rule=rule,
             search=one_of("search", search, ("auto", "grid", "brute")),
             max_iterations=check_iterations(max_iterations),
             max_hip_step=real_number("max_hip_step", max_hip_step),
         )
         with core_settings(stiffness="n_per_m"):
+            if follows_points:
+                parameters = cls(parameters, band=_core.band_for(points, parameters))
             _core.check(parameters, points)
         return parameters
-
-
-def default_band(
-    points: Vector,
-    contact_radius: float,
-    point_radius: float,
-    axis: Vector | None,
-    rule: Rule = "robust",
-) -> float:
-    """The paper's band of 10 µm, or how deep a ball of r_c + r_v sinks between the points [m].
-
-    `vfplan::band_for` of the C++ header cloud/band.hpp computes it. For even points it is the depth
-    of the dimple between them; noise, pixels' stairs and gaps need more. It is at least 1e-8 R and
-    at most r_c / 2. Of rule "exact" it is what roundings need.
-    """
-    parameters = _core.Parameters(
-        contact_radius=contact_radius, point_radius=point_radius, ignore_axis=axis, rule=rule,
-        stiffness=np.ones(3),
-    )  # fmt: skip
-    with core_settings():
-        return _core.band_for(points, parameters)
 
 
 def one_of(name: str, value: Any, names: tuple[str, ...]) -> Any:
@@ -312,7 +291,6 @@ def number(
     above: float | None = None,
     least: float | None = None,
     most: float | None = None,
-    why: str = "",
 ) -> float:
     """One finite number within its range, as a float.
 
@@ -320,8 +298,6 @@ def number(
     ----------
     above, least, most
         The value must be above the first, at least the second and at most the third.
-    why
-        The reason for the range, for the message.
 
     Raises
     ------
@@ -337,10 +313,8 @@ def number(
     bounds = " and ".join(f"{word} {limit:g}" for word, limit in limits if limit is not None)
     unit = f" {unit}" if unit else ""
     of = "of " if above is None else ""
-    wanted = f"a value {of}{bounds}{unit}" if bounds else "a finite value"
-    if why:
-        wanted += f" ({why})"
-    raise SettingError(f"{name} is {checked:g}{unit}. Give {wanted}.", numbers={name: checked})
+    message = f"{name} is {checked:g}{unit}. Give a value {of}{bounds}{unit}."
+    raise SettingError(message, numbers={name: checked})
 
 
 def real_number(name: str, value: Any) -> float:

@@ -400,14 +400,14 @@ class ProxyEngine:
         pieces: Pieces,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
+        *,
         ignore_axis: str | ArrayLike | None = "z",
-        outer_radius: float | None = None,
-        max_hip_step: float = 0.0,
+        **settings: Any,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
-        The settings are those of the class, and an axis must be ignored. Raises as the class does.
+        The settings are those of the class: stiffness, outer_radius and max_hip_step. An axis must
+        be ignored. Raises as the class does.
         """
         shape = check_pieces(pieces)
         if ignore_axis is None:
@@ -415,8 +415,8 @@ class ProxyEngine:
                 "ignore_axis is None, and lines and arcs are planar. Name the axis across which "
                 "they lie."
             )
-        table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
-        return cls._with_shape(shape, table, max_hip_step)
+        table = (contact_radius, None, point_radius)
+        return cls._with_shape(shape, table, ignore_axis=ignore_axis, **settings)
 
     @classmethod
     def on(
@@ -425,24 +425,23 @@ class ProxyEngine:
         triangles: ArrayLike,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        stiffness: float | ArrayLike = 1000.0,
-        outer_radius: float | None = None,
-        max_hip_step: float = 0.0,
+        **settings: Any,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
         `points` are the corners (N, 3) [m], and `triangles` (K, 3) are rows of them. The settings
-        are those of the class. Raises as the class does.
+        are those of the class: stiffness, outer_radius and max_hip_step. Raises as the class does.
         """
-        table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
-        return cls._with_shape(check_triangles(points, triangles), table, max_hip_step)
+        table = (contact_radius, None, point_radius)
+        shape = check_triangles(points, triangles)
+        return cls._with_shape(shape, table, ignore_axis=None, **settings)
 
     @classmethod
     def _with_shape(
-        cls, shape: tuple[Any, ...], table: tuple[Any, ...], max_hip_step: float
+        cls, shape: tuple[Any, ...], table: tuple[Any, ...], **settings: Any
     ) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        parameters = ProxyParameters.make(shape[0], *table, max_hip_step=max_hip_step)
+        parameters = ProxyParameters.make(shape[0], *table, rule="exact", **settings)
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
@@ -469,11 +468,6 @@ class ProxyEngine:
             counts["grid"] = 1
         return counts
 
-    @property
-    def bytes(self) -> int:
-        """Memory that the native engine holds [bytes]."""
-        return self.native.bytes
-
     def reset(self, hip: ArrayLike) -> None:
         """Put the proxy at `hip` (3,) [m], wherever that is."""
         self.native.reset(check_hip(hip, finite=True))
@@ -487,15 +481,15 @@ class ProxyEngine:
 
         Other threads of Python run meanwhile.
         """
-        trace = Trace(*self.native.run(check_path(hips))[:5])
-        if len(trace) > 0:
-            self.status = Status(int(trace.status[-1]))
-        return trace
+        return self.run_timed(hips)[0]
 
     def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
         *answer, seconds = self.native.run(check_path(hips))
-        return Trace(*answer), 1e6 * seconds
+        trace = Trace(*answer)
+        if len(trace) > 0:
+            self.status = Status(int(trace.status[-1]))
+        return trace, 1e6 * seconds
 
     def exchange(self, other: ProxyEngine | Fixture) -> None:
         """Go on with another engine's fixture from the next step on. `other` is then spent.
@@ -515,10 +509,6 @@ class ProxyEngine:
         engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
-        if not isinstance(engine, ProxyEngine):
-            raise SceneError(
-                f"exchange for {type(other).__name__}. Give another ProxyEngine, or a Fixture."
-            )
         if None not in (self._frame, engine._frame) and self._frame != engine._frame:
             raise SceneError(
                 f"exchange of a fixture in frame {self._frame!r} for one in {engine._frame!r}. "
@@ -554,10 +544,19 @@ class ProxyEngine:
             Numbers of points that are not there; points out of range, or so close together that a
             tick would take too long; no point that remains; rule "exact", which renders no points.
         """
-        removed, added = check_edit(remove, add)
+        removed = np.asarray([] if remove is None else remove)
+        if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
+            raise SceneError(
+                f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of "
+                "the points as (n,) integers."
+            )
+        # The core refuses the number that no point has.
+        removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
+        is_empty = add is None or np.size(add) == 0
+        added = np.empty((0, 3)) if is_empty else check_points(add)
         self.make_editable()
         with core_errors(SceneError):
-            is_taken = self.native.edit(removed, added)
+            is_taken = self.native.edit(removed.astype(np.uint32), added)
         self._points += len(added) - len(removed)
         return is_taken
 
@@ -590,23 +589,3 @@ class ProxyEngine:
         Less R it is the clearance.
         """
         return self.native.distance(check_path(positions))
-
-
-def check_edit(
-    remove: ArrayLike | None, add: ArrayLike | None
-) -> tuple[NDArray[np.uint32], Vector]:
-    """Numbers of points to remove (n,) and points to add (m, 3) [m].
-
-    Raises `SceneError` for what cannot be such numbers or points.
-    """
-    removed = np.asarray([] if remove is None else remove)
-    if removed.ndim != 1 or (removed.size > 0 and removed.dtype.kind not in "iu"):
-        raise SceneError(
-            f"remove has shape {removed.shape} and type {removed.dtype}. Give the numbers of the "
-            "points as (n,) integers."
-        )
-    # The core refuses the number that no point has.
-    removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
-    is_empty = add is None or np.size(add) == 0
-    added = np.empty((0, 3)) if is_empty else check_points(add)
-    return removed.astype(np.uint32), added

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from inspect import signature
 from itertools import pairwise
 from typing import Any
 
@@ -59,7 +58,7 @@ class ChangingFixture:
         changes = zip(self._events, self._exchanges, strict=True)
         self._fixtures = [(0, fixture), *((e.tick, pair[0]) for e, pair in changes if pair)]
         self._engine = self._make_engine(fixture, rule)
-        later = [check_renderable(pair[0]).stiffness for pair in self._exchanges if pair]
+        later = [pair[0].stiffness for pair in self._exchanges if pair]
         self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
 
@@ -74,7 +73,7 @@ class ChangingFixture:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
             self._found |= dict.fromkeys(names, 0)
-            jumps = jumps_of(poses, moving)
+            jumps = jumps_of(poses, self._frame)
             self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
             if len(jumps):
                 self._found["pose_jump_first_s"] = float(jumps[0])
@@ -223,17 +222,15 @@ class ChangingFixture:
         return report
 
 
-def jumps_of(poses: Poses, moving: dict[str, Any]) -> Vector:
+def jumps_of(poses: Poses, frame: MovingFrame) -> Vector:
     """(n,) times of the poses that jumped away from the pose before them [s]."""
-    frame = signature(MovingFrame).parameters
-    limits = {name: moving.get(name, frame[name].default) for name in frame}
     order = np.argsort(poses.time, kind="stable")
     time, pose = poses.time[order], poses.pose[order]
     dt = np.diff(time)
     way = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
     turn = 2 * np.arccos(np.clip(np.abs((pose[1:, 3:] * pose[:-1, 3:]).sum(1)), 0, 1))
-    jumped = (way > POSE_JUMP_M) & (way > limits["max_speed_m_s"] * dt)
-    jumped |= (turn > POSE_JUMP_RAD) & (turn > limits["max_turn_rad_s"] * dt)
+    jumped = (way > POSE_JUMP_M) & (way > frame.max_speed_m_s * dt)
+    jumped |= (turn > POSE_JUMP_RAD) & (turn > frame.max_turn_rad_s * dt)
     return time[1:][jumped]
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.engine.governor import Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
-from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled
+from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled, settings_of
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
@@ -182,20 +182,18 @@ class GovernedForces:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        self._ticks = 0
         # Of the force that the engine wanted, and of what the governor added to it.
         self._wanted, self._added = ForceMeasure(), ForceMeasure()
         # Ticks whose force was held back, and the most that was held back [N].
         self._held_ticks = self._overdrawn_ticks = 0
-        self._held_back = Largest()
+        self._held_back_max_n = 0.0
 
     def run(self, hip: Vector, trace: Trace) -> Trace:
         """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
         if not len(hip):
             return trace
         governed = self._governor.trace(trace.force)
-        self._held_back.update(governed.held_back, self._ticks)
-        self._ticks += len(hip)
+        self._held_back_max_n = max(self._held_back_max_n, float(governed.held_back.max()))
         self._held_ticks += int(np.count_nonzero(governed.held_back))
         overdrawn = governed.status & GovernorStatus.OVERDRAWN
         self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
@@ -206,23 +204,19 @@ class GovernedForces:
     def report(self) -> dict[str, Any]:
         """The `governor` part of a replay's report."""
         governor, robot = self._governor, self._robot
-        report = {
+        return {
             "force_step_n": robot.force_step_limit_n,
             "force_max_n": robot.force_limit_n,
             "mass_kg": robot.mass_kg,
-            "least_passive_step_n": governor.least_passive_step_n,
             "engine_force_max_n": self._wanted.max_n,
             "engine_force_step_max_n": self._wanted.step_max_n,
             "held_ticks": self._held_ticks,
-            "held_back_max_n": self._held_back.value,
+            "held_back_max_n": self._held_back_max_n,
             "energy_given_j": governor.energy_given_j,
             "energy_stored_j": governor.energy_stored_j,
             "overdrawn_ticks": self._overdrawn_ticks,
             "work_j": self._added.work_j,
         }
-        if self._held_ticks:
-            report["held_back_max_tick"] = self._held_back.tick
-        return report
 
 
 RULES = ("robust", "paper", "exact", "both")
@@ -261,10 +255,4 @@ def _region_engine(fixture: Fixture, rule: str, engine: str) -> Any:
         raise SettingError(message, code="rule-not-paper")
     from vfplan.reference import PaperProxy
 
-    return PaperProxy(
-        sampled(fixture).points,
-        contact_radius=fixture.contact_radius,
-        point_radius=fixture.point_radius,
-        stiffness=fixture.stiffness,
-        ignore_axis=fixture.ignore_axis,
-    )
+    return PaperProxy(sampled(fixture).points, **settings_of(fixture))

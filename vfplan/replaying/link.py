@@ -18,7 +18,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
 from vfplan.replaying.metrics import row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Array, Largest, LongestRun, Session
+from vfplan.session.session import Array, LongestRun, Session
 
 
 @dataclass(frozen=True)
@@ -203,9 +203,7 @@ class Comparison:
     def __init__(self) -> None:
         self._ticks = self._parted_ticks = 0
         self._first_difference = None
-        self._proxy = Largest()
-        self._force = Largest()
-        self._force_squares = 0.0
+        self._proxy_max_m = self._force_max_n = 0.0
         self._spans: list[dict[str, Any]] = []
 
     def update(self, a: TickBlock, b: TickBlock) -> None:
@@ -218,10 +216,8 @@ class Comparison:
             self._first_difference = first + int(differs.argmax())
 
         proxy_gap = row_norms(a.proxy - b.proxy)
-        self._proxy.update(proxy_gap, first)
-        force_gap = row_norms(a.force - b.force)
-        self._force.update(force_gap, first)
-        self._force_squares += float((force_gap**2).sum())
+        self._proxy_max_m = max(self._proxy_max_m, float(proxy_gap.max()))
+        self._force_max_n = max(self._force_max_n, float(row_norms(a.force - b.force).max()))
 
         # Stretches in which the proxies are apart; one may go on from the last block.
         has_parted = proxy_gap > PART_M
@@ -238,20 +234,12 @@ class Comparison:
     def report(self) -> dict[str, Any]:
         """Where they part; the spans listed are the first 50."""
         data: dict[str, Any] = {
-            "threshold_m": PART_M,
             "ticks": self._parted_ticks,
-            "proxy_max_m": self._proxy.value,
-            "force_max_n": self._force.value,
-            "force_rms_n": float(np.sqrt(self._force_squares / max(1, self._ticks))),
+            "proxy_max_m": self._proxy_max_m,
+            "force_max_n": self._force_max_n,
             "spans": self._spans[:LISTED],
             "span_count": len(self._spans),
         }
-        for name, largest in (("proxy", self._proxy), ("force", self._force)):
-            if largest.value > 0:
-                data[f"{name}_max_tick"] = largest.tick
         if self._first_difference is not None:
             data["first_difference_tick"] = self._first_difference
-        if self._spans:
-            first = self._spans[0]
-            data |= {"first_tick": first["start_tick"], "first_s": first["start_s"]}
         return data

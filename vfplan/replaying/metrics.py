@@ -506,12 +506,9 @@ class Metrics:
         """
         values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
         for name, (key, _) in LIMITS.items():
-            over = np.flatnonzero(values[name] > self._robot.get(key, np.inf))
-            if len(over):
-                self._robot[f"{name}_over_ticks"] += len(over)
-                # The step from tick k to k + 1, of force or place, is the robot's at k + 1.
-                first = steps.first + int(over[0]) + (name != "force")
-                self._robot.setdefault(f"{name}_over_first_tick", first)
+            if key in self._robot:
+                is_over = values[name] > self._robot[key]
+                self._robot[f"{name}_over_ticks"] += int(np.count_nonzero(is_over))
 
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""

@@ -49,7 +49,7 @@ from vfplan.replaying.metrics import (
 from vfplan.robot import Robot
 from vfplan.session.events import CHANGE_COLUMNS, Event, Poses, as_the_loop_saw
 from vfplan.session.read import open_session
-from vfplan.session.result import TABLE, TickBlock, concatenate_ticks, select_ticks
+from vfplan.session.result import TickBlock, concatenate_ticks, select_ticks
 from vfplan.session.session import Array, SamplingReport, SessionSource
 
 Sink = Callable[[str, TickBlock], None]
@@ -69,16 +69,16 @@ class ThinnedTicks:
     capacity: ticks kept, 2 at least; 0: none; `None`: all of them
     """
 
-    def __init__(self, capacity: int | None = 65536) -> None:
+    def __init__(self, capacity: int | None) -> None:
         self._capacity = np.inf if capacity is None else capacity
-        columns = [np.empty((0, *row), dtype) for row, dtype, _ in TABLE.values()]
-        self._blocks = [TickBlock(*columns)]
+        self._blocks: list[TickBlock] = []
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
         """Take in the next ticks."""
-        if self._capacity > 0:
-            self._blocks.append(thinned(block, self.stride))
+        if self._capacity == 0:
+            block = block[:0]
+        self._blocks.append(thinned(block, self.stride))
         while len(self.ticks) > self._capacity:
             self._blocks = [thinned(self.ticks, 2)]
             self.stride *= 2

@@ -33,7 +33,7 @@ from vfplan.figures.replay import (
 )
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
-from vfplan.images.read import read_slice_of
+from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
 from vfplan.replaying.findings import check_text, verdict_sentence
@@ -106,8 +106,9 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "force": _flat(ticks.force @ basis, 4),
         "depth": np.round(MM * ticks.penetration, 4).tolist(),
         "state": ticks.state.tolist(),
-        "episodes": [[episode["start_s"], episode["end_s"]] for episode in episodes],
-        "first_episode": next((episode["index"] for episode in episodes), 0),
+        "episodes": [
+            [episode[name] for name in ("start_s", "end_s", "index")] for episode in episodes
+        ],
         "zooms": zooms,
         "deep": shown_depth(replayed.ticks)[0],
     }
@@ -211,11 +212,12 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     # What a reader wants first: where it happened, and with what force.
     words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
     in_space = section("In space", picture(scene(replayed), words, "tall"))
+    planned_slice = None if image is None else read_slice_of(replayed.fixture, image)
     is_on_slice = (
         image is not None and replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
     )
     if is_on_slice:
-        on_slice = slice_depth(replayed, read_slice_of(replayed.fixture, image))
+        on_slice = slice_depth(replayed, planned_slice)
         body.append(section("On the slice", picture(on_slice, "depth on the slice")))
     else:
         body.append(in_space)
@@ -230,7 +232,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         words = "lateral error and force over arc length"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
     body.append(section("Contact episodes", episodes(metrics)))
-    body.append(section("What was planned", review_sheet(replayed, image)))
+    body.append(section("What was planned", review_sheet(replayed, planned_slice)))
 
     # Last what identifies it: settings, files and hashes.
     body.append(section("What was replayed", settings(metrics, replayed.fixture)))
@@ -301,16 +303,19 @@ def verdict_line(metrics: dict[str, Any]) -> str:
     return f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
 
 
-def review_sheet(replayed: Replay, image: Path | None) -> str:
-    """The review sheet of the fixture, or how to get it if its slice was not given."""
+def review_sheet(replayed: Replay, planned_slice: PlannedImage | None) -> str:
+    """The review sheet of the fixture, or how to get it if its slice was not given.
+
+    Raises InputError: the slice is not the one that the fixture was planned on
+    """
     from vfplan.review.plan import Plan
     from vfplan.review.sheet import draw_sheet
 
-    fixture, planned_slice = replayed.fixture, None
-    if fixture.provenance.inputs.get("image") is not None:
-        if image is None:
-            return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
-        planned_slice = read_slice_of(fixture, image)
+    fixture = replayed.fixture
+    if fixture.provenance.inputs.get("image") is None:
+        planned_slice = None
+    elif planned_slice is None:
+        return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
     pages = draw_sheet(Plan.of(fixture, name, planned_slice)).page_pngs()
     return "".join(_embedded(png, "review sheet of the fixture", "sheet") for png in pages)

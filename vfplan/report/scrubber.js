@@ -72,7 +72,7 @@
   }
   slider.addEventListener("input", () => { setPlaying(false); show(Number(slider.value)); });
   play.addEventListener("click", () => setPlaying(!playing));
-  data.episodes.forEach((_, k) => zoomed.add(new Option("episode " + (data.first_episode + k), k)));
+  data.episodes.forEach((episode, k) => zoomed.add(new Option("episode " + episode[2], k)));
   zoomed.addEventListener("change", () => lookAt(zoomed.value));
   document.getElementById("zoom-in").addEventListener("click", () => zoom(2));
   document.getElementById("zoom-out").addEventListener("click", () => zoom(0.5));
