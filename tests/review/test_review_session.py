@@ -176,12 +176,6 @@ def test_a_short_line_beside_a_long_one_is_asked_about_however_it_is_taken(tmp_p
         assert {code for code, *_ in findings_of(one)} & asked == wanted
 
 
-def test_a_ring_that_runs_into_its_overshooting_end_and_back_is_asked_about(tmp_path):
-    session, truth = opened(review_slices.overshoot, tmp_path)
-    taken = session.apply({"do": "choose", "at": truth[200].tolist()})
-    assert "curve-folds" in [finding.code for finding in taken.current.findings]
-
-
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
     session, truth = opened(review_slices.loops, tmp_path)
     ways = [way.points for way in session.current.geometry.candidates]
