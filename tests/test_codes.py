@@ -55,7 +55,7 @@ from vfplan.review import markers, rendered, strokes
 from vfplan.review.geometry import route_over
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
-from vfplan.review.steps import name_of
+from vfplan.review.steps import apply
 from vfplan.scenes import god_object
 from vfplan.scenes.outline import Look
 from vfplan.session import bags
@@ -100,7 +100,7 @@ def stored_result(folder):
 def taken_up(draft):
     """A draft with a step that there is not."""
     draft.keep(as_is(steps=[{"do": "fly"}], undone=[]))
-    return draft.take_up(as_is(apply=name_of))
+    return draft.take_up(as_is(apply=lambda step: apply(None, step)))
 
 
 def two_slices(folder):

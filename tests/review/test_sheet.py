@@ -40,7 +40,7 @@ from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import check_slice
 from vfplan.review.session import Session
-from vfplan.review.sheet import ZOOM, draw_sheet, verdict_of
+from vfplan.review.sheet import ZOOM, draw_sheet, png_of, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -425,7 +425,7 @@ def test_a_slice_of_what_was_drawn_on_none_is_refused():
 
 
 def test_png_prints_at_its_own_size():
-    image = Image.open(BytesIO(draw_sheet(drawn_ends.shown(drawn_ends.draw(0))).png()))
+    image = Image.open(BytesIO(png_of(draw_sheet(drawn_ends.shown(drawn_ends.draw(0))).pixels)))
     image.load()
     assert image.size[0] == PAGE_WIDTH
     assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)

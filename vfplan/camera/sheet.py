@@ -205,7 +205,7 @@ def draw_print(shown: ReviewedPlan, paper: str) -> Figure:
     lines += [(CLOUD, line) for line in plan.lines()]
     for colour, line in lines:
         axes.plot(*MM * line.T[:2], color=colour, lw=0.8, zorder=3, path_effects=HALO)
-    words = f"{shown.name}  {plan.digest}"
+    words = f"{shown.source.path.name}  {plan.digest}"
     axes.text(-width / 2, EDGE_MM - 4 - height / 2, words, family="monospace", fontsize=7)
     draw_scale(axes, -width / 2 + 2, height / 2 - EDGE_MM + 4)
     return figure

@@ -168,8 +168,8 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
 MIN_STRAIGHT = 0.7
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
-OF_LINE = {"curve-on-border", "curve-straight", "curve-short", "ink-outweighs"}
-OF_INK = OF_LINE | {
+OF_INK = {
+    *("curve-on-border", "curve-straight", "curve-short", "ink-outweighs"),
     *("ink-joins", "ink-touches", "leaves-picture"),
     *("bridge", "bridge-long", "bridge-near-end", "stretch-hidden"),
 }
@@ -384,9 +384,15 @@ class Geometry:
         )
 
 
-def geometry_of_slice(image: PlannedImage, settings: ExtractSettings, ink: SliceInk) -> Geometry:
+def ink_of(image: PlannedImage, settings: ExtractSettings) -> SliceInk:
+    """The ink of the pen that the settings name."""
+    exclude = tuple(tuple(box) for box in settings.exclude or ())
+    return SliceInk(image.rgb, settings.colour, exclude, settings.roi)
+
+
+def geometry_of_slice(image: PlannedImage, settings: ExtractSettings) -> Geometry:
     """What `vfplan extract` makes of a slice; a refusal becomes a part of the answer."""
-    of_slice = slice_findings(image, settings)
+    of_slice, ink = slice_findings(image, settings), ink_of(image, settings)
     geometry = Geometry((), ink, of_slice, max_gap_px=settings.max_gap_px)
     try:
         return geometry_of_extraction(image, settings, geometry)
@@ -582,11 +588,9 @@ def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Fin
 
 def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:
     """A candidate as the page shows it."""
-    shape = "closed" if route.closed else "open"
     return {
         "number": number,
         "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
         "closed": route.closed,
         "length_px": route.length,
-        "text": f"{shape}, {route.length:.0f} px long",
     }

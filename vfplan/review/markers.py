@@ -214,9 +214,9 @@ class Fit:
             raise SettingError(text, code="no-such-marker")
         return labels.index(name)
 
-    def with_marker(self, number: int, **changes: Any) -> Fit:
-        """The fit with one marker changed."""
-        markers = list(self.markers)
+    def with_marker(self, name: Any, **changes: Any) -> Fit:
+        """The fit with the marker of this label changed."""
+        markers, number = list(self.markers), self.index(name)
         markers[number] = replace(markers[number], **changes)
         return self.with_markers(tuple(markers))
 

@@ -29,7 +29,7 @@ Colour = tuple[int, int, int]
 
 def colour_of(hexadecimal: str) -> Colour:
     """(red, green, blue) of "#rrggbb"."""
-    return tuple(int(hexadecimal[i : i + 2], 16) for i in (1, 3, 5))
+    return tuple(bytes.fromhex(hexadecimal[1:]))
 
 
 # Dots an inch in print.

@@ -74,7 +74,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = draw_points(plane, towards, plan.fixture)
+        canvas = draw_points(plane, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
@@ -106,23 +106,18 @@ def draw_scale_bar(
     sheet.text(end + 14, y, words, BODY)
 
 
-def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
-    """The points, or the triangles, those in front over those behind.
+def draw_points(plane: paper.Array, fixture: Fixture) -> paper.Pixels:
+    """The points, or the sides of the triangles.
 
-    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m], and `towards` is the
-    direction to the viewer.
+    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m].
     """
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     flat, mesh = onto_plane(plane)(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
-        # Darker the more a triangle is turned away from the viewer.
-        corners = fixture.points[mesh]
-        across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
-        facing = np.abs(across @ towards) / np.maximum(np.linalg.norm(across, axis=1), 1e-30)
-        colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
-        for k in np.argsort(corners.mean(axis=1) @ towards):
-            outline = paper.fixed_point(flat[mesh[k]])
-            cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
+        cv2.polylines(
+            canvas, list(paper.fixed_point(flat[mesh])), True, LINE_COLOUR, 1, cv2.LINE_AA,
+            paper.SHIFT,
+        )  # fmt: skip
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
@@ -213,16 +208,13 @@ def draw_picture(
                 paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 255)
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, ends, keep)
-    omitted = draw_captions(sheet, plan, panel, keep)
+    draw_captions(sheet, plan, panel, keep)
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
         unit_px, unit = zoom / (MM * plan.metres_per_px), "mm"
     draw_scale_bar(sheet, box.x + 2, box.bottom + 8, 0.2 * box.width, unit_px, unit)
     bottom = box.bottom + 8.0 + BODY.line_height
-    if omitted:
-        words = f"There was no place for {omitted} captions; the lists below name all."
-        bottom = sheet.paragraph(MARGIN, bottom, words, PICTURE_WIDTH, BODY, GREY)
     return bottom, draw_legend(sheet, plan, enlargement, y)
 
 
@@ -355,12 +347,11 @@ def draw_slicer_points(
         paper.draw_line(keep, tick, 255, 8)
 
 
-def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> int:
+def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
-    None covers what is `taken`. Returns how many have no place.
+    None covers what is `taken`. The lists name those that have no place.
     """
-    omitted = []
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
         """Write a caption in a small plate of a colour, if there is room close to its place."""
@@ -368,7 +359,6 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
         found = paper.place_for_caption(taken, panel.place(place), width, height)
         if found is None:
-            omitted.append(words)
             return
         x, y, leader = found
         paper.draw_cased(panel.canvas, leader, BLACK, 1)
@@ -393,7 +383,6 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         tag(marker.place, f"{marker.label} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
-    return len(omitted)
 
 
 def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:

@@ -19,7 +19,7 @@ from vfplan.bundle import rendered_values
 from vfplan.bundle.seal import is_bundle
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, command_of, millimetres
+from vfplan.display import MM, command_of, count, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
@@ -52,8 +52,8 @@ from vfplan.planning.settings import (
     overridden,
 )
 from vfplan.registration.checks import perspective_test
-from vfplan.registration.registration import Registration, describe_side
-from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice
+from vfplan.registration.registration import describe_side
+from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice, ink_of
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
     Kind,
@@ -176,7 +176,7 @@ class Source:
 
     def geometry_with(self, ink: SliceInk) -> Geometry:
         """The slice extracted anew by the pen of this ink, without what that leaves out."""
-        return geometry_of_slice(self.image, self.extraction_with(ink), ink)
+        return geometry_of_slice(self.image, self.extraction_with(ink))
 
     def extraction_with(self, ink: SliceInk) -> ExtractSettings:
         """The extraction's settings for the pen and the boxes of this ink."""
@@ -253,10 +253,8 @@ class Plan:
         elif self.outcome.why_not:
             reasons.append(self.outcome.why_not)
         unanswered = sum(finding.is_open for finding in self.findings)
-        if unanswered == 1:
-            reasons.append("One finding wants an answer.")
-        elif unanswered:
-            reasons.append(f"{unanswered} findings want an answer.")
+        if unanswered:
+            reasons.append(f"Answer {count(unanswered, 'finding')}.")
         return reasons
 
     @cached_property
@@ -315,11 +313,6 @@ class Plan:
         return () if ink is None else ink.exclude
 
     @property
-    def name(self) -> str:
-        """What it is called, such as a file's name."""
-        return self.source.path.name
-
-    @property
     def image(self) -> PlannedImage | None:
         """The slice that the curve was drawn on; `None` where it is not at hand."""
         return self.source.slice_path and self.source.image
@@ -338,11 +331,6 @@ class Plan:
     def account(self) -> tuple[AccountEntry, ...]:
         """Other ink, and where the line shows none, the largest first."""
         return self.geometry.account
-
-    @cached_property
-    def registration(self) -> Registration | None:
-        """The one that the fixture was made with, if the bundle's own markers give it again."""
-        return registration_again(self.fixture)
 
     @cached_property
     def digest(self) -> str:
@@ -404,12 +392,12 @@ class Plan:
     @cached_property
     def tre95_m(self) -> Array | None:
         """(M,) the 95 % bound of the error along all strokes, by the markers and their own [m]."""
-        if self.registration is None or not self.strokes:
+        registration, place = registration_again(self.fixture), None
+        if registration is None or not self.strokes:
             return None
-        place = None
-        if self.registration.source.shape[1] == 3:
+        if registration.source.shape[1] == 3:
             place = self.image.T_patient_image[:3]
-        return bound95_m(self.registration, self.strokes, place)
+        return bound95_m(registration, self.strokes, place)
 
     @cached_property
     def other_ink(self) -> tuple[AccountEntry, ...]:
@@ -678,7 +666,6 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     fit = replace(
         plan.fit, markers=tuple(markers), given=given, pixel_spacing_mm=image.pixel_spacing_mm
     )
-    ink = SliceInk(image.rgb, ink.colour, (), None)
     source = replace(
         source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
@@ -717,9 +704,7 @@ def source_of_slice(
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
     recipe = recorded(extraction)
     if curve_path is None:
-        exclude = tuple(tuple(box) for box in extraction.exclude or ())
-        ink = SliceInk(image.rgb, extraction.colour, exclude, extraction.roi)
-        geometry = geometry_of_slice(image, extraction, ink)
+        geometry = geometry_of_slice(image, extraction)
     else:
         drawn = extract(
             image, extraction, curve=curve_path, contact_radius=planning.contact_radius
@@ -817,7 +802,7 @@ def geometry_of_bundle(
     """The curve of a bundle on its slice, and the pen's ink if a pen drew it."""
     ink = None
     if image is not None and "curve" not in fixture.provenance.inputs:
-        ink = SliceInk(image.rgb, extraction.colour, extraction.exclude or (), extraction.roi)
+        ink = ink_of(image, extraction)
     of_curve = tuple(finding for finding in fixture.findings if finding.stage == "extract")
     strokes = strokes_on_slice(fixture, image)
     if ink is not None:

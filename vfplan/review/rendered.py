@@ -296,17 +296,14 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
 
 def rendered_in_json(fixture: Fixture) -> dict[str, Any]:
     """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
-    return {name: in_json(value) for name, value in rendered_values(fixture).items()}
-
-
-def in_json(value: Any) -> Any:
-    """A value as JSON holds it."""
-    if not isinstance(value, np.ndarray):
-        return value
-    if value.size <= 3:
-        return value.tolist()
-    sha256 = hashlib.sha256(np.ascontiguousarray(value)).hexdigest()
-    return {"shape": list(value.shape), "sha256": sha256}
+    known = rendered_values(fixture)
+    for name, value in known.items():
+        if isinstance(value, np.ndarray):
+            known[name] = value.tolist()
+            if value.size > 3:
+                sha256 = hashlib.sha256(np.ascontiguousarray(value)).hexdigest()
+                known[name] = {"shape": list(value.shape), "sha256": sha256}
+    return known
 
 
 def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:

@@ -137,9 +137,6 @@ class Draft:
         try:
             for step in steps:
                 session = session.apply(step)
-            after = session
-            for step in undone:
-                after = after.apply(step)
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None
@@ -329,17 +326,19 @@ class ReviewServer:
     def _take(self, connection: Any, message: dict[str, Any]) -> None:
         """Do what a message says, and answer it."""
         try:
+            wish = message.get("preview", message.get("approve", {}))
+            if not isinstance(wish, dict):
+                text = 'A wish is no object. Send one such as {"marker": LABEL, "to": [u, v]}.'
+                raise SettingError(text, code="step-malformed")
             if "preview" in message:
-                _send(connection, self._preview(message["preview"]))
+                # The registration as it would be with a marker elsewhere; nothing is changed.
+                plan = move_marker(self.session.current, {**wish, "do": "move_marker"})
+                _send(connection, {"preview": to_json_types(marker_state(plan))})
             elif "name" in message:
                 self._name(connection, message["name"])
             elif "draft" in message:
                 self._choose_draft(is_anew=message["draft"] == "anew")
             elif "approve" in message:
-                wish = message["approve"]
-                if not isinstance(wish, dict):
-                    text = 'An approval is {"by": NAME, "version": NUMBER, "digest": DIGEST}.'
-                    raise SettingError(text, code="step-malformed")
                 name = self._name(connection, wish.get("by"))
                 self._wanted.put((connection, {**wish, "by": name}))
             elif "leave" in message:
@@ -407,14 +406,6 @@ class ReviewServer:
                 self.session = session
                 self._version += 1
         self._show(self._server.connections)
-
-    def _preview(self, wish: Any) -> dict[str, Any]:
-        """The registration as it would be with a marker elsewhere; nothing is changed."""
-        if not isinstance(wish, dict):
-            text = 'A preview is no object. Send {"marker": LABEL, "to": [u, v]}.'
-            raise SettingError(text, code="step-malformed")
-        plan = move_marker(self.session.current, {**wish, "do": "move_marker"})
-        return {"preview": to_json_types(marker_state(plan))}
 
     def _show(self, connections: Iterable[Any], *, is_whole: bool = False) -> None:
         """Send the state to tabs, each as its person sees it; the whole state follows."""

@@ -32,7 +32,7 @@ from vfplan.review.rendered import described, digest_of, rendered_in_json, visib
 # No places.
 NOTHING = np.zeros(0, complex)
 
-SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "share", "box")
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels")
 SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from")
 
 
@@ -143,7 +143,7 @@ class Session:
     def state(self, by: Any = "") -> dict[str, Any]:
         """All that the page shows to a person, as JSON holds it."""
         plan = self.current
-        state = self.quick_state(by) | marker_state(plan)
+        state = self.quick_state(by)
         state["refusal"] = plan.geometry.refusal
         if plan.outcome.why_not and plan.geometry.strokes:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
@@ -188,7 +188,7 @@ class Session:
         state = {
             "image": plan.source.describe(),
             "curve_px": [stroke.points.round(4).tolist() for stroke in strokes],
-            "knots_px": [stroke.knots_px.round(4).tolist() for stroke in strokes],
+            "knots_px": [stroke.points[stroke.is_knot].round(4).tolist() for stroke in strokes],
             "closed": [stroke.closed for stroke in strokes],
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
@@ -201,9 +201,7 @@ class Session:
         fixture = self.source.as_opened
         if not self.steps and fixture is not None and fixture.reviewed is not None:
             state["approved"] = asdict(fixture.reviewed)
-        # The bound along the curve takes longest. A step on the curve leaves it to the whole state.
-        is_of_curve = len(self._plans) > 1 and self._plans[-2].fit is plan.fit
-        return state | marker_state(plan, is_of_curve=is_of_curve)
+        return state | marker_state(plan)
 
     def approve(self, by: str) -> Fixture:
         """The fixture (or, without markers, the curve), approved by a person.
@@ -270,23 +268,18 @@ class Session:
 
 
 @lru_cache(maxsize=8)
-def marker_state(plan: Plan, *, is_of_curve: bool = False) -> dict[str, Any]:
-    """The markers, their residuals and the bound; also of markers that are being dragged.
-
-    Without the bound where the plan differs from the one before `is_of_curve` alone.
-    """
+def marker_state(plan: Plan) -> dict[str, Any]:
+    """The markers, their residuals and the bound; also of markers that are being dragged."""
     fit, registration = plan.fit, plan.fit.registration
-    state = {
+    return {
         "markers": fit.rows,
         "mm_per_px": fit.mm_per_px,
         "fre_rms_m": registration and registration.fre_rms_m,
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {name: getattr(fit.settings, name) for name in SHOWN_OF_SETTINGS}
         | {"pixel_spacing_mm": fit.pixel_spacing_mm},
+        "tre95_m": fit.tre95_m(plan.geometry.strokes),
     }
-    if not is_of_curve:
-        state["tre95_m"] = fit.tre95_m(plan.geometry.strokes)
-    return state
 
 
 def as_complex(points: np.ndarray) -> np.ndarray:

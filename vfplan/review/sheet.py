@@ -162,29 +162,18 @@ def error_in_words(plan: Plan) -> str:
     if bound is not None:
         pixels = f" ({bound / plan.metres_per_px:.1f} px)" if plan.metres_per_px else ""
         return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
-    if fixture.registration.tre_m is None:
-        return "not known"
-    largest = float(fixture.registration.tre_m.max())
-    return f"{millimetres(largest, 2)} rms at most; the 95 % bound is not kept in the bundle"
+    return "not known"
 
 
 def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> float:
-    """What to look for at the ends, and the numbers of the plan.
-
-    Where there is room, a number stands beside its heading.
-    """
+    """What to look for at the ends, and the numbers of the plan."""
     facts = facts_of(plan)
     if plan.image is not None and any(len(stroke.end_points) for stroke in plan.strokes):
         facts.insert(0, ("Look at each end", WHAT_TO_LOOK_FOR))
     for heading, words in facts:
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
-        heading_width = HEADING.width_of(f"{heading}  ")
-        if heading_width + BODY.width_of(words) <= width:
-            sheet.text(x + heading_width, y + HEADING.baseline - BODY.baseline, words)
-            y += HEADING.line_height + 10
-        else:
-            y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
+        y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
     return y
 
 
@@ -477,10 +466,6 @@ class Sheet:
     pixels: NDArray[np.uint8]
     boxes: tuple[Box, ...]
 
-    def png(self) -> bytes:
-        """The sheet as a PNG file that prints at its own size, 200 dots an inch."""
-        return png_of(self.pixels)
-
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
         count = len(self.pixels) // paper.PAGE_HEIGHT
@@ -489,7 +474,7 @@ class Sheet:
 
 def write_sheet(plan: Plan, path: Path) -> None:
     """Write the sheet as a PNG; raises `OutputError`."""
-    write_whole(path, [draw_sheet(plan).png()], overwrite=True)
+    write_whole(path, [png_of(draw_sheet(plan).pixels)], overwrite=True)
 
 
 def draw_sheet(plan: Plan) -> Sheet:
@@ -504,7 +489,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     if is_more:
         bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
-    words = f"Review sheet of {plan.name}."
+    words = f"Review sheet of {plan.source.path.name}."
     if plan.side is not None:
         words += f" The slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
@@ -531,7 +516,7 @@ def draw_sheet(plan: Plan) -> Sheet:
 
 
 def png_of(pixels: NDArray[np.uint8]) -> bytes:
-    """A PNG file with its size in print."""
+    """A PNG file that prints at its own size, 200 dots an inch."""
     from PIL import Image
 
     file = BytesIO()

@@ -39,18 +39,6 @@ MAX_LABEL = 64
 # The fields of a step.
 
 
-def name_of(step: Any) -> str:
-    """The name of what a step does; raises `SettingError` where that is no step of the page."""
-    if not isinstance(step, dict) or not isinstance(step.get("do"), str):
-        text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
-        raise SettingError(text, code="step-malformed")
-    name = step["do"]
-    if name not in STEPS and name != "viewed":
-        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}, viewed."
-        raise SettingError(text, code="no-such-step")
-    return name
-
-
 def malformed(step: Step, name: str, wanted: str) -> SettingError:
     """The error that says of a field of a step what is wanted there instead."""
     value = repr(step.get(name))[:60]
@@ -91,9 +79,8 @@ def number_within(step: Step, name: str, default: float, largest: float) -> floa
 def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
     """The list of `count` finite numbers in a field of a step."""
     value = step.get(name)
-    if not isinstance(value, (list, tuple)) or len(value) != count:
-        raise malformed(step, name, f"a list of {count} numbers")
-    if not all(is_number(number) and abs(number) <= 1e9 for number in value):
+    is_list = isinstance(value, (list, tuple)) and len(value) == count
+    if not is_list or not all(is_number(number) and abs(number) <= 1e9 for number in value):
         raise malformed(step, name, f"a list of {count} finite numbers")
     return tuple(float(number) for number in value)
 
@@ -118,10 +105,9 @@ def far_corner(plan: Plan) -> np.ndarray:
 def label_of(step: Step, name: str) -> str:
     """The label in a field of a step, of printable characters."""
     value = step.get(name)
-    if not isinstance(value, str) or not value.strip() or not value.isprintable():
-        raise malformed(step, name, "a label of printable characters")
-    if len(value) > MAX_LABEL:
-        raise malformed(step, name, f"a label of at most {MAX_LABEL} characters")
+    is_label = isinstance(value, str) and value.strip() and value.isprintable()
+    if not is_label or len(value) > MAX_LABEL:
+        raise malformed(step, name, f"a label of at most {MAX_LABEL} printable characters")
     return value.strip()
 
 
@@ -372,22 +358,18 @@ def leave(plan: Plan, step: Step) -> Plan:
 # The markers.
 
 
-def mark_place(plan: Plan, step: Step, name: str) -> tuple[float, ...]:
-    """The place for a marker: the mark drawn within `snap` [px] of the click, else the click."""
-    reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
-    place = tuple(place_of(plan, step, name).tolist())
-    if reach_px and plan.source.slice_path is not None:
-        mark = find_marks.find_mark(plan.source.image.rgb, "", place, reach_px)
-        if mark is not None:
-            return mark.position_px
-    return place
-
-
 def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
-    """The positions of a marker that a step gives: on the slice, and in front of the robot."""
+    """The positions of a marker that a step gives: on the slice, and in front of the robot.
+
+    On the slice it is that of the mark drawn within `snap` [px] of the click, else of the click.
+    """
     positions: dict[str, Any] = {}
     if step.get(name) is not None:
-        positions["place"] = mark_place(plan, step, name)
+        reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
+        place, mark = tuple(place_of(plan, step, name).tolist()), None
+        if reach_px and plan.source.slice_path is not None:
+            mark = find_marks.find_mark(plan.source.image.rgb, "", place, reach_px)
+        positions["place"] = place if mark is None else mark.position_px
     if step.get("target_m") is not None:
         positions["target_m"] = numbers_of(step, "target_m", 3)
     return positions
@@ -395,8 +377,7 @@ def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
 
 def with_marker(plan: Plan, step: Step, **changes: Any) -> Plan:
     """The plan with the step's marker changed."""
-    number = plan.fit.index(step.get("marker"))
-    return replace(plan, fit=plan.fit.with_marker(number, **changes))
+    return replace(plan, fit=plan.fit.with_marker(step.get("marker"), **changes))
 
 
 def move_marker(plan: Plan, step: Step) -> Plan:
@@ -443,7 +424,7 @@ def find_markers(plan: Plan, step: Step) -> Plan:
     with as_step_refused("The marks were not found"):
         found = find_marks.find_markers(plan.source.image.rgb, labels, places)
     for marker in found:
-        fit = fit.with_marker(fit.index(marker.label), place=marker.position_px)
+        fit = fit.with_marker(marker.label, place=marker.position_px)
     return replace(plan, fit=fit)
 
 
@@ -551,6 +532,12 @@ BY_HAND = ("move_knot", "delete_knot", "draw", "cut", "join", "delete_stroke", "
 
 def apply(plan: Plan, step: Any) -> Plan:
     """The plan after a step; raises `SettingError` for one that does not fit."""
-    name = name_of(step)
+    if not isinstance(step, dict) or not isinstance(step.get("do"), str):
+        text = 'The step has no key "do". Send an object such as {"do": "leave", "ink": 1}.'
+        raise SettingError(text, code="step-malformed")
+    name = step["do"]
+    if name not in STEPS:
+        text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}, viewed."
+        raise SettingError(text, code="no-such-step")
     after = STEPS[name](plan, step)
     return replace(after, is_shaped=True) if name in BY_HAND else after

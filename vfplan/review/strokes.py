@@ -413,14 +413,9 @@ class MendedStroke(Stroke):
         """(K,) indices of the points that can be moved, rising."""
         return np.flatnonzero(self.is_knot)
 
-    @property
-    def knots_px(self) -> NDArray[np.float64]:
-        """(K, 2) where the knots lie."""
-        return self.points[self.knots]
-
     def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
-        before, moved, after = self._around(knot)
+        before, moved, after = self._beside(knot, -1, 0, 1).tolist()
         if np.abs(to - self.points[moved]).max() <= SAME_PLACE_PX:
             return self
         # One run of indices, which on a closed stroke may lead through its seam.
@@ -457,7 +452,7 @@ class MendedStroke(Stroke):
             return self.part(np.arange(self.knots[1], len(self.points)))
         if not self.closed and knot == count - 1:
             return self.part(np.arange(self.knots[-2] + 1))
-        before, _, after = self._around(knot)
+        before, _, after = self._beside(knot, -1, 0, 1).tolist()
         # The spline through the knots around shows how the line would run without this one.
         around = self._beside(knot, -2, -1, 1, 2)
         spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
@@ -476,7 +471,7 @@ class MendedStroke(Stroke):
             # The point of the seam becomes the first and the last.
             stroke = self.part(np.r_[first : len(self.points), 0 : first + 1])
         first, last = 0, len(stroke.points) - 1
-        if start is not None and not self.closed:
+        if start is not None:
             first, _ = nearest_point(stroke.points, start)
         if end is not None and (start is not None or not self.closed):
             last, _ = nearest_point(stroke.points, end)
@@ -580,10 +575,6 @@ class MendedStroke(Stroke):
     def _selected(self, order: NDArray[np.int64]) -> MendedStroke:
         """The stroke with these of its points, in this order."""
         return replace(self, **{name: getattr(self, name)[order] for name in PER_POINT})
-
-    def _around(self, knot: int) -> tuple[int, int, int]:
-        """The points of the knot before, the knot itself and the knot behind it."""
-        return tuple(self._beside(knot, -1, 0, 1).tolist())
 
     def _beside(self, knot: int, *steps: int) -> NDArray[np.int64]:
         """The points of the knots so many steps beside one; of an open stroke no further ones."""

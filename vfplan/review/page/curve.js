@@ -207,7 +207,7 @@ export class Curve {
 
   candidateRow(way) {
     const [first, last] = [way.points_px[0], way.points_px[way.points_px.length - 1]];
-    let words = way.text;
+    let words = `${way.closed ? "closed" : "open"}, ${way.length_px.toFixed(0)} px long`;
     if (!way.closed) words += `, from ${pixelOf(first)} to ${pixelOf(last)}`;
     const button = make(
       "button",

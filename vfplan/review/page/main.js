@@ -144,9 +144,8 @@ function showMessage(message) {
 
 // A state without what takes the whole plan: that stays as it was until it comes anew.
 function withPlanOf(before, quick) {
-  const state = { findings: [], why_not: ["The plan is being made."], refusal: null, tre95_m: null, ...quick };
+  const state = { findings: [], why_not: ["The plan is being made."], refusal: null, ...quick };
   if (before) {
-    if (!("tre95_m" in quick)) state.tre95_m = before.tre95_m;
     state.findings = before.findings;
     state.why_not = before.why_not;
     if (!quick.candidates.length) state.refusal = before.refusal;
