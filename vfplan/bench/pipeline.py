@@ -64,7 +64,7 @@ from vfplan.bench.record import (
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
-from vfplan.geometry.lines import normals
+from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose, sample_curve
@@ -129,9 +129,9 @@ def curve() -> Array:
     t = np.linspace(0, 1, 40_001)
     u = 70 + 430 * t + 45 * np.sin(2 * np.pi * t) * t
     v = 250 + 95 * np.sin(5.2 * t + 0.4) + 26 * np.sin(17 * t + 1.0) * t
-    s = np.r_[0, np.cumsum(np.hypot(np.diff(u), np.diff(v)))]
-    even = np.arange(0, s[-1], 0.05)
-    return np.column_stack([np.interp(even, s, u), np.interp(even, s, v)])
+    line = np.column_stack([u, v])
+    s = arc_lengths(line, False)
+    return interpolated(np.arange(0, s[-1], 0.05), s, line)
 
 
 def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
@@ -529,10 +529,9 @@ def describe_machine() -> dict[str, Any]:
         named = re.search("model name\\s*: (.*)", Path("/proc/cpuinfo").read_text())
         if named:
             processor = named[1]
-    affinity = getattr(os, "sched_getaffinity", None)
     return {
         "processor": processor,
-        "cores": os.cpu_count() if affinity is None else len(affinity(0)),
+        "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": np.__version__,

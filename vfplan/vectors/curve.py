@@ -19,7 +19,14 @@ from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING
-from vfplan.geometry.lines import arc_lengths, interpolated, on_segments, ring_of, step_lengths
+from vfplan.geometry.lines import (
+    arc_lengths,
+    evenly,
+    interpolated,
+    on_segments,
+    ring_of,
+    step_lengths,
+)  # fmt: skip
 from vfplan.images.dicom import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -84,10 +91,8 @@ class VectorDrawing:
                 code="vector-too-long", numbers={"points": float(steps), "points_max": MAX_POINTS},
             )  # fmt: skip
         line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
-        arc = arc_lengths(line, False)
-        even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
-        line = interpolated(even, arc, line)
-        return Stroke(line[:-1] if self.closed else line, self.closed)
+        even = evenly(line, False, step)
+        return Stroke(even[:-1] if self.closed else even, self.closed)
 
     def distance_from_straight(self) -> float:
         """The largest distance of the spline from straight lines between its points; their unit."""
@@ -292,10 +297,8 @@ def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> d
     """The images that an item refers to, each with its frames; without frames all are meant."""
     images = {}
     for image in item.get(sequence) or ():
-        frames = image.get("ReferencedFrameNumber") or []
-        if not hasattr(frames, "__iter__"):
-            frames = [frames]
-        images[str(image.ReferencedSOPInstanceUID)] = [int(frame) for frame in frames]
+        frames = np.ravel(image.get("ReferencedFrameNumber") or []).astype(int)
+        images[str(image.ReferencedSOPInstanceUID)] = frames.tolist()
     return images
 
 
