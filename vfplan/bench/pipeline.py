@@ -364,12 +364,9 @@ def planned_surface(line: TrueCurve) -> Array:
     fine, left = line.fine, line.normals
     places = [fine + R * left, fine - R * left]
     if not line.run.closed:
-        half_turn = np.linspace(0, np.pi, 400)[:, None]
-        for end, outwards in ((0, -1), (-1, 1)):
-            normal = left[end]
-            ahead = outwards * np.array([normal[1], -normal[0], 0.0])
-            rounded = np.cos(half_turn) * normal + np.sin(half_turn) * ahead
-            places.append(fine[end] + R * rounded)
+        turn = np.linspace(0, 2 * np.pi, 799)
+        ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+        places += [end + R * ring for end in fine[[0, -1]]]
     everything = np.vstack(places)
     nearest, _ = cKDTree(fine).query(everything)
     return everything[nearest >= R * (1 - 1e-5)]

@@ -15,6 +15,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import count
 from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
@@ -209,11 +210,11 @@ def read_line(
     not_read = "".join(f"; not read: {name}" for name in others[:8])
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
-    count = f"{len(lines)} curves" if len(lines) > 1 else "1 curve"
+    curves = count(len(lines), "curve")
     is_alone = len(lines) + len(others) == 1
     if number is None and not is_alone:
         raise CurveError(
-            f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
+            f"holds {curves} and none was chosen. Choose one with --stroke N: {listed}",
             code="vector-several", numbers=numbers,
         )  # fmt: skip
     if number is not None and number > len(lines):
@@ -226,7 +227,7 @@ def read_line(
     warnings = []
     if not is_alone:
         warnings = [
-            f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with "
+            f"{where}: of {curves} {names[chosen]} is taken{not_read}. Choose another with "
             "--stroke N where it is the wrong one"
         ]
     if kind in CLOSED:
