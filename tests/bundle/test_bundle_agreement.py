@@ -30,12 +30,7 @@ def with_pieces(fixture, **change):
 
 def vertices(change):
     """The drawn fixture with vertices that `change` makes of the true ones."""
-
-    def make():
-        fixture = bundles.drawn()
-        return with_pieces(fixture, vertices=change(fixture.pieces.vertices.copy()))
-
-    return make
+    return lambda: with_pieces(bundles.drawn(), vertices=change(bundles.drawn().pieces.vertices))
 
 
 def with_inserted(at, places):
@@ -55,18 +50,8 @@ def spur():
     return with_inserted(1, [[0.415, 0, 0.1], [0.415, 0.005, 0.1], [0.415, 0, 0.1]])
 
 
-def moved_points(fixture, move):
-    return replace(fixture, points=fixture.points + np.array(move))
-
-
-def bulged(index, value):
-    def make():
-        fixture = bundles.drawn()
-        bulges = fixture.pieces.bulges.copy()
-        bulges[index] = value
-        return with_pieces(fixture, bulges=bulges)
-
-    return make
+def turned_over():
+    return with_pieces(bundles.drawn(), bulges=bundles.drawn().pieces.bulges * [1, -1, 1, 1, 1])
 
 
 def shortened():
@@ -93,48 +78,41 @@ def reversed_pieces():
     return with_pieces(fixture, vertices=old.vertices[order], bulges=bulges)
 
 
-def tear(vertices):
-    vertices[3:] += [0.054, 0, 0]
-    return vertices
-
-
 OTHER_CURVES = {
     "vertices collapsed to a dot": vertices(lambda v: 0 * v + v[0]),
-    "a stroke torn off by 54 mm": vertices(tear),
+    "a stroke torn off by 54 mm": vertices(lambda v: v + np.outer([0, 0, 0, 1, 1], [0.054, 0, 0])),
     "a spur of 5 mm": spur,
-    "an arc turned over": bulged(1, -np.tan(np.pi / 8)),
+    "an arc turned over": turned_over,
     "pieces that stop half way": shortened,
     "pieces that go back and begin again": short_cut,
     "pieces drawn the other way": reversed_pieces,
 }
 
 
-def felt_across(axis, K):
-    across = np.eye(3) - np.outer(axis, axis)
-    return float(np.linalg.eigvalsh(across @ np.diag(K) @ across).max())
-
-
 def verdict(**change):
     """The stability gate's verdict on the K of `bundles.whole`, 1000 N/m across its axis."""
-    felt = felt_across(bundles.whole().ignore_axis, bundles.whole().stiffness)
+    axis, K = bundles.whole().ignore_axis, bundles.whole().stiffness
+    across = np.eye(3) - np.outer(axis, axis)
+    felt = float(np.linalg.eigvalsh(across @ np.diag(K) @ across).max())
     known = {"mass_kg": 1.0, "damping_n_s_per_m": 5.0, "rate_hz": 1000.0, "delay_ticks": 1}
     numbers = {"k_n_per_m": felt, "k_max_n_per_m": 3338.0, "margin": 1.25}
     return StabilityVerdict("franka", **known | numbers | change)
 
 
-def with_stiffness(value):
-    def make():
-        fixture = replace(bundles.whole(), stability=verdict())
-        rendering = replace(fixture.rendering, stiffness=np.full(3, value))
-        return replace(fixture, rendering=rendering)
-
-    return make
+def much_stiffer():
+    rendering = replace(bundles.whole().rendering, stiffness=np.full(3, 1e6))
+    return replace(bundles.whole(), rendering=rendering, stability=verdict())
 
 
 OTHER_VERDICTS = {
-    "K of 1e6 beside a verdict on 1000": with_stiffness(1e6),
+    "K of 1e6 beside a verdict on 1000": much_stiffer,
     "a guide that no verdict is about": lambda: replace(bundles.guided(), stability=verdict()),
 }
+
+
+def off_the_slice():
+    fixture = bundles.whole()
+    return replace(fixture, points=fixture.points + 0.01 * fixture.ignore_axis)
 
 
 def other_markers():
@@ -145,9 +123,7 @@ def other_markers():
 
 
 OTHER_REGISTRATIONS = {
-    "points that do not lie on the slice": lambda: moved_points(
-        bundles.whole(), 0.01 * bundles.whole().ignore_axis
-    ),
+    "points that do not lie on the slice": off_the_slice,
     "markers that were moved": other_markers,
 }
 

@@ -58,17 +58,6 @@ def bundle_sweep(tmp_path_factory):
     return run
 
 
-@pytest.fixture
-def write(tmp_path):
-    """A bundle of one of the made-up fixtures, by its name."""
-
-    def to_file(name):
-        vfplan.write_fixture(getattr(bundles, name)(), tmp_path / f"{name}.h5")
-        return tmp_path / f"{name}.h5"
-
-    return to_file
-
-
 def test_the_program_agrees_with_the_conformance_kit(bundle_info, tmp_path):
     write_kit(tmp_path)
     reader = runner.command_reader([str(bundle_info), "--values"], refused=(3, 4))
@@ -76,8 +65,9 @@ def test_the_program_agrees_with_the_conformance_kit(bundle_info, tmp_path):
 
 
 @pytest.mark.parametrize("name", MAKE)
-def test_json_equals_that_of_vfplan_info(name, bundle_info, vfplan_cli, write):
-    path = write(name)
+def test_json_equals_that_of_vfplan_info(name, bundle_info, vfplan_cli, tmp_path):
+    path = tmp_path / "a.h5"
+    vfplan.write_fixture(getattr(bundles, name)(), path)
     theirs = vfplan_cli("info", path, "--json").json
     for name in ("elapsed_s", "tick_work", "findings", "reviewed"):  # told otherwise
         theirs.pop(name, None)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import bundles
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from vfplan.bundle.exporting import export
 from vfplan.bundle.importing import import_cloud
 
 RADIUS_MM = 5.0
@@ -31,16 +35,10 @@ def plate(width, length, wave=0.0):
     return points, np.concatenate((lower, np.column_stack((corner, beyond + 1, corner + 1))))
 
 
-def drawn(path, points, faces):
-    """The path of a PLY of a mesh."""
-    head = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
-    head += "".join(f"property double {axis}\n" for axis in "xyz")
-    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    with path.open("w") as file:
-        file.write(head)
-        np.savetxt(file, points)
-        np.savetxt(file, np.insert(faces, 0, 3, axis=1), "%d")
-    return path
+def imported(path, points, faces):
+    """The fixture of a mesh [mm] that went through a PLY [m]."""
+    export(replace(bundles.small(), points=1e-3 * points, mesh=faces), path, overwrite=True)
+    return import_cloud(path, units="m", contact_radius=1e-3 * RADIUS_MM)
 
 
 # (width, length, height of the bend) [mm]; the proxy is a ball of 10 mm.
@@ -53,8 +51,7 @@ CASES = FEW + [pytest.param(*row, marks=pytest.mark.slow) for row in ROWS]
 def test_an_opening_that_the_proxy_fits_through_is_told(tmp_path, width, length, wave):
     points, faces = plate(width, length, wave)
     turn = Rotation.random(random_state=int(100 * width))
-    path = drawn(tmp_path / "m.ply", turn.apply(points) + AT, faces)
-    fixture = import_cloud(path, units="mm", contact_radius=1e-3 * RADIUS_MM)
+    fixture = imported(tmp_path / "m.ply", turn.apply(points) + AT, faces)
     told = [finding for finding in fixture.findings if finding.code == "mesh-open"]
     if abs(width - 2 * RADIUS_MM) > 0.2:
         assert bool(told) == (width > 2 * RADIUS_MM)
@@ -66,6 +63,5 @@ def test_an_opening_that_the_proxy_fits_through_is_told(tmp_path, width, length,
 
 
 def test_a_closed_mesh_and_a_bare_sheet_have_no_opening(tmp_path):
-    for points, faces in (plate(0.5, 0.5), plate(0.5, 0.5, 8.0)):
-        fixture = import_cloud(drawn(tmp_path / "m.ply", points, faces), units="mm")
-        assert [finding.code for finding in fixture.findings] == []
+    for wave in (0.0, 8.0):
+        assert not imported(tmp_path / "m.ply", *plate(0.5, 0.5, wave)).findings

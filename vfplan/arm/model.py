@@ -93,12 +93,11 @@ def check(data: bytes, where: str) -> None:
             refuse(f"<{name}> is no MJCF. Give a file whose root is <mujoco>")
         if name not in ELEMENTS:
             refuse(f"<{name}> is not allowed. Give an arm without shapes, in one file")
-        for attribute in attributes:
+        for attribute, value in attributes.items():
             if attribute in FORBIDDEN:
                 refuse(
                     f'{attribute}="..." is not allowed. Put all into this file, as no other is read'
                 )
-        for value in attributes.values():
             if "nan" in value.lower().split():
                 refuse("a number is nan. Give finite numbers")
         if node_count > MAX_NODES or depth > MAX_DEPTH:

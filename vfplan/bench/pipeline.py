@@ -64,7 +64,7 @@ from vfplan.bench.record import (
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
-from vfplan.geometry.lines import normals
+from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose, sample_curve
@@ -129,9 +129,9 @@ def curve() -> Array:
     t = np.linspace(0, 1, 40_001)
     u = 70 + 430 * t + 45 * np.sin(2 * np.pi * t) * t
     v = 250 + 95 * np.sin(5.2 * t + 0.4) + 26 * np.sin(17 * t + 1.0) * t
-    s = np.r_[0, np.cumsum(np.hypot(np.diff(u), np.diff(v)))]
-    even = np.arange(0, s[-1], 0.05)
-    return np.column_stack([np.interp(even, s, u), np.interp(even, s, v)])
+    line = np.column_stack([u, v])
+    s = arc_lengths(line, False)
+    return interpolated(np.arange(0, s[-1], 0.05), s, line)
 
 
 def coverage(shape: tuple[int, int], line: Array, width: float) -> Array:
@@ -364,12 +364,9 @@ def planned_surface(line: TrueCurve) -> Array:
     fine, left = line.fine, line.normals
     places = [fine + R * left, fine - R * left]
     if not line.run.closed:
-        half_turn = np.linspace(0, np.pi, 400)[:, None]
-        for end, outwards in ((0, -1), (-1, 1)):
-            normal = left[end]
-            ahead = outwards * np.array([normal[1], -normal[0], 0.0])
-            rounded = np.cos(half_turn) * normal + np.sin(half_turn) * ahead
-            places.append(fine[end] + R * rounded)
+        turn = np.linspace(0, 2 * np.pi, 799)
+        ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+        places += [end + R * ring for end in fine[[0, -1]]]
     everything = np.vstack(places)
     nearest, _ = cKDTree(fine).query(everything)
     return everything[nearest >= R * (1 - 1e-5)]
@@ -529,10 +526,9 @@ def describe_machine() -> dict[str, Any]:
         named = re.search("model name\\s*: (.*)", Path("/proc/cpuinfo").read_text())
         if named:
             processor = named[1]
-    affinity = getattr(os, "sched_getaffinity", None)
     return {
         "processor": processor,
-        "cores": os.cpu_count() if affinity is None else len(affinity(0)),
+        "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "numpy": np.__version__,

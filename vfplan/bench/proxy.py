@@ -168,11 +168,6 @@ class Case:
         """(T, 3) the exact proxy [m]."""
         return self.scene.truth(self.hips, R)
 
-    @cached_property
-    def clearance(self) -> Array:
-        """(T,) distance from the exact proxy to the geometry, minus R [m]."""
-        return self.scene.clearance(self.truth) - R
-
 
 class NoisySheet(Sheet):
     """The sheet of Experiment 1 as a tracked probe measures it: every point has an error."""
@@ -372,10 +367,8 @@ def judge(case: Case, proxy: Array, **figures: Any) -> Record:
     force = scene.force(hips, proxy, DEFAULT_STIFFNESS)
     force_errors = np.linalg.norm(force - scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
 
-    # The surface. Where the proxy is the exact one, as in free motion, its clearance is known.
-    clearance = case.clearance.copy()
-    has_moved = (proxy != truth).any(axis=1)
-    clearance[has_moved] = scene.clearance(proxy[has_moved]) - R
+    # The surface.
+    clearance = scene.clearance(proxy) - R
     in_contact = np.linalg.norm(truth - hips, axis=1) > CONTACT_DEPTH_M
     surface_m = float(np.abs(clearance[in_contact]).max(initial=0.0))
     inside_m = float(max(0.0, -clearance.min()))

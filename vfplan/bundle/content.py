@@ -39,6 +39,8 @@ Content = dict[str, Any]
 
 FORMAT = "vfplan-fixture"
 VERSION = "2.0"
+# Frame of the points -> their unit.
+UNITS_OF_FRAME = {"image": "px", "robot_base": "m", "patient_lps": "m"}
 
 
 @dataclass(frozen=True)
@@ -121,6 +123,12 @@ def table() -> tuple[Row, ...]:
 def rows_by_path() -> dict[str, Row]:
     """Path -> its row of the table."""
     return {row.path: row for row in table()}
+
+
+def rows_of(content: Content) -> list[Row]:
+    """The rows of what a bundle of this content holds, its groups among them, but not the root."""
+    groups = {rows_by_path()[path].parent for path in content} - {"/"}
+    return [row for row in table() if row.path in content or row.path in groups]
 
 
 def max_size(symbol: str) -> int:

@@ -249,19 +249,20 @@ def section(
 ) -> NDArray[np.bool_]:
     """(rows, columns) whether each pixel's centre of a plane lies within a closed mesh."""
     # Corners are never quite on a plane or a row: those at it count as above.
-    ends = crossings(places[triangles], 2, height)
-    u, v = np.moveaxis(ends[:, :, :2], 2, 0)
+    outline = crossings(places[triangles], 2, height)
     mask = np.zeros((shape[0], shape[1] + 1), np.int64)
     for row in range(shape[0]):
-        is_cut = (v[:, 0] < row) != (v[:, 1] < row)
-        share = (row - v[is_cut, 0]) / (v[is_cut, 1] - v[is_cut, 0])
-        at = u[is_cut, 0] + share * (u[is_cut, 1] - u[is_cut, 0])
+        # A segment is cut on its way to its end and on the way back, at one place.
+        at = crossings(outline, 1, row)[:, 0, 0]
         np.add.at(mask[row], np.clip(np.ceil(at).astype(int), 0, shape[1]), 1)
     return np.cumsum(mask, axis=1)[:, :-1] % 2 == 1
 
 
 def crossings(corners: Vector, axis: int, value: float) -> Vector:
-    """(n, 2, 3) where the sides of triangles (K, 3, 3) cross a plane, two places of each."""
+    """(n, 2, 3) where the sides of triangles or segments cross a plane, two places of each.
+
+    corners: (K, 3, 3) or (K, 2, 3)
+    """
     after = np.roll(corners, -1, axis=1)
     is_cut = (corners[..., axis] < value) != (after[..., axis] < value)
     start, end = corners[is_cut], after[is_cut]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.bundle import dicom
+from vfplan.bundle.content import UNITS_OF_FRAME
 from vfplan.bundle.dicom import in_patient
 from vfplan.bundle.importing import STL_FACET
 from vfplan.errors import InputError, SettingError
@@ -87,16 +88,11 @@ def suffix_of(path: str | Path) -> str:
     )
 
 
-def unit_of(fixture: Fixture) -> str:
-    """The unit of a fixture's points."""
-    return "px" if fixture.frame == "image" else "m"
-
-
 def ply(fixture: Fixture) -> bytes:
     """The points, and the triangles of a mesh, as binary PLY."""
     head = ["ply", "format binary_little_endian 1.0"]
     space = " SPACE=LPS" if fixture.frame == "patient_lps" else ""
-    head.append(f"comment frame {fixture.frame}, unit {unit_of(fixture)}{space}")
+    head.append(f"comment frame {fixture.frame}, unit {UNITS_OF_FRAME[fixture.frame]}{space}")
     head.append(f"element vertex {len(fixture.points)}")
     head += [f"property double {axis}" for axis in "xyz"]
     body = np.ascontiguousarray(fixture.points, dtype="<f8").tobytes()
@@ -122,7 +118,7 @@ def stl(fixture: Fixture) -> bytes:
 
 def csv(fixture: Fixture) -> bytes:
     """The points, their deviations and strokes as a table with a header."""
-    unit = unit_of(fixture)
+    unit = UNITS_OF_FRAME[fixture.frame]
     names = [f"{axis}_{unit}" for axis in "xyz"]
     columns = fixture.points.T.tolist()
     if fixture.sigma is not None:

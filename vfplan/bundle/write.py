@@ -16,12 +16,13 @@ from vfplan._core import read_payload
 from vfplan.bundle import leak, seal
 from vfplan.bundle.content import (
     FORMAT,
+    UNITS_OF_FRAME,
     VERSION,
     Content,
     Row,
     document,
     geometry_digest,
-    table,
+    rows_of,
     to_content,
 )
 from vfplan.errors import InputError, SceneError, SettingError
@@ -33,8 +34,6 @@ h5f, h5g, h5p = h5py.h5f, h5py.h5g, h5py.h5p
 # Codes of values that are sound each, and do not fit together.
 DISAGREEING = ("unsafe.pieces", "unsafe.mesh", "unsafe.stability", "unsafe.registration",
                "unsafe.review")  # fmt: skip
-
-UNITS_OF_FRAME = {"image": "px", "robot_base": "m", "patient_lps": "m"}
 
 
 def write_fixture(fixture: Fixture, path: str | Path, *, overwrite: bool = False) -> None:
@@ -98,13 +97,12 @@ def to_payload(content: Content) -> bytes:
     access.set_libver_bounds(h5f.LIBVER_V18, h5f.LIBVER_V18)
     access.set_fapl_core(1 << 16, False)
     creation = group_properties(h5p.FILE_CREATE)
-    used_groups = {row.parent for row in table() if row.path in content}
     with h5py.File(h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=creation, fapl=access)) as file:
-        for row in table():
-            if row.kind == "group" and row.path != "/" and row.path in used_groups:
+        for row in rows_of(content):
+            if row.kind == "group":
                 properties = group_properties(h5p.GROUP_CREATE)
                 h5g.create(file.id, row.path.encode(), gcpl=properties)
-            elif row.path in content:
+            else:
                 put_value(file[row.parent], row, content)
         file.flush()
         image = file.id.get_file_image()

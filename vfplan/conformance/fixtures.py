@@ -14,7 +14,7 @@ from enum import IntEnum
 import numpy as np
 
 from vfplan._core import lookup3
-from vfplan.bundle.content import Content, review_digest, table
+from vfplan.bundle.content import Content, review_digest, rows_of
 from vfplan.bundle.write import as_stored, unit_and_frame
 from vfplan.findings import doubt, note
 from vfplan.fixture import (
@@ -261,13 +261,12 @@ def stored(value: object, kind: str) -> tuple[bytes, bytes, bytes]:
 def items_of(content: Content) -> dict[str, Item]:
     """The groups and datasets of a content by their paths, the root first."""
     items = {"/": Item()}
-    used = {row.parent for row in table() if row.path in content}
-    for row in table():
-        if row.kind == "group" and row.path != "/" and row.path in used:
+    for row in rows_of(content):
+        if row.kind == "group":
             add(items, row.path, Item())
-        elif row.path in content and row.kind == "attribute":
+        elif row.kind == "attribute":
             items[row.parent].attributes[row.name.encode()] = stored(content[row.path], row.type)
-        elif row.path in content:
+        else:
             datatype, dataspace, data = stored(content[row.path], row.type)
             item = Item(datatype=datatype, dataspace=dataspace, data=data)
             for name, text in unit_and_frame(row, content).items():

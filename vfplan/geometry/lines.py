@@ -68,11 +68,11 @@ def on_segments(places: Array, start: Array, end: Array) -> Array:
     return start + share[:, None] * along
 
 
-def evenly(points: NDArray, closed: bool) -> Array:
-    """The line at equal steps of about one unit; its ends stay where they are."""
+def evenly(points: NDArray, closed: bool, step: float = 1.0) -> Array:
+    """The line at equal steps of about this length; its ends stay where they are."""
     ring = ring_of(points, closed)
     arc = arc_lengths(points, closed)
-    count = max(4, round(arc[-1]))
+    count = max(4, round(arc[-1] / step))
     at = np.linspace(0.0, arc[-1], count + 1)
     even = interpolated(at, arc, ring)
     if closed:

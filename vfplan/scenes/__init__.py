@@ -71,9 +71,9 @@ class Scene(ABC):
         """What the engine is to be given: "z" for a scene in the plane."""
         return None
 
-    def path(self, route: str, speed: float = 0.05, rate: float = 1000.0) -> Vector:
-        """(T, 3) HIP positions along a route, `speed` [m/s] sampled at `rate` [Hz]."""
-        return travel(self.routes[route], speed, rate)
+    def path(self, route: str, speed: float = 0.05) -> Vector:
+        """(T, 3) HIP positions along a route, `speed` [m/s] sampled at 1 kHz."""
+        return travel(self.routes[route], speed)
 
     def truth(self, hips: ArrayLike, radius: float = 5e-3, start: Vector | None = None) -> Vector:
         """The exact proxy (T, 3) [m] for each HIP (T, 3) [m], one after the other.
@@ -336,22 +336,14 @@ _HANDLE_MM = [
 
 
 class Teapot(Drawn):
-    """A teapot's silhouette, spout to the right: a closed outline with corners and hollows.
-
-    Parameters
-    ----------
-    width
-        From handle to spout [m].
-    """
-
-    width: float = 0.184
+    """A teapot's silhouette of 184 mm, spout to the right: closed, with corners and hollows."""
 
     @cached_property
     def runs(self) -> tuple[Run, ...]:
         """Counter-clockwise from the right end of the base."""
         # The lid is its own mirror image.
         lid = [*_LID_MM, *((-x, y) for x, y in reversed(_LID_MM[:-1]))]
-        lines = [np.array(line_mm) * (self.width / 184)
+        lines = [np.array(line_mm) * 1e-3
                  for line_mm in (_SPOUT_MM, _SPOUT_TOP_MM, lid, _HANDLE_MM)]  # fmt: skip
         runs: list[Run] = []
         for line, following in zip(lines, [*lines[1:], lines[0]], strict=True):
@@ -363,8 +355,8 @@ class Teapot(Drawn):
         """From the left over handle, lid and spout along the line; all around it."""
         line = np.vstack([outside(run.sample(1e-3), 2e-3) for run in self.runs])
         below = np.array([[0.0, -0.02, 0.0]])
-        over = line[line[:, 1] > 0.05 * self.width / 0.184]
-        start = np.array([[0.6 * self.width, 0.05, 0.0]])
+        over = line[line[:, 1] > 0.05]
+        start = np.array([[0.1104, 0.05, 0.0]])
         return {
             "around": np.vstack([below, in_space(line), in_space(line[:5]), below]),
             "over": np.vstack([start, in_space(over), start * [-1, 1, 1]]),

@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Vector
 from vfplan.errors import SceneError
-from vfplan.scenes.outline import Look, Pieces, stack
+from vfplan.scenes.outline import Look, Pieces
 
 # Longest step along a contact, in R.
 STRIDE = 0.1
@@ -36,7 +36,8 @@ MAX_RESTORING_STEPS = 30
 
 def look(pieces: tuple[Pieces, ...], x: Vector) -> Look:
     """Distances, gradients and Hessians of all pieces at x (3,)."""
-    return stack([piece.look(x) for piece in pieces])
+    looks = [piece.look(x) for piece in pieces]
+    return Look(*map(np.concatenate, zip(*looks, strict=True)))
 
 
 def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> Vector:

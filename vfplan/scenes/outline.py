@@ -38,11 +38,6 @@ class Pieces(Protocol):
         """Distance, gradient and Hessian of every piece at x (3,)."""
 
 
-def stack(looks: list[Look]) -> Look:
-    """Several sets of pieces as one."""
-    return Look(*(np.concatenate(parts) for parts in zip(*looks, strict=True)))
-
-
 def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
     """Distance to the nearest points; `flat` (M, k, 3): directions along which it is straight."""
     offset = x - nearest

@@ -25,7 +25,7 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import flattened, plane
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -124,12 +124,10 @@ def breach(contact: Contact, engine: ProxyEngine, trace: Trace) -> float:
 
 def surface_direction(contact: Contact) -> Vector:
     """(3,) a unit vector along the surface, across an ignored axis."""
-    normal = contact.normals[0]
-    other = check_axis(contact.ignore_axis)
-    if other is None:
-        other = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    along = np.cross(normal, other)
-    return along / np.linalg.norm(along)
+    axis = check_axis(contact.ignore_axis)
+    if axis is None:
+        return plane(contact.normals[0])[1]
+    return np.cross(contact.normals[0], axis)
 
 
 def random_path(contact: Contact, ticks: int) -> Vector:

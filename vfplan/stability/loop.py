@@ -276,6 +276,7 @@ def simulate(
     """
     (xv, xf), (vv, vf) = transition(robot, hand.stiffness)
     passing_share = filter_share(robot)
+    limits = robot.force_limit_n, robot.force_step_limit_n
     filtered = limited_ticks = 0
     # How many ticks old the position is that each tick's force answers.
     jitter = np.random.default_rng(1).integers(0, robot.delay_jitter_ticks, ticks, endpoint=True)
@@ -295,13 +296,12 @@ def simulate(
         if passing_share < 1.0:
             share = passing_share if tick > 0 else 1.0
             force = filtered = filtered + share * (force - filtered)
-        if robot.force_limit_n is not None:
-            force, is_limited = limit_change(force, np.zeros(3), robot.force_limit_n)
-            limited_ticks += is_limited
-        if robot.force_step_limit_n is not None and tick > 0:
-            base = held_forces[tick - 1]
-            force, is_limited = limit_change(force, base, robot.force_step_limit_n)
-            limited_ticks += is_limited
+        # The first tick has no force before it.
+        bases = [np.zeros(3), *held_forces[tick - 1 : tick]]
+        for base, limit in zip(bases, limits, strict=False):
+            if limit is not None:
+                force, is_limited = limit_change(force, base, limit)
+                limited_ticks += is_limited
 
         positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
         held_forces[tick] = force
@@ -319,7 +319,7 @@ def simulate(
     spring_energy = 0.5 * (spring_forces * (proxies - positions)).sum(axis=1)
     kinetic_energy = 0.5 * robot.mass_kg * (velocities * velocities).sum(axis=1)
     energy = kinetic_energy + spring_energy + hand.potential_at(positions)
-    if robot.force_limit_n is None and robot.force_step_limit_n is None:
+    if limits == (None, None):
         limited_ticks = None
     return LoopMotion(positions, held_forces, energy, limited_ticks)
 

@@ -15,11 +15,19 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import count
 from vfplan.engine.parameters import MAX_POINTS
 from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING
-from vfplan.geometry.lines import arc_lengths, interpolated, on_segments, ring_of, step_lengths
+from vfplan.geometry.lines import (
+    arc_lengths,
+    evenly,
+    interpolated,
+    on_segments,
+    ring_of,
+    step_lengths,
+)  # fmt: skip
 from vfplan.images.dicom import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -84,10 +92,8 @@ class VectorDrawing:
                 code="vector-too-long", numbers={"points": float(steps), "points_max": MAX_POINTS},
             )  # fmt: skip
         line = self.at(self._parameters(np.ceil(8 * lengths / step) + PLACES_A_PIECE))
-        arc = arc_lengths(line, False)
-        even = np.linspace(0, arc[-1], max(3, round(arc[-1] / step)) + 1)
-        line = interpolated(even, arc, line)
-        return Stroke(line[:-1] if self.closed else line, self.closed)
+        even = evenly(line, False, step)
+        return Stroke(even[:-1] if self.closed else even, self.closed)
 
     def distance_from_straight(self) -> float:
         """The largest distance of the spline from straight lines between its points; their unit."""
@@ -204,11 +210,11 @@ def read_line(
     not_read = "".join(f"; not read: {name}" for name in others[:8])
     listed = "; ".join(names[:8]) + not_read
     numbers = {"curves": len(lines), "number": number}
-    count = f"{len(lines)} curves" if len(lines) > 1 else "1 curve"
+    curves = count(len(lines), "curve")
     is_alone = len(lines) + len(others) == 1
     if number is None and not is_alone:
         raise CurveError(
-            f"holds {count} and none was chosen. Choose one with --stroke N: {listed}",
+            f"holds {curves} and none was chosen. Choose one with --stroke N: {listed}",
             code="vector-several", numbers=numbers,
         )  # fmt: skip
     if number is not None and number > len(lines):
@@ -221,7 +227,7 @@ def read_line(
     warnings = []
     if not is_alone:
         warnings = [
-            f"{where}: of {count} {names[chosen]} is taken{not_read}. Choose another with "
+            f"{where}: of {curves} {names[chosen]} is taken{not_read}. Choose another with "
             "--stroke N where it is the wrong one"
         ]
     if kind in CLOSED:
@@ -292,10 +298,8 @@ def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> d
     """The images that an item refers to, each with its frames; without frames all are meant."""
     images = {}
     for image in item.get(sequence) or ():
-        frames = image.get("ReferencedFrameNumber") or []
-        if not hasattr(frames, "__iter__"):
-            frames = [frames]
-        images[str(image.ReferencedSOPInstanceUID)] = [int(frame) for frame in frames]
+        frames = np.ravel(image.get("ReferencedFrameNumber") or []).astype(int)
+        images[str(image.ReferencedSOPInstanceUID)] = frames.tolist()
     return images
 
 
