@@ -54,6 +54,16 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
 
 
+@pytest.mark.parametrize("rate", [(), ("--rate", 1000)])
+def test_the_verdict_names_what_a_gap_leaves_open(vfplan_cli, files, tmp_path, rate):
+    rows = files[1].read_text().splitlines()
+    (tmp_path / "gap.csv").write_text("\n".join(rows[:1000] + rows[2000:]))
+    words = ("replay", files[0], tmp_path / "gap.csv", *rate, "--at-most", "force_max_n=1e3")
+    assert "nothing is known of 1 s without samples" in vfplan_cli(*words).sound.stdout
+    name = "session.recorded.gaps" if rate else "session.gaps"
+    assert vfplan_cli(*words, "--at-most", f"{name}=0").code == 1
+
+
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
     run = vfplan_cli("replay", *files, "--engine", "reference").sound
     assert run.stdout.startswith("rule paper (reference engine): ")
