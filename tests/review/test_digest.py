@@ -98,19 +98,16 @@ FINDINGS = (
 )
 
 
-def fixture():
-    return replace(bundles.whole(), findings=FINDINGS)
-
-
 def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    digest = digest_of(fixture())
+    given = replace(bundles.whole(), findings=FINDINGS)
+    digest = digest_of(given)
     with refuses(CheckFailed, "findings-unanswered", unanswered=["end-other-colour"]):
-        accept(fixture(), digest, "A", answers=["ink-left"])
+        accept(given, digest, "A", answers=["ink-left"])
     for other in ("", digest[:-1]):
         with refuses(CheckFailed, "digest-other"):
-            accept(fixture(), other, "A", answer_all=True)
-    accepted = accept(fixture(), digest, "A. Surgeon", answer_all=True)
+            accept(given, other, "A", answer_all=True)
+    accepted = accept(given, digest, "A. Surgeon", answer_all=True)
     assert not accepted.open_findings
     assert [f.answered_by for f in accepted.findings] == ["A. Surgeon", "A. Surgeon", None]
     assert accepted.findings[0].answered_utc == "2023-11-14T22:13:20Z"
