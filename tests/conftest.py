@@ -114,7 +114,7 @@ def need_program(program: str, package: str) -> str:
     return shutil.which(program) or missing_package(package, program)
 
 
-def output(*command: Any, code: int = 0, timeout: float = 900, **more: Any) -> str:
+def output(*command: Any, code: int = 0, timeout: float = 300, **more: Any) -> str:
     """What a program printed that ended with this code; `more` is for `subprocess.run`."""
     words = [str(word) for word in command]
     done = subprocess.run(

@@ -67,7 +67,9 @@ def link_sources(folder):
 
 def run_shell(script, folder):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    return output("bash", "-e", "-c", script, cwd=folder, env={**os.environ, "PATH": path})
+    return output(
+        "bash", "-e", "-c", script, cwd=folder, timeout=900, env={**os.environ, "PATH": path}
+    )
 
 
 def with_python(page):

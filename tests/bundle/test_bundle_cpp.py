@@ -28,7 +28,7 @@ def build(source, folder, target):
     """Build a program against the installed package by CMake."""
     need_program("g++", "g++")
     output("cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}")
-    output("cmake", "--build", folder)
+    output("cmake", "--build", folder, timeout=900)
     return folder / target
 
 

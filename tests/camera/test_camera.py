@@ -146,6 +146,12 @@ def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(
         Overlay(PLAN, TAGS, CAMERA, measured_mm=measured_mm).show(seen, 0.0)
     assert (frame[:30] == paper.WALL_COLOUR).all(axis=2).any() == is_red
     assert (narrow[:30, -4:] == 255).all()
+    # A print of 97 % at 97 % of the distance gives the same picture.
+    shift = np.array([0.01, -0.02, 0.4])
+    near, far = (
+        CAMERA.project(s * PLACES, np.hstack([0 * s, 0.1, 0.2, s * shift]))[0] for s in (0.97, 1.0)
+    )
+    assert np.allclose(near, far, atol=1e-9)
 
 
 def test_a_sheet_is_printed_in_true_millimetres_or_refused(desk, vfplan_cli):

@@ -46,6 +46,7 @@ def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, t
     (("--digest", "0" * 64, "--by", "A", "--answer-all"), 1, "digest-other"),
     (("--by", "A"), 1, "findings-unanswered"),
     (("--by", "A", "--answer", "ink-lost"), 2, "answer-unknown"),
+    (("--by", "A", "--answer", "extrapolated"), 2, "answer-unknown"),
     (("--by", " ", "--answer-all"), 2, "name-missing"),
     (("--by", "A", "--answer", "ink-left", "--answer-all"), 2, None),
 ])  # fmt: skip

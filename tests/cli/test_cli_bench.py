@@ -102,8 +102,9 @@ def test_the_chosen_settings_keep_the_tolerance_and_lie_near_the_front(document)
         assert chosen["meets_tolerance"] is ("noise" not in chosen["scene"])
 
 
-def test_files_say_what_the_document_says(quick):
+def test_files_say_what_the_document_says(quick, vfplan_cli):
     folder, document = quick
+    vfplan_cli("bench", "extract", "--quick", "-o", folder).fails(2, "exists already")
     assert {p.name for p in folder.iterdir()} == {
         "bench.json", *(f"bench_{stage}.png" for stage in (*STAGES, "summary"))
     }  # fmt: skip

@@ -143,7 +143,8 @@ def test_a_curve_with_a_gap_wider_than_the_proxy_is_not_written(vfplan_cli, tmp_
 UNREADABLE = {
     "a.csv": b"x,y\n1,2\n", "nan.csv": b"x,y,z\n1,2,nan\n", "none.csv": b"x,y,z\n",
     "text.csv": b"x,y,z\n1,2,three\n", "a.npy": b"no array", "a.ply": b"no mesh", "a.stl": b"",
-    "a.off": b"v 0 0 0\n",
+    "a.off": b"v 0 0 0\n", "m.csv": b"x_m,y_m,z_m\n1,2,3\n",
+    "short.ply": PLY % (b"ascii", 3) + b"end_header\n0 0 0\n",
 }  # fmt: skip
 
 

@@ -96,6 +96,7 @@ KNOWN = {
 # is pasted: after "next:", or at the end of a refusal.
 CALLS = (
     (0, "extract elbow.png -o c.h5"), (3, "extract two.png -o t.h5"),
+    (3, "plan two.png px.csv robot.csv -o t.h5"),
     (0, "register c.h5 px.csv robot.csv -o f.h5"), (0, "plan elbow.png px.csv robot.csv -o p.h5"),
     (1, "plan photo-0.png photo-0.csv robot.csv -o q.h5"), (3, "plan elbow.png robot.csv -o z.h5"),
     (0, "rectify photo-0.png photo-0.csv robot.csv -o flat.png"),

@@ -54,6 +54,16 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
     assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
 
 
+@pytest.mark.parametrize("rate", [(), ("--rate", 1000)])
+def test_the_verdict_names_what_a_gap_leaves_open(vfplan_cli, files, tmp_path, rate):
+    rows = files[1].read_text().splitlines()
+    (tmp_path / "gap.csv").write_text("\n".join(rows[:1000] + rows[2000:]))
+    words = ("replay", files[0], tmp_path / "gap.csv", *rate, "--at-most", "force_max_n=1e3")
+    assert "nothing is known of 1 s without samples" in vfplan_cli(*words).sound.stdout
+    name = "session.recorded.gaps" if rate else "session.gaps"
+    assert vfplan_cli(*words, "--at-most", f"{name}=0").code == 1
+
+
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
     run = vfplan_cli("replay", *files, "--engine", "reference").sound
     assert run.stdout.startswith("rule paper (reference engine): ")
@@ -145,22 +155,17 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     (["--at-most", "force_max_n=1000"], 0, "pass"),
     (["--at-most", "force_max_n=1e-6"], 1, "fail"),
 ])  # fmt: skip
-def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict):
+def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict, tmp_path):
+    report = "--report", tmp_path / "rep"
+    run = vfplan_cli("replay", *files, *limits, "-o", tmp_path / "r.h5", *report, "--json")
+    assert (run.json["verdict"], (tmp_path / "r.h5").exists()) == (verdict, True)
+    assert run.json["next"].endswith(str(report[1] / "index.html")) == bool(code)
     run = vfplan_cli("replay", *files, *limits, "--json")
     assert (run.code, run.json["verdict"]) == (code, verdict)
     told = vfplan_cli("replay", *files, *limits).stdout.splitlines()[-2:]
     following = run.json["next"].replace(" --json", "")
     assert told[0].startswith(f"verdict: {verdict}, never beyond the drawn line; ")
     assert told[1] == f"next: {following}"
-
-
-@pytest.mark.parametrize(("limit", "code"), [("1000", 0), ("1e-6", 1)])
-def test_the_files_are_written_also_where_a_limit_fails(vfplan_cli, files, limit, code, tmp_path):
-    result, report = tmp_path / "r.h5", tmp_path / "rep"
-    words = ("-o", result, "--report", report, "--at-most", f"force_max_n={limit}", "--json")
-    run = vfplan_cli("replay", *files, *words)
-    assert (run.code, result.exists()) == (code, True)
-    assert run.json["next"].endswith(str(report / "index.html")) == bool(code)
 
 
 @pytest.mark.parametrize("limits", [(), ("--at-least", "force_max_n=3")])

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from conftest import output
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 
@@ -97,8 +98,7 @@ def test_a_command_told_to_stop_leaves_nothing_behind(number, how, tmp_path):
 def test_an_ignored_signal_stays_ignored(tmp_path):
     script = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)" + STOPPED
     words = [sys.executable, "-c", script, tmp_path / "out.h5", str(int(signal.SIGHUP)), "raised"]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 0, done.stderr
+    output(*words, cwd=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
 
 

@@ -93,6 +93,9 @@ def test_behind_a_filter_that_lets_nothing_through_nothing_is_stable(vfplan_cli,
 def test_bad_input(vfplan_cli, tmp_path):
     assert vfplan_cli("stability", tmp_path / "none.h5").code in (3, 4)
     assert vfplan_cli("stability", "--mass", -1).code == 2
+    for option in ("mass", "damping", "rate", "stiffness", "margin"):
+        for value in ("nan", "inf"):
+            vfplan_cli("stability", f"--{option}", value).fails(2, option, value)
     curve = tmp_path / "curve.h5"
     write_fixture(pixels(), curve)
     vfplan_cli("stability", curve).fails(3, "robot_base")

@@ -62,7 +62,8 @@ def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, aske
     assert len(extraction.account) == 1
 
 
-BOXED, VEILED, OVER_THE_END = picture(), picture(), picture()
+BOXED, VEILED, HIDDEN, OVER_THE_END = (picture() for _ in range(4))
+HIDDEN[120:190, 230:] = 150  # and nothing tells of what is below
 # The veil lies over the last 50 px of the curve, and its ink is no part of the mask.
 VEILED[120:190, 230:] = np.rint(0.08 * VEILED[120:190, 230:] + 0.92 * 150)
 BOXED[:, 190:230] = 128  # A quarter of the curve lies beyond.
@@ -217,9 +218,8 @@ def test_a_fourth_piece_at_the_line_and_a_curve_that_runs_back_are_asked_about()
     assert [found.code for found in fold_findings([spur])] == ["curve-folds"]
 
 
-@pytest.mark.parametrize("marks", [0, 9])
-def test_markers_and_words_of_other_colours_are_no_account(marks):
-    image = picture()
+@pytest.mark.parametrize(("image", "marks"), [(picture(), 0), (picture(), 9), (HIDDEN, 0)])
+def test_markers_and_words_of_other_colours_are_no_account(image, marks):
     for k in range(marks):
         place = 20 + 35 * k, 40
         cv2.drawMarker(image, place, (0, 255, 255), cv2.MARKER_CROSS, 14, 2)

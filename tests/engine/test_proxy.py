@@ -1,6 +1,7 @@
 """The native engine on its own: sliding, starts inside, threads, and what it refuses."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -176,6 +177,14 @@ def test_one_engine_or_governor_serves_one_thread():
         run.join()
         assert f"one {'engine' if one is engine else 'governor'} serves one thread" in refused
         act()
+
+
+def test_two_threads_run_at_once():
+    cloud, hips = dust(), press_and_slide(500)
+    alone = vfplan.ProxyEngine(cloud).run(hips)
+    with ThreadPoolExecutor(2) as pool:
+        for trace in pool.map(lambda _: vfplan.ProxyEngine(cloud).run(hips), range(2)):
+            same(trace, alone)
 
 
 def test_left_out_says_what_the_scene_does_not_need():

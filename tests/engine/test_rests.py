@@ -4,10 +4,9 @@ Thick pixel lines, as a mask of a drawn curve gives them, and hollows about as n
 The judge knows no engine: it walks in small free steps towards the HIP until none is left.
 """
 
-from importlib.resources import files
-
 import numpy as np
 import pytest
+from conftest import ELBOW
 from motion import grid, play, sizes
 from scipy.spatial import cKDTree
 
@@ -151,7 +150,7 @@ def pixels_of_the_sample():
     T = fixture.registration.T_robot_image
     pixels = np.round(np.linalg.lstsq(T[:, :2], (fixture.points - T[:, 2]).T, rcond=None)[0].T)
     points = np.column_stack([pixels, np.ones(len(pixels))]) @ T.T
-    session = vfplan.read_session(files("vfplan.samples") / "elbow_session.csv")
+    session = vfplan.read_session(ELBOW[0].with_name("elbow_session.csv"))
     return fixture, points, session.hip
 
 
@@ -184,10 +183,8 @@ def line_of_the_sample(points):
     from vfplan.planning.plan import plan
     from vfplan.planning.settings import ExtractSettings
 
-    sample = files("vfplan.samples")
-    names = ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv")
     settings = ExtractSettings(pixel_spacing_mm=(PIXEL * 1e3, PIXEL * 1e3))
-    line = plan(*(sample / name for name in names), extraction=settings).fixture
+    line = plan(*ELBOW, extraction=settings).fixture
     length = np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
     width = len(points) * PIXEL**2 / length
     return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis), width

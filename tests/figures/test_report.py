@@ -67,7 +67,8 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     vfplan.write_fixture(bundles.whole(), path)
     replayed = replay(path, probing())
     digest = replayed.metrics["fixture"]["sha256"]
-    about = page(replayed).split("About this page")[1]
+    before, about = page(replayed).split("About this page")
+    assert 'class="digest"' not in before.split("What was replayed")[0]
     assert "f.h5" in about
     assert f'<code class="digest">{digest}' in about
 

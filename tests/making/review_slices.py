@@ -81,6 +81,14 @@ def loops(path):
     return _write(path, _drawn(truth)), truth
 
 
+def overshoot(path):
+    """A ring whose ends cross and go on beyond each other; the ring is meant."""
+    turn, canvas = np.linspace(0, 2 * np.pi, 600), Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+    ring = np.column_stack([190 + 140 * np.cos(turn), 150 + 100 * np.sin(turn)])
+    canvas.line(np.vstack([ring[0] - (14, 14), ring, ring[-1] + (14, 14)]), 4.3, RED)
+    return _write(path, canvas.image(None)), ring
+
+
 def crumb(path):
     """A line, and a short one of the same pen that is meant."""
     t = np.linspace(0.3, 2.8, 400)

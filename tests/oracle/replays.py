@@ -147,7 +147,7 @@ def build_controller(tree, folder):
     source = tree / "samples" / "controller"
     flags = "-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DVFPLAN_NARROW"
     output("cmake", "-S", source, "-B", folder, f"-Dvfplan_DIR={vfplan.cmake_dir()}", flags)
-    output("cmake", "--build", folder)
+    output("cmake", "--build", folder, timeout=900)
     return folder / "controller"
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from captures import CURVE, capture
-from conftest import ROOT
+from conftest import ELBOW
 from drawing import normal_errors
 from PIL import Image
 from refusals import refuses
@@ -85,21 +85,20 @@ def test_what_does_not_place_the_slice_is_refused(markers, tmp_path):
 
 
 def test_pixels_of_another_program_are_asked_about_where_exif_turns_the_picture(tmp_path):
-    sides = [ROOT / "samples" / f"elbow_markers_{side}.csv" for side in ("image", "robot")]
-    slice_image = Image.open(ROOT / "samples" / "elbow.png").convert("RGB")
+    slice_image = Image.open(ELBOW[0]).convert("RGB")
     stored = tmp_path / "stored.png"
     exif = Image.Exif()
     exif[0x0112] = 3
     slice_image.save(stored, exif=exif)
     curve = tmp_path / "c.csv"
     curve.write_text("u_px,v_px\n100,100\n200,150\n")
-    truth = plan(ROOT / "samples" / "elbow.png", *sides).fixture.points
+    truth = plan(*ELBOW).fixture.points
     as_given = FixtureSettings(markers_as_given=True)
     for pixels, drawn, doubted in (
         (None, None, 1), ("as-shown", None, 0), ("as-stored", None, 0), (None, curve, 2),
     ):  # fmt: skip
         settings = ExtractSettings(pixels=pixels)
-        made = plan(stored, *sides, extraction=settings, curve=drawn, settings=as_given)
+        made = plan(stored, *ELBOW[1:], extraction=settings, curve=drawn, settings=as_given)
         codes = [finding.code for finding in made.findings]
         assert codes.count("pixels-unturned") == doubted
         assert ("picture-turned" in codes) == (pixels != "as-stored")

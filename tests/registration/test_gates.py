@@ -7,7 +7,7 @@ import pytest
 from bundles import PROVENANCE
 from conftest import ROOT
 from docs_modules import load
-from layouts import MODELS, NAMES, fit, grid, planar, solid
+from layouts import MODELS, NAMES, bent, fit, grid, planar, solid
 from marker_sets import marker_sets
 
 from vfplan.errors import CheckFailed, MarkerError
@@ -134,6 +134,8 @@ def test_the_residual_gate_names_the_marker_and_its_numbers():
     refuse_wrong_markers(r, 5e-3)
     refuse_wrong_markers(r, None)
     refuse_wrong_markers(fit(grid(), target, robust=True), 1e-3)
+    seen = refusal(fit(grid(), bent(grid(), noise=1e-4)))
+    assert (seen.code, "homography" in seen.message) == ("residual-large", True)
 
 
 @pytest.mark.parametrize("factor", [1e-3, 0.1, 0.4, 2.5, 25.4, 1e3])

@@ -182,6 +182,9 @@ def test_robust_names_what_it_leaves_out(model):
     np.testing.assert_allclose(r.T_target_source, alone.T_target_source, rtol=1e-9)
     assert r.residuals_m[2] > 0.003
     np.testing.assert_allclose(r.fre_rms_m, alone.fre_rms_m, rtol=1e-9)
+    # A weight that is tiny leaves a marker out as well.
+    weighted = fit(source, target, model, sigma=np.where(r.used, 1e-4, 1e3))
+    np.testing.assert_allclose(weighted.apply(source), alone.apply(source), rtol=1e-9)
 
 
 def test_robust_refuses_a_search_without_end():

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from layouts import MODELS, PX, R, fit, grid, markers, solid
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from scipy.special import fdtrc, fdtri
 
 from vfplan.registration.models import f_exceeds, f_quantile, homogeneous
@@ -149,6 +151,19 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
         np.testing.assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
         bound_m = mm.tre95_m(curve * self_scale) / 1e3
         np.testing.assert_allclose(bound_m, base.tre95_m(curve), rtol=1e-9)
+
+
+def test_weights_an_axis_in_space_give_the_minimum_that_scipy_finds():
+    source, target = solid(6)
+    sigma = np.exp(np.random.default_rng(2).normal(np.log(3e-4), 0.7, (6, 3)))
+    T = fit_registration(source, target, model="rigid", sigma=sigma).T_target_source
+
+    def left(move):
+        turn = Rotation.from_rotvec(move[:3]).as_matrix() @ T[:3, :3]
+        return ((target - source @ turn.T - T[:3, 3] - move[3:]) / sigma).ravel()
+
+    best = least_squares(left, np.full(6, 1e-4), xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    np.testing.assert_allclose(best.x, 0, atol=1e-8)
 
 
 def degrees_of_freedom(count):

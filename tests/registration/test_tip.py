@@ -7,7 +7,7 @@ import shlex
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ELBOW
 from refusals import refuses
 from scipy.spatial.transform import Rotation
 
@@ -93,14 +93,12 @@ def test_a_bundle_names_the_tool_that_touched_its_markers(vfplan_cli, tmp_path):
     poses = pivoted(np.random.default_rng(3), 20, 40, 1e-4)
     np.savetxt(tmp_path / "p.csv", quaternions(poses), "%.17g", ",")
     vfplan_cli("tip", tmp_path / "p.csv", "--tool", "probe 1", "-o", tmp_path / "tip.json")
-    elbow = [ROOT / "samples" / f"elbow{end}"
-             for end in (".png", "_markers_image.csv", "_markers_robot.csv")]  # fmt: skip
     path = tmp_path / "f.h5"
-    vfplan_cli("plan", *elbow, "-o", path, "--no-sheet", "--tip", tmp_path / "tip.json")
+    vfplan_cli("plan", *ELBOW, "-o", path, "--no-sheet", "--tip", tmp_path / "tip.json")
     record = vfplan.read_fixture(path).registration
     assert record.tool == "probe 1"
     assert np.abs(record.tip - TIP).max() < 2e-4
-    words = ("plan", *elbow, "-o", path, "--overwrite", "--tip", tmp_path / "p.csv", "--json")
+    words = ("plan", *ELBOW, "-o", path, "--overwrite", "--tip", tmp_path / "p.csv", "--json")
     vfplan_cli(*words).fails(3, error="tip-file")
     tip = json.loads((tmp_path / "tip.json").read_text())
     tip["tip_m"] = [1e-3 * x for x in tip["tip_m"]]

@@ -60,7 +60,11 @@ def test_the_predicted_error_is_the_error(bone, count):
     for _ in range(count):
         start = marked(rng, 5e-4)
         touched = touches(bone, rng, 40, flank)
-        found = refined(bone, start, touched).registration
+        fitted = refined(bone, start, touched)
+        assert fitted.used.all()
+        assert 5e-5 < fitted.rms_m < 2e-4
+        assert fitted.constraint > 0.03
+        found = fitted.registration
         away, at = off(found, bone), bone.points[::97]
         whole = (away[::97] <= found.tre95_curve_m(at)).all()
         rows.append([(off(start, bone) ** 2).mean(), (away**2).mean(),

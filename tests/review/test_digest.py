@@ -7,10 +7,12 @@ from dataclasses import fields, is_dataclass, replace
 import bundles
 import numpy as np
 import pytest
+from refusals import refuses
 
 from vfplan.bundle import review_digest
 from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
+from vfplan.errors import CheckFailed
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
 from vfplan.review.rendered import accept, digest_of
@@ -52,8 +54,10 @@ def changed_value(value):
 
 
 @pytest.mark.parametrize("name", ["whole", "guided", "sheet", "patient"])
-def test_any_change_of_content_changes_it(name):
+def test_any_change_of_content_changes_it_and_writing_does_not(name, tmp_path):
     fixture = getattr(bundles, name)()
+    write_fixture(fixture, tmp_path / "f.h5")
+    assert digest_of(read_fixture(tmp_path / "f.h5")) == digest_of(fixture)
     seen = {digest_of(fixture): "the fixture itself"}
     for where, changed in changes(fixture):
         digest = digest_of(changed)
@@ -94,14 +98,16 @@ FINDINGS = (
 )
 
 
-def fixture():
-    return replace(bundles.whole(), findings=FINDINGS)
-
-
 def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    digest = digest_of(fixture())
-    accepted = accept(fixture(), digest, "A. Surgeon", answer_all=True)
+    given = replace(bundles.whole(), findings=FINDINGS)
+    digest = digest_of(given)
+    with refuses(CheckFailed, "findings-unanswered", unanswered=["end-other-colour"]):
+        accept(given, digest, "A", answers=["ink-left"])
+    for other in ("", digest[:-1]):
+        with refuses(CheckFailed, "digest-other"):
+            accept(given, other, "A", answer_all=True)
+    accepted = accept(given, digest, "A. Surgeon", answer_all=True)
     assert not accepted.open_findings
     assert [f.answered_by for f in accepted.findings] == ["A. Surgeon", "A. Surgeon", None]
     assert accepted.findings[0].answered_utc == "2023-11-14T22:13:20Z"

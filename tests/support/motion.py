@@ -80,7 +80,7 @@ def compiled(folder, source, *flags, compiler="g++"):
     program = folder / (source.stem + "".join(flags).replace("/", "_").replace("=", "_"))
     if not program.exists():
         words = [need_program(compiler, compiler), "-std=c++20", *STRICT, *flags, f"-I{INCLUDE}"]
-        output(*words, f"-I{NATIVE}", source, "-o", program)
+        output(*words, f"-I{NATIVE}", source, "-o", program, timeout=900)
     return program
 
 
