@@ -139,4 +139,4 @@ def test_a_blurred_mark_as_bright_as_its_ground_is_told_by_its_colour():
     mark = Mark(alpha, np.ones(alpha.shape, bool), u, v, (11.0, 12.0), 6.0)
     fit = fit_mark(mark, np.full((24, 24, 3), 0.5))
     assert fit.shape == "dot"
-    assert np.hypot(fit.u - 11.3, fit.v - 12.1) < 0.05
+    assert np.linalg.norm(fit.parameters[:2] - (11.3, 12.1)) < 0.05
