@@ -215,6 +215,10 @@ def replay_with_outputs(
         source = resampled(source, arguments["rate_hz"])
     else:
         poses, events = as_the_loop_saw(session, poses, events)
+    names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
+    moving = dict(zip(names, arguments["pose_limits"] or (), strict=False))
+    if arguments["pivot"] is not None:
+        moving["pivot"] = arguments["pivot"]
 
     # The rule, and the limits of the robot and of the caller.
     rule = arguments["rule"]
@@ -261,22 +265,13 @@ def replay_with_outputs(
             link=settings_from_options(Link, arguments), governor=governed_robot,
             limits=tuple(limits), sinks=[take], trust=options.trust(arguments),
             keep=TICKS_OF_REPORT if arguments["report"] is not None else 0,
-            poses=poses, events=events, moving=moving_frame_settings(arguments),
+            poses=poses, events=events, moving=moving,
         )  # fmt: skip
         if result_path is not None:
             tables[0].set(replayed.record)
     if viewer is not None and viewer.full:
         raise not_written(arguments["mcap"], viewer.full)
     return replayed
-
-
-def moving_frame_settings(arguments: dict[str, Any]) -> dict[str, Any]:
-    """The settings of the moving frame that were typed."""
-    names = ("max_age_s", "max_speed_m_s", "max_turn_rad_s")
-    settings = dict(zip(names, arguments["pose_limits"] or (), strict=False))
-    if arguments["pivot"] is not None:
-        settings["pivot"] = arguments["pivot"]
-    return settings
 
 
 # Lines of the report on a screen, of all replays and of those with this part; a number of

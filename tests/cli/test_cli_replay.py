@@ -110,7 +110,6 @@ def test_report_folder(vfplan_cli, files, tmp_path):
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out").code == 2
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").code == 0
     assert vfplan_cli("replay", *files, "--image", tmp_path / "no.png").code == 2
-    assert vfplan_cli("replay", *files, "--seed", "0").code == 2
     bad = tmp_path / "bad.csv"
     bad.write_text("t,x,y,z\n")
     assert vfplan_cli("replay", files[0], bad, "--report", tmp_path / "none").code == 3
