@@ -96,13 +96,12 @@ KNOWN = {
 # is pasted: after "next:", or at the end of a refusal.
 CALLS = (
     (0, "extract elbow.png -o c.h5"), (3, "extract two.png -o t.h5"),
-    (3, "plan two.png px.csv robot.csv -o t.h5"),
     (0, "register c.h5 px.csv robot.csv -o f.h5"), (0, "plan elbow.png px.csv robot.csv -o p.h5"),
     (1, "plan photo-0.png photo-0.csv robot.csv -o q.h5"), (3, "plan elbow.png robot.csv -o z.h5"),
     (0, "rectify photo-0.png photo-0.csv robot.csv -o flat.png"),
     (0, "review elbow.png px.csv robot.csv --sheet-out sheet.png"),
     (0, "review p.h5 --sheet-out sheet-2.png"),
-    (0, "review c.h5 px.csv robot.csv --model rigid --sheet-out sheet-4.png"),
+    (0, "review c.h5 px.csv robot.csv --model affine --sheet-out sheet-4.png"),
     (0, "accept p.h5 --by A --digest {} -o approved.h5"),
     (3, "sign approved.h5 --key k3.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
     (0, "keygen -o k2.key"), (0, "review approved.h5 --sheet-out sheet-3.png"),
