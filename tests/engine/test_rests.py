@@ -133,7 +133,6 @@ def test_where_it_rests_there_is_no_way_on(kind, make, cases):
         rng = np.random.default_rng(seed)
         found += rests(make(rng), kind, rng)
     more, moved = np.array(found).T
-    print(kind, "bands a rest could go on: median, 90 %, most:", *np.quantile(more, [0.5, 0.9, 1]))
     assert more.max() <= 4.2
     assert np.quantile(more, 0.9) <= 2.5
     assert moved.max() < 1e-9
@@ -158,7 +157,7 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
     """At it and six copies moved by 0.1 nm, at every tick: the proxy is as near to the HIP as the
     exact one of the drawn line, the pen's half width further off, and near that one."""
     fixture, points, hips = pixels_of_the_sample()
-    exact, width = line_of_the_sample(points)
+    exact = line_of_the_sample(points)
     rng, truth = np.random.default_rng(0), play(exact, hips)
     depth = np.linalg.norm(truth.proxy - hips, axis=1)
     left, off, jumps = [], [], []
@@ -169,17 +168,13 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
         left.append((np.linalg.norm(proxy - hips, axis=1) - depth)[truth.state == 1].max())
         off.append(np.linalg.norm(away, axis=1).max())
         jumps.append(sizes(away).max())
-    print(
-        f"sample's mask, {1e3 * width:.2f} mm wide: at most {1e6 * max(left):.0f} um further from "
-        f"the HIP than exact, {1e6 * max(off):.0f} um beside, steps of {1e6 * max(jumps):.0f} um"
-    )
     assert max(left) < 0.05e-3
     assert max(off) < 0.6e-3
     assert max(jumps) < 0.6e-3, "0.6 N at 1000 N/m"
 
 
 def line_of_the_sample(points):
-    """The engine of the drawn line, as wide as so many pixels are on it [m], and that width."""
+    """The engine of the drawn line, as wide as so many pixels are on it [m]."""
     from vfplan.planning.plan import plan
     from vfplan.planning.settings import ExtractSettings
 
@@ -187,7 +182,7 @@ def line_of_the_sample(points):
     line = plan(*ELBOW, extraction=settings).fixture
     length = np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
     width = len(points) * PIXEL**2 / length
-    return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis), width
+    return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis)
 
 
 def dust(rng):
@@ -282,5 +277,4 @@ def test_an_edge_is_turned_round_late_by_half_a_spacing_of_the_band_at_most(h):
     proxy = engine.run(hips).proxy
     late = -y[np.flatnonzero(proxy[:, 2] < 0.8 * R)[0]]
     most = np.sqrt(R * engine.parameters.band)
-    print(f"samples {1e3 * h:.2f} mm apart: {1e3 * late:.3f} mm late, at most {1e3 * most:.3f} mm")
     assert 0 <= late <= most

@@ -77,7 +77,6 @@ def test_narrow_ways_are_followed_at_any_speed(make, route, speed, bands):
     hips = scene.path(route, speed=speed)
     pull, truth = play(engine_of(scene), hips).proxy - hips, scene.truth(hips, R) - hips
     over = np.linalg.norm(pull, axis=1) - np.linalg.norm(truth, axis=1)
-    print(f"{scene.name} {route} at {speed} m/s: {1e6 * over.max():.0f} um late at most")
     assert over.max() <= bands * play_band(scene)
 
 

@@ -95,10 +95,6 @@ def tips_of(made):
     return [np.array(text.xy) - text.xyann for text in arrows]
 
 
-def marker_places(made):
-    return next(x for x in made.axes[0].lines if x.get_label() == "marker").get_xydata()
-
-
 def slice_in_patient():
     place = np.zeros((4, 3))
     place[:3, 0] = [0, 0.3e-3, 0.4e-3]
@@ -119,7 +115,8 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
     offset = registration.source - place[:3, 2]
     expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])
-    np.testing.assert_allclose(marker_places(made), expected, atol=1e-9)
+    [markers] = [x for x in made.axes[0].lines if x.get_label() == "marker"]
+    np.testing.assert_allclose(markers.get_xydata(), expected, atol=1e-9)
     assert any("mm in the slice" in text for text in texts(made))
 
 
