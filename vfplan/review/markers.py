@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -221,14 +222,12 @@ class Fit:
         return self.with_markers(tuple(markers))
 
     def with_markers(self, markers: tuple[Marker, ...]) -> Fit:
-        """The fit of other markers."""
+        """The fit of other markers; raises `SettingError` for a label that two of them have."""
+        for label, count in Counter(marker.label for marker in markers).items():
+            if count > 1:
+                text = f"There is a marker {label!r} already. Give each its own label."
+                raise SettingError(text, code="label-exists")
         return replace(self, markers=markers, given=None)
-
-    def refuse_label(self, label: str, besides: str | None = None) -> None:
-        """Raise `SettingError` for a label that another marker has."""
-        if label != besides and label in [marker.label for marker in self.markers]:
-            text = f"There is a marker {label!r} already. Give each its own label."
-            raise SettingError(text, code="label-exists")
 
 
 def size_of(plane: NDArray) -> float:

@@ -741,29 +741,24 @@ def source_of_bundle(
             f"{command_of('review', path, '--sheet-out', 'sheet.png')}"
         )
         raise InputError(text, where=str(path), code="no-drawn-curve")
-    slice_image = None
+    image, spacing = None, fixture.image and fixture.image.pixel_spacing_mm
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
-        slice_image = read_slice(slice_path, extraction_of(fixture, extraction))
-        slice_image = flat_as_planned(slice_image, known)
+        image = flat_as_planned(read_slice(slice_path, extraction_of(fixture, extraction)), known)
         with naming_place(slice_path):
-            check_slice(fixture, slice_image)
-        if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
-            spacing = fixture.image.pixel_spacing_mm
-            slice_image = replace(slice_image, pixel_spacing_mm=spacing)
-        sha256["slice"] = slice_image.sha256
+            check_slice(fixture, image)
+        if spacing is not None:
+            image = replace(image, pixel_spacing_mm=spacing)
+        sha256["slice"] = image.sha256
     with naming_place(path):
-        geometry = geometry_of_bundle(fixture, slice_image, extraction)
+        geometry = geometry_of_bundle(fixture, image, extraction)
     geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
-    image = slice_image
     if image is None:
         # A blank picture of the slice's size.
-        spacing = None
         points = np.concatenate([stroke.points for stroke in geometry.strokes])
         width, height = (points.max(axis=0) + 50).astype(int).tolist()
         if fixture.image is not None:
             width, height = fixture.image.width_px, fixture.image.height_px
-            spacing = fixture.image.pixel_spacing_mm
         rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
         image = PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
 

@@ -128,9 +128,7 @@ def geometry_in_words(plan: Plan) -> str:
             words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
     if not plan.strokes:
-        mesh = plan.fixture.mesh
-        of_mesh = "" if mesh is None else f", {len(mesh)} triangles"
-        parts = [f"{len(plan.fixture.points)} points{of_mesh}"]
+        parts = [f"{len(plan.fixture.points)} points"]
     return ". ".join(parts)
 
 
@@ -142,12 +140,10 @@ def markers_in_words(fixture: Fixture) -> str:
     left_out, labels = labels_left_out(fixture), registration.labels
     used = [number for number, label in enumerate(labels) if label not in left_out]
     worst = max(used, key=lambda number: registration.residuals_m[number])
-    words = f"{len(used)}"
-    if len(used) < len(labels):
-        words += f" of {len(labels)}"
+    rms, largest = registration.fre_rms_m, registration.residuals_m[worst]
     return (
-        f"{words}, {registration.model}; residual {registration.fre_rms_m * 1e3:.2f} mm rms, "
-        f"largest {registration.residuals_m[worst] * 1e3:.2f} mm at {labels[worst]}"
+        f"{len(used)} of {len(labels)}, {registration.model}; residual {millimetres(rms, 2)} rms, "
+        f"largest {millimetres(largest, 2)} at {labels[worst]}"
     )
 
 
@@ -166,14 +162,22 @@ def error_in_words(plan: Plan) -> str:
 
 
 def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> float:
-    """What to look for at the ends, and the numbers of the plan."""
+    """What to look for at the ends, and the numbers of the plan.
+
+    Where there is room, a number stands beside its heading.
+    """
     facts = facts_of(plan)
     if plan.image is not None and any(len(stroke.end_points) for stroke in plan.strokes):
         facts.insert(0, ("Look at each end", WHAT_TO_LOOK_FOR))
     for heading, words in facts:
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
         sheet.text(x, y, heading, HEADING)
-        y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
+        heading_width = HEADING.width_of(f"{heading}  ")
+        if heading_width + BODY.width_of(words) <= width:
+            sheet.text(x + heading_width, y + HEADING.baseline - BODY.baseline, words)
+            y += HEADING.line_height + 10
+        else:
+            y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
     return y
 
 

@@ -204,16 +204,16 @@ def draw(plan: Plan, step: Step) -> Plan:
     clicks = clicks_of(plan, step, closed)
     geometry = plan.geometry
     path = np.clip(path_through(np.array(clicks), closed), -0.5, far_corner(plan))
-    is_apart = adds or replaces or not geometry.strokes
-    if not is_apart and not closed:
-        number = stroke_met(geometry, path)
-        return with_stroke(plan, number, geometry.strokes[number].redraw(path, geometry.ink))
-    stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
-    if not is_apart:
-        return with_stroke(plan, stroke_met(geometry, path), stroke)
-    if adds:
-        return with_strokes(plan, (*geometry.strokes, stroke))
-    return with_strokes(plan, (stroke,))
+    if adds or replaces or not geometry.strokes:
+        stroke = MendedStroke.of(measured(path, closed, geometry.ink, (True, True)))
+        kept = geometry.strokes if adds else ()
+        return with_strokes(plan, (*kept, stroke))
+    number = stroke_met(geometry, path)
+    if closed:
+        stroke = MendedStroke.of(measured(path, True, geometry.ink, (True, True)))
+    else:
+        stroke = geometry.strokes[number].redraw(path, geometry.ink)
+    return with_stroke(plan, number, stroke)
 
 
 def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
@@ -390,10 +390,8 @@ def move_marker(plan: Plan, step: Step) -> Plan:
 
 def add_marker(plan: Plan, step: Step) -> Plan:
     """Add a marker; the registration uses it once both of its positions are known."""
-    fit, label = plan.fit, label_of(step, "label")
-    fit.refuse_label(label)
-    markers = (*fit.markers, Marker(label, **positions_of(plan, step, "at")))
-    return replace(plan, fit=fit.with_markers(markers))
+    marker = Marker(label_of(step, "label"), **positions_of(plan, step, "at"))
+    return replace(plan, fit=plan.fit.with_markers((*plan.fit.markers, marker)))
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
@@ -405,9 +403,7 @@ def delete_marker(plan: Plan, step: Step) -> Plan:
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
     """Give a marker another label."""
-    label = label_of(step, "label")
-    plan.fit.refuse_label(label, besides=step.get("marker"))
-    return with_marker(plan, step, label=label)
+    return with_marker(plan, step, label=label_of(step, "label"))
 
 
 def leave_out_marker(plan: Plan, step: Step) -> Plan:

@@ -370,8 +370,8 @@ class SliceInk:
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
     """The stroke along a path that no ink confirms."""
     points = evenly(path, closed)
-    count = len(points)
-    return Stroke(points, closed, np.full(count, HAND_SIGMA_PX), edited=np.ones(count, bool))
+    sigma = np.full(len(points), HAND_SIGMA_PX)
+    return Stroke(points, closed, sigma, edited=sigma > 0)
 
 
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
