@@ -398,7 +398,7 @@ def refined(
     Every longer side is halved, in both triangles it belongs to, until none is left; the new points
     follow the corners. Raises `ValueError` when that takes more than a bundle may hold.
     """
-    return _core.refined(*drawn(points, triangles), spacing)
+    return _core.sampled(*drawn(points, triangles), 0.0, spacing)
 
 
 # --- Mesh files ---------------------------------------------------------------------------------

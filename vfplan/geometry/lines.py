@@ -297,7 +297,9 @@ class Arcs:
         """(T,) distance of the positions x (T, 2) from the pieces."""
         vertices, places = np.insert(self.vertices, 2, 0, 1), np.insert(x, 2, 0, 1)
         stroke, closed = np.zeros_like(self.bulges, np.int32), np.uint8([self.closed])
-        return _core.distance_to_pieces(vertices, self.bulges, stroke, closed, np.eye(3)[2], places)
+        settings = _core.Parameters(stiffness=np.ones(3), ignore_axis=np.eye(3)[2])
+        pieces = _core.Engine(vertices, self.bulges, stroke, closed, settings)
+        return pieces.distance(places)
 
 
 def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:

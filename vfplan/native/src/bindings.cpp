@@ -23,13 +23,13 @@ vfplan::mesh::Surface surface(const Rows& points, const Triples& triangles) {
     return {points.data(), points.shape(0), triangles.data(), triangles.shape(0)};
 }
 
-// Points (N, 3) and triangles (K, 3) of the mesh that `make` makes, without the GIL.
-template <class Make>
-nb::tuple arrays_of(const Make& make) {
+// Points (N, 3) and triangles (K, 3) of the same surface, sampled.
+nb::tuple sampled(const Rows& points, const Triples& triangles, double cover,
+                  std::optional<double> longest_side) {
     vfplan::mesh::OwnedSurface made;
     {
         nb::gil_scoped_release release;
-        made = make();
+        made = vfplan::mesh::sampled(surface(points, triangles), cover, longest_side);
     }
     const std::size_t n = made.points.size() / 3, k = made.triangles.size() / 3;
     return nb::make_tuple(array(std::move(made.points), {n, 3}),
@@ -81,16 +81,6 @@ nb::object each(const Rows& points, F&& number) {
             all[i] = number(vfplan::point_at(points.data(), i));
     }
     return array(std::move(all), {points.shape(0)});
-}
-
-// Distances (T,) of points (T, 3) from lines and arcs, across an axis.
-nb::object distance_to_pieces(const Rows& vertices, const Numbers& bulges, const Ids& stroke,
-                              const Flags& closed, const vfplan::Vec3& axis, const Rows& points) {
-    const std::vector<vfplan::Stroke> all = strokes(vertices, bulges, stroke, closed);
-    vfplan::check(all);
-    const vfplan::Slice space(axis);
-    const vfplan::curve::Curve curve(all, space, 1);
-    return each(points, [&](const vfplan::Vec3& x) { return curve.distance(space.project(x)); });
 }
 
 nb::object distance(Engine& engine, const Rows& points) {
@@ -193,22 +183,9 @@ NB_MODULE(_core, m) {
         },
         "points"_a, "triangles"_a, "parameters"_a,
         "facets too coarse to be smoothed, and the sagitta of the coarsest [m]");
-    m.def(
-        "refined",
-        [](const Rows& points, const Triples& triangles, double longest_side) {
-            return arrays_of([&] {
-                return vfplan::mesh::Refinement(surface(points, triangles), longest_side, 0).take();
-            });
-        },
-        "points"_a, "triangles"_a, "longest_side"_a, "the same surface, no side longer [m]");
-    m.def(
-        "sampled",
-        [](const Rows& points, const Triples& triangles, double cover) {
-            return arrays_of(
-                [&] { return vfplan::mesh::sampled(surface(points, triangles), cover); });
-        },
-        "points"_a, "triangles"_a, "cover"_a,
-        "samples of a mesh, no place of it farther from one [m], and triangles between them");
+    m.def("sampled", &sampled, "points"_a, "triangles"_a, "cover"_a, "longest_side"_a = nb::none(),
+          "samples of a mesh, no place of it farther from one [m], and triangles between them; or "
+          "those of which no side is longer [m]");
     m.def(
         "use_width", [](int width) { vfplan::use_width(static_cast<vfplan::Width>(width)); },
         "width"_a,
@@ -217,9 +194,6 @@ NB_MODULE(_core, m) {
     m.attr("largest_coordinate") = vfplan::largest_coordinate;
     m.attr("finest_band") = vfplan::finest_band;
     m.attr("max_tick_time") = vfplan::max_tick_time;
-
-    m.def("distance_to_pieces", &distance_to_pieces, "vertices"_a, "bulges"_a, "stroke"_a,
-          "closed"_a, "axis"_a, "points"_a, "distances from lines and arcs [m]");
 
     nb::class_<Engine> engine(m, "Engine");
     engine

@@ -6,6 +6,8 @@
 // A page fills what `array` gives, calls `make`, then `step` for each tick, and reads the answer
 // where `step` points to. Arrays that no engine takes end the module with a message on stderr.
 
+#include <variant>
+
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"
 
@@ -75,8 +77,7 @@ std::vector<vfplan::Stroke> strokes(const Array& rows, const Array& ties) {
 
 /// An engine or a guide, and its last answer: proxy, normal, force, state, status.
 struct Rendered {
-    std::optional<vfplan::Engine> engine;
-    std::optional<vfplan::Guide> guide;
+    std::variant<vfplan::Engine, vfplan::Guide> what;
     double answer[11] = {};
 };
 
@@ -118,41 +119,35 @@ EXPORTED(free_array) void free_array(Array* array) { delete array; }
 EXPORTED(make)
 Rendered* make(int shape_number, const Array* parameters, const Array* rows, const Array* ties) {
     const auto shape = static_cast<Shape>(shape_number);
-    auto* made = new Rendered;
     if (shape == Shape::guide_points || shape == Shape::guide_pieces)
-        made->guide.emplace(guide_of(shape, *parameters, *rows, *ties));
-    else
-        made->engine.emplace(engine_of(shape, *parameters, *rows, *ties));
-    return made;
+        return new Rendered{guide_of(shape, *parameters, *rows, *ties)};
+    return new Rendered{engine_of(shape, *parameters, *rows, *ties)};
 }
 
 EXPORTED(free_rendered) void free_rendered(Rendered* rendered) { delete rendered; }
 
 EXPORTED(reset) void reset(Rendered* rendered, double x, double y, double z) {
-    if (rendered->guide)
-        rendered->guide->reset({{x, y, z}});
-    else
-        rendered->engine->reset({{x, y, z}});
+    std::visit([&](auto& it) { it.reset({{x, y, z}}); }, rendered->what);
 }
 
 /// One tick. A guide has no normal, and its state is 1 where it has hold of the tip.
 EXPORTED(step) const double* step(Rendered* rendered, double x, double y, double z) {
-    vfplan::Step s;
-    int state;
-    if (rendered->guide) {
-        const vfplan::GuideStep g = rendered->guide->step({{x, y, z}});
-        s.proxy = g.proxy;
-        s.force = g.force;
-        s.status = g.status;
-        state = g.held;
-    } else {
-        s = rendered->engine->step({{x, y, z}});
-        state = static_cast<int>(s.state);
-    }
     double* out = rendered->answer;
-    for (const Vec3* v : {&s.proxy, &s.normal, &s.force})
-        for (int i = 0; i < 3; ++i) *out++ = (*v)[i];
-    *out++ = state;
-    *out = s.status;
+    const auto tick = [&](auto& it) {
+        const auto s = it.step({{x, y, z}});
+        Vec3 normal;
+        int state;
+        if constexpr (requires { s.held; }) {
+            state = s.held;
+        } else {
+            normal = s.normal;
+            state = static_cast<int>(s.state);
+        }
+        for (const Vec3* v : {&s.proxy, &std::as_const(normal), &s.force})
+            for (int i = 0; i < 3; ++i) *out++ = (*v)[i];
+        *out++ = state;
+        *out = s.status;
+    };
+    std::visit(tick, rendered->what);
     return rendered->answer;
 }

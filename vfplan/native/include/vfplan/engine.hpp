@@ -80,21 +80,9 @@ class Engine {
         if (impl_) impl_->set_skin(surface);
     }
 
-    Engine(Engine&& other) noexcept { *this = std::move(other); }
-    /// Of two engines that no loop steps.
-    Engine& operator=(Engine&& other) noexcept {
-        if (this == &other) return *this;
-        was_given_ = std::exchange(other.was_given_, true);
-        delete changes_.exchange(other.changes_.exchange(nullptr));
-        impl_ = std::move(other.impl_);
-        previous_ = std::move(other.previous_);
-        numbers_ = std::move(other.numbers_);
-        parameters_ = other.parameters_;
-        last_ = other.last_;
-        gate_ = other.gate_;
-        return *this;
-    }
-    ~Engine() { delete changes_.load(); }
+    /// Of engines that no loop steps.
+    Engine(Engine&&) noexcept = default;
+    Engine& operator=(Engine&&) noexcept = default;
 
     /// Puts the proxy at `hip` [m], wherever that is. A bad HIP (not finite, or beyond 1e6 m)
     /// leaves it unplaced: the first good one of a step is then its start.
@@ -102,34 +90,28 @@ class Engine {
         if (!impl_) return;
         last_ = {};
         gate_.reset(hip);
-        if (auto* changes = changes_.load(std::memory_order_acquire)) {
-            while (apply_next(*changes, true)) continue;
-            changes->force_ramp.stop();
-            if (previous_) changes->retire(previous_.release());
-        }
+        while (apply_next(true)) continue;
+        changes_->force_ramp.stop();
+        if (previous_) changes_->retire(previous_.release());
         impl_->reset(hip);
     }
 
     /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
         if (!impl_) return {.status = Status::bad_hip};
-        auto* changes = changes_.load(std::memory_order_acquire);
-        if (changes) {
-            for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
-                if (!apply_next(*changes)) break;
-        }
+        for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
+            if (!apply_next()) break;
         const bool jumps = gate_.refuses(hip, impl_->parameters.max_hip_step);
         Step s = impl_->step(jumps ? HipGate::nowhere : hip);
         if (jumps) s.status = Status::jumped;
-        const bool is_led = changes && last_.is_placed;
         if (s.status & (Status::bad_hip | Status::jumped)) {
-            if (is_led) std::tie(s.proxy, s.force) = std::tie(last_.proxy, last_.force);
+            if (last_.is_placed) std::tie(s.proxy, s.force) = std::tie(last_.proxy, last_.force);
             return s;
         }
-        if (is_led)
-            changes->force_ramp.limit_force(s, impl_->parameters, last_.force,
-                                            norm(hip - gate_.last));
-        if (previous_ && !(s.status & Status::inside)) changes->retire(previous_.release());
+        if (last_.is_placed)
+            changes_->force_ramp.limit_force(s, impl_->parameters, last_.force,
+                                             norm(hip - gate_.last));
+        if (previous_ && !(s.status & Status::inside)) changes_->retire(previous_.release());
         last_ = {s.proxy, s.force, true};
         gate_.reset(hip);
         return s;
@@ -141,12 +123,12 @@ class Engine {
         other.check_given();
         auto& c = changes();
         if (c.queue.free_slots() == 0) return false;
-        if (auto* theirs = other.changes_.load())
-            while (other.apply_next(*theirs, true)) continue;
+        while (other.apply_next(true)) continue;
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
-        other.was_given_ = true;
-        return c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
+        c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
+        other.changes_.reset();
+        return true;
     }
 
     /// Changes the diagonal of K [N/m]; false, and nothing done, where 4096 changes wait.
@@ -190,14 +172,10 @@ class Engine {
     /// Number of changes that the loop has taken up: an exchange, a point that went or came, is
     /// one.
     std::uint64_t changes_applied() const noexcept {
-        const auto* changes = changes_.load(std::memory_order_acquire);
-        return changes ? changes->applied.load(std::memory_order_relaxed) : 0;
+        return changes_ ? changes_->applied.load(std::memory_order_relaxed) : 0;
     }
     /// The editor's: number of changes handed over that the loop has not taken up.
-    std::size_t changes_pending() const noexcept {
-        const auto* changes = changes_.load(std::memory_order_relaxed);
-        return changes ? changes->queue.size() : 0;
-    }
+    std::size_t changes_pending() const noexcept { return changes_ ? changes_->queue.size() : 0; }
 
     /// R of what the loop renders [m].
     double radius() const noexcept { return impl_ ? impl_->parameters.R() : 0; }
@@ -213,7 +191,7 @@ class Engine {
     /// Distance from x to the nearest geometry [m]; infinity of an engine that was given away.
     double distance(const Vec3& x) const noexcept { return impl_ ? impl_->distance(x) : infinity; }
     /// Whether it was given to `exchange`, or moved from.
-    bool was_exchanged() const noexcept { return was_given_; }
+    bool was_exchanged() const noexcept { return !changes_; }
 
   private:
     struct LastTick {
@@ -234,24 +212,19 @@ class Engine {
     }
 
     void check_given() const {
-        if (was_given_)
-            reject("this engine was given away, and renders nothing. Make another one.");
+        if (!changes_) reject("this engine was given away, and renders nothing. Make another one.");
     }
     /// The editor's: what it has for the loop, without what the loop gave back.
     detail::PendingChanges& changes() {
         check_given();
-        auto* changes = changes_.load(std::memory_order_relaxed);
-        if (!changes) {
-            changes = new detail::PendingChanges;
-            changes_.store(changes, std::memory_order_release);
-        }
-        changes->delete_retired();
-        return *changes;
+        changes_->delete_retired();
+        return *changes_;
     }
 
     /// The loop's: takes up the oldest change; false when there is none, or it waits: unless it is
     /// to come `at_once`, an exchange may do so until the way out that one before began is known.
-    bool apply_next(detail::PendingChanges& changes, bool at_once = false) noexcept {
+    bool apply_next(bool at_once = false) noexcept {
+        detail::PendingChanges& changes = *changes_;
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
         const double stiffness = impl_->parameters.stiffest();
@@ -284,10 +257,10 @@ class Engine {
     detail::ImplPtr previous_;  // until the proxy is out of impl_
     LastTick last_;
     HipGate gate_;  // has the last good HIP
-    std::atomic<detail::PendingChanges*> changes_{nullptr};
+    /// None of an engine that was given away.
+    std::unique_ptr<detail::PendingChanges> changes_ = std::make_unique<detail::PendingChanges>();
     std::unique_ptr<detail::PointNumbers> numbers_;  // the editor's, as what follows
     Parameters parameters_;
-    bool was_given_ = false;
 };
 
 }  // namespace vfplan::inline v1

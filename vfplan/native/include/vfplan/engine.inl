@@ -150,9 +150,6 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
     double distance(const Vec3& x) noexcept override {
         return this->rule_.motion().distance(this->space_.project(x));
     }
-    double distance_within(const Vec3& x, double reach) noexcept override {
-        return std::min(distance(x), reach);
-    }
 };
 
 template <class Space>

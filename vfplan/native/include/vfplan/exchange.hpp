@@ -43,13 +43,14 @@ struct EngineImpl {
     /// Distance from x to the geometry [m].
     virtual double distance(const Vec3& x) noexcept = 0;
     /// The same, or `reach` where that is less [m].
-    virtual double distance_within(const Vec3& x, double reach) noexcept = 0;
+    virtual double distance_within(const Vec3& x, double reach) noexcept {
+        return std::min(distance(x), reach);
+    }
     bool is_outside(const Vec3& x) noexcept {
         return distance_within(x, parameters.R()) >= parameters.R() - 2 * parameters.band;
     }
 
-    Parameters parameters;       ///< of the loop: of a mesh with the band of its smooth body
-    EngineImpl* next = nullptr;  ///< in the list of those that are retired
+    Parameters parameters;  ///< of the loop: of a mesh with the band of its smooth body
 };
 
 using ImplPtr = std::unique_ptr<EngineImpl>;
@@ -107,7 +108,7 @@ struct PendingChanges {
     static constexpr int max_a_tick = 64;
 
     SpscQueue<PendingChange> queue{capacity};
-    std::atomic<EngineImpl*> retired{nullptr};
+    SpscQueue<EngineImpl*> retired{2 * capacity};  // as many as may wait, and those before
     std::atomic<std::uint64_t> applied{0};
     ForceRamp force_ramp;
 
@@ -115,15 +116,11 @@ struct PendingChanges {
         for (; const PendingChange* c = queue.front(); queue.pop()) delete c->engine;
         delete_retired();
     }
-    /// Gives an engine back, in the loop. The loop alone does, so it never has to try again.
-    void retire(EngineImpl* old) noexcept {
-        old->next = retired.exchange(nullptr, std::memory_order_acquire);
-        retired.store(old, std::memory_order_release);
-    }
+    /// Gives an engine back, in the loop.
+    void retire(EngineImpl* old) noexcept { retired.push(old); }
     /// Deletes what was given back, in the editor's thread.
     void delete_retired() noexcept {
-        EngineImpl* old = retired.exchange(nullptr, std::memory_order_acquire);
-        while (old) delete std::exchange(old, old->next);
+        for (; EngineImpl* const* old = retired.front(); retired.pop()) delete *old;
     }
 };
 

@@ -90,12 +90,6 @@ class Content : std::map<std::string, Value, std::less<>> {
     void put(std::string_view path, Value value) {
         insert_or_assign(std::string(path), std::move(value));
     }
-    /// Moves a value out; throws Absent if there is none.
-    Value take(std::string_view path) {
-        const auto found = map::find(path);
-        if (found == end()) throw Absent(std::string(path));
-        return std::move(extract(found).mapped());
-    }
 };
 
 /// A stroke of the drawn curve: `count` points from the `first` on.

@@ -174,27 +174,23 @@ class Thinning {
         kept_[i] = true;
     }
     /// Calls f(NearPoint) for every kept point within half a cell of p, and for some others, until
-    /// f returns false.
+    /// f returns false; true if it never does.
     template <class F>
-    void visit(const Vec<D>& p, F&& f) const noexcept {
+    bool visit(const Vec<D>& p, F&& f) const noexcept {
         const Cell low = cell(p, 0.5);
         for (int corner = 0; corner < 1 << D; ++corner) {
             Cell c = low;
             for (int k = 0; k < D; ++k) c[k] += corner >> k & 1;
             for (std::uint32_t j = first_[head(c)]; j != end_of_chain; j = points_[j].next) {
                 const Vec<D> d = points_[j].at - p;
-                if (!f(NearPoint{dot(d, d), d})) return;
+                if (!f(NearPoint{dot(d, d), d})) return false;
             }
         }
+        return true;
     }
     /// Whether no kept point is nearer to point i than the square root of `apart2`.
     bool is_alone(std::uint32_t i, double apart2) const noexcept {
-        bool is_alone = true;
-        visit(cloud_[i], [&](const NearPoint& q) {
-            is_alone = !(q.d2 < apart2);
-            return is_alone;
-        });
-        return is_alone;
+        return visit(cloud_[i], [&](const NearPoint& q) { return !(q.d2 < apart2); });
     }
 
     /// Whether kept points cover point i, so that it is not needed.

@@ -60,10 +60,7 @@ class Curve {
         tree_.build(features_.size(), [this](std::size_t i) { return features_[i].box; });
     }
 
-    template <class Index>
-    const Feature& operator[](Index i) const noexcept {
-        return features_[static_cast<std::size_t>(i)];
-    }
+    const Feature& operator[](std::size_t i) const noexcept { return features_[i]; }
     std::size_t size() const noexcept { return features_.size(); }
     const BoundsTree<Box<2>>& tree() const noexcept { return tree_; }
     std::size_t bytes() const noexcept {

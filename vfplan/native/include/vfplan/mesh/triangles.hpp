@@ -164,9 +164,11 @@ class Refinement {
 /// Samples of a mesh and the triangles between them: no place of it is farther than `cover` [m]
 /// from the nearest sample. Sides that no triangle needs halved stay, so that a mesh that is fine
 /// enough comes back as it is. Throws std::invalid_argument if that takes more than `max_samples`.
-inline OwnedSurface sampled(const Surface& s, double cover) {
+/// `longest_side` [m]: of a triangle that is to be cut; without one, what the cover allows.
+inline OwnedSurface sampled(const Surface& s, double cover,
+                            std::optional<double> longest_side = {}) {
     // No place of a triangle is farther from its corners than its longest side over sqrt(3).
-    return Refinement(s, std::sqrt(3.0) * cover, cover).take();
+    return Refinement(s, longest_side.value_or(std::sqrt(3.0) * cover), cover).take();
 }
 
 struct Triangle {
@@ -235,13 +237,9 @@ class Mesh {
         for (std::size_t i = 0; i < 3 * s.k; ++i)
             faces_[i / 3][i % 3] = static_cast<std::uint32_t>(s.triangles[i]);
         for (std::size_t row = 0; row < s.n; ++row) corners_[row] = point_at(s.points, row);
-        const auto disc_of = [this](std::size_t first, std::size_t last) {
-            return disc(first, last);
-        };
-        const auto sort = [this](std::size_t first, std::size_t last) {
-            sort_along_longest_side(first, last);
-        };
-        tree_.build(0, s.k, disc_of, sort);
+        tree_.build(
+            0, s.k, [this](auto first, auto last) { return disc(first, last); },
+            [this](auto first, auto last) { sort_along_longest_side(first, last); });
         triangles_.reserve(s.k);
         for (const auto& [a, b, c] : faces_)
             triangles_.emplace_back(corners_[a], corners_[b], corners_[c]);

@@ -139,12 +139,9 @@ class PaperRule {
     /// Eq. (7): the way out along n.
     double leave(const Vec<D>& proxy, const Vec<D>& n) noexcept {
         const double R = p_.R(), inside = p_.r1() + p_.point_radius;
-        double most = 0;
-        bool any = false;
+        double most = -infinity;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
-            const double d = kernels<D>.last_root_eq7(s, proxy, n, inside * inside, R * R);
-            most = any ? std::max(most, d) : d;
-            any = true;
+            most = std::max(most, kernels<D>.last_root_eq7(s, proxy, n, inside * inside, R * R));
         });
         return std::isfinite(most) ? most : 0;
     }
