@@ -28,6 +28,22 @@ inline constexpr std::int64_t motion = 180000;
 inline constexpr std::int64_t way_out = 150000;
 }  // namespace work
 
+/// What looks at a stretch of points, behind one type: the search for them is compiled once.
+template <int D>
+class SpanVisitor {
+  public:
+    template <class F>
+    SpanVisitor(const F& f) noexcept
+        : f_(&f), call_([](const void* f, const PointSpan<D>& span) noexcept {
+              (*static_cast<const F*>(f))(span);
+          }) {}
+    void operator()(const PointSpan<D>& span) const noexcept { call_(f_, span); }
+
+  private:
+    const void* f_;
+    void (*call_)(const void*, const PointSpan<D>&) noexcept;
+};
+
 /// The points of a cloud, found by place. How it looks is chosen once: point by point; on a grid;
 /// or on a grid from which points may be taken away, with a list of those that were added.
 template <int D>
@@ -90,8 +106,7 @@ class PointIndex {
 
     /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
     /// more.
-    template <class F>
-    void visit(const Vec<D>& x, double reach, F&& f) const noexcept {
+    void visit(const Vec<D>& x, double reach, SpanVisitor<D> f) const noexcept {
         const auto count = [&](const PointSpan<D>& span) noexcept {
             budget_.spend(work::span + span.n);
             f(span);
@@ -241,8 +256,7 @@ class Neighbours {
 
     /// Calls f(PointSpan) for stretches that together hold every point within `reach` of x, and
     /// more.
-    template <class F>
-    void visit(const Vec<D>& x, double reach, F&& f) noexcept {
+    void visit(const Vec<D>& x, double reach, SpanVisitor<D> f) noexcept {
         if (!is_list_enough(x, reach)) return index_.visit(x, reach, f);
         index_.budget().spend(work::span + count_);
         f(list_.span(0, count_));
