@@ -130,7 +130,7 @@ def starts():
     yield "in a filled ball", np.random.default_rng(1).normal(size=(3000, 3)) * 4e-3, [0, 0, 0]
 
 
-@pytest.mark.parametrize(("name", "points", "start"), starts(), ids=[s[0] for s in starts()])
+@pytest.mark.parametrize(("name", "points", "start"), [*starts()], ids=[s[0] for s in starts()])
 def test_a_start_inside_is_told_and_left_without_a_force_jump(name, points, start):
     """A resting hand: out in a second at most, the status says so, and then all is still."""
     engine = ProxyEngine(points)

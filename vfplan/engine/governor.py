@@ -113,15 +113,13 @@ class Governor:
                 f"torque_step_nm and torque_max_nm are of {joints} and {others} joints. Give both "
                 "for the same joints."
             )
-        limits = _core.GovernorLimits(
-            force_step=real_number("force_step_n", force_step_n),
-            force_max=real_number("force_max_n", force_max_n),
-            stiffness=real_number("stiffness_n_per_m", stiffness_n_per_m),
-            mass=real_number("mass_kg", mass_kg),
-            period=1 / number("rate_hz", rate_hz, "Hz", above=0.0),
-            torque_step=steps,
-            torque_max=maxima,
-        )
+        limits = _core.GovernorLimits()
+        limits.force_step = real_number("force_step_n", force_step_n)
+        limits.force_max = real_number("force_max_n", force_max_n)
+        limits.stiffness = real_number("stiffness_n_per_m", stiffness_n_per_m)
+        limits.mass = real_number("mass_kg", mass_kg)
+        limits.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
+        limits.torque_step, limits.torque_max = steps, maxima
         # The smallest `force_step_n` that is passive with the other settings [N].
         self.least_passive_step_n = limits.least_passive_step
         with core_settings(force_step="n", force_max="n", stiffness="n_per_m", mass="kg",

@@ -1,6 +1,7 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
 // The Python face of what stands beside an engine: guide, governor and moving frame. No logic here.
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/vector.h>
 
 #include "ticks.hpp"
@@ -25,8 +26,6 @@ nb::object tight_bend(const Guide& guide) {
     return nb::make_tuple(n.strand, n.arc, n.at + guide.along_axis());
 }
 
-using Joints = nb::ndarray<const double, nb::shape<vfplan::GovernorLimits::max_joints>,
-                           nb::c_contig, nb::device::cpu>;
 using Jacobians = nb::ndarray<const double, nb::shape<-1, 3, -1>, nb::c_contig, nb::device::cpu>;
 
 // Torque (T, n); and force (T, 3), what was held back and status (T,).
@@ -126,21 +125,14 @@ void bind_beside(nb::module_& m) {
     using vfplan::GovernorLimits;
     m.attr("most_joints") = GovernorLimits::max_joints;
     nb::class_<GovernorLimits>(m, "GovernorLimits", "what an arm takes, SI")
-        .def(
-            "__init__",
-            [](GovernorLimits* self, double force_step, double force_max, double stiffness,
-               double mass, double period, const Joints& torque_step, const Joints& torque_max) {
-                new (self) GovernorLimits;
-                self->force_step = force_step;
-                self->force_max = force_max;
-                self->stiffness = stiffness;
-                self->mass = mass;
-                self->period = period;
-                std::copy_n(torque_step.data(), GovernorLimits::max_joints, self->torque_step);
-                std::copy_n(torque_max.data(), GovernorLimits::max_joints, self->torque_max);
-            },
-            nb::kw_only(), "force_step"_a, "force_max"_a, "stiffness"_a, "mass"_a, "period"_a,
-            "torque_step"_a, "torque_max"_a)
+        .def(nb::init<>())
+        .def_rw("force_step", &GovernorLimits::force_step)
+        .def_rw("force_max", &GovernorLimits::force_max)
+        .def_rw("stiffness", &GovernorLimits::stiffness)
+        .def_rw("mass", &GovernorLimits::mass)
+        .def_rw("period", &GovernorLimits::period)
+        .def_rw("torque_step", &GovernorLimits::torque_step)
+        .def_rw("torque_max", &GovernorLimits::torque_max)
         .def_prop_ro("least_passive_step", &GovernorLimits::least_passive_step);
     nb::class_<Governor>(m, "Governor")
         .def(nb::init<const GovernorLimits&>())

@@ -71,21 +71,16 @@ bool exchange(Engine& engine, Engine& other) {
     return engine.exchange(std::move(other));
 }
 
-// A number (T,) for each of some points (T, 3).
-template <class F>
-nb::object each(const Rows& points, F&& number) {
+// A number (T,) for each of some points (T, 3) [m].
+nb::object distance(Engine& engine, const Rows& points) {
+    const Use turn(engine);
     std::vector<double> all(points.shape(0));
     {
         nb::gil_scoped_release release;
         for (std::size_t i = 0; i < all.size(); ++i)
-            all[i] = number(vfplan::point_at(points.data(), i));
+            all[i] = engine.distance(vfplan::point_at(points.data(), i));
     }
     return array(std::move(all), {points.shape(0)});
-}
-
-nb::object distance(Engine& engine, const Rows& points) {
-    const Use turn(engine);
-    return each(points, [&](const vfplan::Vec3& x) { return engine.distance(x); });
 }
 
 // OutOfRange -> the exception of Python of the same name, with (message, name, value) as arguments.

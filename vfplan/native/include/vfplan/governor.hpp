@@ -31,12 +31,13 @@ struct GovernorLimits {
     double mass = 1.0;          ///< least moving mass at the tip, the arm's alone [kg]
     double period = 1e-3;       ///< of one tick [s]
     /// Largest |change of torque| of each joint [N m], or infinity.
-    double torque_step[max_joints];
-    double torque_max[max_joints];  ///< largest |torque| of each joint [N m], or infinity
+    std::array<double, max_joints> torque_step;
+    std::array<double, max_joints>
+        torque_max;  ///< largest |torque| of each joint [N m], or infinity
 
     GovernorLimits() {
-        std::fill_n(torque_step, max_joints, infinity);
-        std::fill_n(torque_max, max_joints, infinity);
+        torque_step.fill(infinity);
+        torque_max.fill(infinity);
     }
     /// Least force_step with which a release of force_max gives no more than its spring had [N].
     double least_passive_step() const noexcept {
