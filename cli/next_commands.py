@@ -240,5 +240,6 @@ def typed_options(
             option = f"--{option_words(setting)[-1]}"
             if setting.name in chosen and option in takes_value and option not in leaving_out:
                 kept[setting.name] = instead.get(option, chosen[setting.name])
-        words += ["--settings", json.dumps(kept)]
+        if kept:
+            words += ["--settings", json.dumps(kept)]
     return words

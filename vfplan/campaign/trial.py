@@ -194,7 +194,7 @@ class Trials:
         normal = self.fixture.ignore_axis
         if normal is None:
             centred = self.fixture.points - self.fixture.points.mean(axis=0)
-            normal = np.linalg.svd(centred, full_matrices=False)[2][2]
+            normal = np.linalg.svd(centred, full_matrices=len(centred) < 3)[2][2]
         across = np.cross(along, normal)
         return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
 

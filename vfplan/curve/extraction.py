@@ -334,5 +334,6 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(
-        measured, points=points, sigma=sigma, bridged=None, hidden=None, is_ordered=False
-    )
+        measured, points=points, sigma=sigma, bridged=None, edited=None, hidden=None,
+        is_ordered=False,
+    )  # fmt: skip

@@ -259,6 +259,8 @@ def check_strokes(points: ArrayLike | Sequence[ArrayLike]) -> list[Vector]:
 
     Raises `SceneError` for anything else.
     """
+    if isinstance(points, np.ndarray) and points.dtype != object:
+        return [check_points(points)]
     if not isinstance(points, Sequence | np.ndarray) or len(points) == 0:
         raise SceneError(f"points is {points!r:.60}. Give (N, 3), or a sequence of such curves.")
     strokes = points if np.ndim(np.asarray(points[0], object)) > 1 else [points]

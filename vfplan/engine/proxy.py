@@ -400,14 +400,14 @@ class ProxyEngine:
         pieces: Pieces,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        *,
+        stiffness: float | ArrayLike = 1000.0,
         ignore_axis: str | ArrayLike | None = "z",
-        **settings: Any,
+        outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders lines and arcs [m] as they are.
 
-        The settings are those of the class: stiffness, outer_radius and max_hip_step. An axis must
-        be ignored. Raises as the class does.
+        The settings are those of the class, and an axis must be ignored. Raises as the class does.
         """
         shape = check_pieces(pieces)
         if ignore_axis is None:
@@ -415,8 +415,8 @@ class ProxyEngine:
                 "ignore_axis is None, and lines and arcs are planar. Name the axis across which "
                 "they lie."
             )
-        table = (contact_radius, None, point_radius)
-        return cls._with_shape(shape, table, ignore_axis=ignore_axis, **settings)
+        table = (contact_radius, None, point_radius, stiffness, "exact", ignore_axis, outer_radius)
+        return cls._with_shape(shape, table, max_hip_step)
 
     @classmethod
     def on(
@@ -425,23 +425,24 @@ class ProxyEngine:
         triangles: ArrayLike,
         contact_radius: float = 5e-3,
         point_radius: float = 0.0,
-        **settings: Any,
+        stiffness: float | ArrayLike = 1000.0,
+        outer_radius: float | None = None,
+        max_hip_step: float = 0.0,
     ) -> ProxyEngine:
         """Rule "exact": an engine that renders triangles, from both sides.
 
         `points` are the corners (N, 3) [m], and `triangles` (K, 3) are rows of them. The settings
-        are those of the class: stiffness, outer_radius and max_hip_step. Raises as the class does.
+        are those of the class. Raises as the class does.
         """
-        table = (contact_radius, None, point_radius)
-        shape = check_triangles(points, triangles)
-        return cls._with_shape(shape, table, ignore_axis=None, **settings)
+        table = (contact_radius, None, point_radius, stiffness, "exact", None, outer_radius)
+        return cls._with_shape(check_triangles(points, triangles), table, max_hip_step)
 
     @classmethod
     def _with_shape(
-        cls, shape: tuple[Any, ...], table: tuple[Any, ...], **settings: Any
+        cls, shape: tuple[Any, ...], table: tuple[Any, ...], max_hip_step: float
     ) -> ProxyEngine:
         """The engine of rule "exact" on what `check_pieces` or `check_triangles` returned."""
-        parameters = ProxyParameters.make(shape[0], *table, rule="exact", **settings)
+        parameters = ProxyParameters.make(shape[0], *table, max_hip_step=max_hip_step)
         engine = cls.__new__(cls)
         engine._points = len(shape[0])
         engine._source = None
@@ -507,6 +508,9 @@ class ProxyEngine:
             a step.
         """
         engine = ProxyEngine.of(other) if isinstance(other, Fixture) else other
+        if not isinstance(engine, ProxyEngine):
+            kind = type(other).__name__
+            raise SceneError(f"exchange for {kind}. Give another ProxyEngine, or a Fixture.")
         if engine is self:
             raise SceneError("exchange for itself. Give another ProxyEngine, or a Fixture.")
         if None not in (self._frame, engine._frame) and self._frame != engine._frame:

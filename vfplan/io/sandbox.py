@@ -28,7 +28,6 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NoReturn
 
@@ -46,6 +45,7 @@ except ImportError:  # Windows has none.
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing.connection import Connection
 
 # Bytes that a reader may take beyond what it shares with the helper. The libraries that are loaded
 # take about 200 MiB, and a block of any reader below 300 MiB.
@@ -87,6 +87,9 @@ def run_in_sandbox(
         streams = [stream_over(each.fileno(), each) for each in files]
         yield from pkgutil.resolve_name(job)(*streams, *args)
         return
+    # Late: it is slow to load.
+    from multiprocessing.connection import Connection
+
     read_end, write_end = os.pipe()
     with Connection(read_end, writable=False) as pipe:
         try:
@@ -224,6 +227,8 @@ def serve(descriptor: int) -> NoReturn:
 
 def run_job(function: Any, request: dict[str, Any], descriptors: list[int]) -> NoReturn:
     """Run a job in this process under limits, send what it yields, and end the process."""
+    from multiprocessing.connection import Connection
+
     try:
         with Connection(descriptors[0], readable=False) as pipe:
             try:

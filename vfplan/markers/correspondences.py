@@ -310,6 +310,13 @@ def parse_marker_table(
         spread = None
         if sigma:
             spread = _numbers(table, labels, [columns[name] for name in sigma])
+            for row, label, values in zip(table.rows, labels, spread, strict=True):
+                if not (values > 0).all():
+                    raise MarkerError(
+                        f"sigma of marker {label!r} is {values.min():g}. Give a number above 0",
+                        where=f"{where}, line {row.line}", code="sigma-range",
+                        numbers={"label": label},
+                    )  # fmt: skip
             sigma_unit = sigma[0].rsplit("_", 1)[-1] if sigma != ("sigma",) else unit
             spread = (spread if len(sigma) > 1 else spread[:, 0]) / PER_METRE[sigma_unit]
         positions = raw / PER_METRE[unit]

@@ -650,7 +650,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
 
     Raises `VfplanError` where the markers do not allow it.
     """
-    from vfplan.registration.rectify import flattening
+    from vfplan.registration.rectify import flattening, projected
 
     source, limit_m = plan.source, plan.fit.settings.max_residual_m
     flattened = flattening(plan.fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
@@ -659,10 +659,10 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     markers, given = list(plan.fit.markers), plan.fit.given
     for number, marker in enumerate(markers):
         if marker.place is not None:
-            place = flattened.places(np.array([marker.place]))[0]
+            place = projected(flattened.homography, np.array([marker.place]))[0]
             markers[number] = replace(marker, place=tuple(place.tolist()))
     if given is not None:
-        given = replace(given, source=flattened.places(given.source))
+        given = replace(given, source=projected(flattened.homography, given.source))
     fit = replace(
         plan.fit, markers=tuple(markers), given=given, pixel_spacing_mm=image.pixel_spacing_mm
     )
@@ -802,7 +802,10 @@ def geometry_of_bundle(
     strokes = strokes_on_slice(fixture, image)
     if ink is not None:
         strokes = tuple(ink.with_hidden(line) if line.is_ordered else line for line in strokes)
-    return Geometry(strokes, ink, of_curve, max_gap_px=extraction.max_gap_px)
+    # What the ink asks is made anew: the bundle may come from another program.
+    return Geometry(
+        strokes, ink, of_curve, max_gap_px=extraction.max_gap_px, is_as_found=ink is None
+    )
 
 
 def side_of_patient(direction: np.ndarray) -> str:

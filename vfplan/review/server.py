@@ -137,6 +137,9 @@ class Draft:
         try:
             for step in steps:
                 session = session.apply(step)
+            after = session
+            for step in undone:
+                after = after.apply(step)
         except SettingError as error:
             message = f"The draft holds a step that does not fit. {error.message} {advice}"
             raise InputError(message, where=where, code="draft-does-not-fit") from None

@@ -158,7 +158,10 @@ def error_in_words(plan: Plan) -> str:
     if bound is not None:
         pixels = f" ({bound / plan.metres_per_px:.1f} px)" if plan.metres_per_px else ""
         return f"the line lies within {millimetres(bound, 2)}{pixels} of its place (95 %)"
-    return "not known"
+    if fixture.registration.tre_m is None:
+        return "not known"
+    largest = millimetres(fixture.registration.tre_m.max(), 2)
+    return f"{largest} rms at most; the 95 % bound is not kept in the bundle"
 
 
 def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> float:

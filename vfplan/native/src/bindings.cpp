@@ -67,6 +67,7 @@ bool edit(Engine& engine, const Numbers32& remove, const Rows& add) {
 
 bool exchange(Engine& engine, Engine& other) {
     const ExclusiveUse turn(engine.edited, "ProxyEngine", "editor");
+    const ExclusiveUse their_turn(other.edited, "ProxyEngine", "editor");
     const Use theirs(other);
     return engine.exchange(std::move(other));
 }

@@ -144,6 +144,7 @@ struct type_caster<vfplan::Vec3> {
 /// Holds what one thread serves; a call while another is under way is refused.
 class ExclusiveUse {
   public:
+    ExclusiveUse(const ExclusiveUse&) = delete;
     ExclusiveUse(std::atomic_flag& busy, const char* type, const char* noun) : busy_(busy) {
         if (busy_.test_and_set(std::memory_order_acquire))
             throw std::runtime_error("this " + std::string(type) +

@@ -121,12 +121,11 @@ class Engine {
     /// done, where 4096 changes wait. The proxy goes on from where it is.
     bool exchange(Engine&& other) {
         other.check_given();
-        auto& c = changes();
-        if (c.queue.free_slots() == 0) return false;
-        while (other.apply_next(true)) continue;
+        if (changes().queue.free_slots() == 0) return false;
+        other.reset(HipGate::nowhere);
         numbers_ = std::move(other.numbers_);
         parameters_ = other.parameters_;
-        c.queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
+        changes_->queue.push({detail::PendingChange::exchange, other.impl_.release(), 0, {}});
         other.changes_.reset();
         return true;
     }

@@ -15,8 +15,7 @@ template <class T>
 class SpscQueue {
   public:
     /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
-    explicit SpscQueue(std::size_t capacity)
-        : items_(std::bit_ceil(capacity)), mask_(items_.size() - 1) {}
+    explicit SpscQueue(std::size_t capacity) : items_(std::bit_ceil(capacity)) {}
 
     /// How many more items fit; for the thread that gives.
     std::size_t free_slots() const noexcept {
@@ -27,7 +26,7 @@ class SpscQueue {
     bool push(const T* items, std::size_t n) noexcept {
         if (free_slots() < n) return false;
         const std::uint64_t at = head_.load(std::memory_order_relaxed);
-        for (std::size_t i = 0; i < n; ++i) items_[(at + i) & mask_] = items[i];
+        for (std::size_t i = 0; i < n; ++i) items_[(at + i) & (items_.size() - 1)] = items[i];
         head_.store(at + n, std::memory_order_release);
         return true;
     }
@@ -36,8 +35,8 @@ class SpscQueue {
     std::size_t size() const noexcept { return items_.size() - free_slots(); }
     /// The oldest item, or null; for the thread that takes.
     const T* front() const noexcept {
-        const std::uint64_t at = tail_.load(std::memory_order_relaxed);
-        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask_];
+        const std::uint64_t at = tail_.load(std::memory_order_relaxed), mask = items_.size() - 1;
+        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask];
     }
     /// Whether another one waits behind it; for the thread that takes.
     bool holds_more() const noexcept {
@@ -50,7 +49,6 @@ class SpscQueue {
 
   private:
     std::vector<T> items_;
-    std::uint64_t mask_;
     alignas(64) std::atomic<std::uint64_t> head_{0};
     alignas(64) std::atomic<std::uint64_t> tail_{0};
 };

@@ -90,6 +90,8 @@ class Content : std::map<std::string, Value, std::less<>> {
     void put(std::string_view path, Value value) {
         insert_or_assign(std::string(path), std::move(value));
     }
+    /// Moves a value out; throws Absent if there is none.
+    Value take(std::string_view path) { return std::move(const_cast<Value&>(at(path))); }
 };
 
 /// A stroke of the drawn curve: `count` points from the `first` on.

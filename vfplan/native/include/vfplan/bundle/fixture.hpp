@@ -108,7 +108,7 @@ VFPLAN_ONCE Bundle read_bundle(View data, const CheckSeal& check_seal = {});
 /// Every finding of a bundle's bytes; it is sound when none is an error.
 VFPLAN_ONCE std::vector<Finding> examine(View data);
 
-/// The fixture of a checked bundle.
+/// The fixture of a checked bundle; moves the points out of it.
 VFPLAN_ONCE Fixture to_fixture(Bundle bundle);
 
 /// What `read` gives of a file's bytes; errors name the file.
@@ -213,15 +213,15 @@ VFPLAN_ONCE std::vector<Finding> examine(View data) {
 }
 
 VFPLAN_ONCE Fixture to_fixture(Bundle bundle) {
-    const Content& content = bundle.content;
+    Content& content = bundle.content;
     Fixture fixture;
     fixture.frame = content.at("/@frame").string();
     fixture.id = content.at("/@id").string();
     fixture.created_utc = content.at("/provenance@created_utc").string();
     if (const Value* own_case = content.find("/@case")) fixture.case_id = own_case->string();
     if (const Value* tool = content.find("/registration@tool")) fixture.tool = tool->string();
-    fixture.points = content.at("/points").f8;
-    if (content.has("/sigma")) fixture.sigma = content.at("/sigma").f8;
+    fixture.points = content.take("/points").f8;
+    if (content.has("/sigma")) fixture.sigma = content.take("/sigma").f8;
     if (content.has("/rendering/stiffness")) {
         fixture.rendering = detail::rendering_of(content);
         fixture.certified = content.at("/leak@certified").u1.front() != 0;
@@ -230,7 +230,7 @@ VFPLAN_ONCE Fixture to_fixture(Bundle bundle) {
     if (content.has("/guidance@radius_m")) fixture.guidance = detail::guidance_of(content);
     if (const Value* radius = content.find("/mesh@sample_radius_m"))
         fixture.sample_radius = radius->number();
-    if (content.has("/mesh/triangles")) fixture.mesh = content.at("/mesh/triangles").i4;
+    if (content.has("/mesh/triangles")) fixture.mesh = content.take("/mesh/triangles").i4;
     if (content.has("/pieces/vertices")) fixture.pieces = detail::pieces_of(content);
     fixture.findings_unanswered = count_unanswered(content);
     fixture.reviewed = content.has_group("/review");

@@ -279,6 +279,7 @@ inline Object read_object(File& file, std::uint64_t address, std::string path) {
 inline std::uint64_t root_address(File& file, std::uint64_t file_length) {
     const auto must = [](bool good, Sentence wrong) { require(good, "corrupt.hdf5", "", wrong); };
     const View data = file.claim_checked(0, 48, "");
+    must(data.begins(hdf5_signature), {"is no HDF5 file: its signature is missing"});
     must(data[8] == 2 && data[9] == 8 && data[10] == 8 && data[11] == 0,
          {"has a superblock of another version, or with other sizes"});
     must(number_at(data, 12, 8) == 0, {"has another base address than 0"});

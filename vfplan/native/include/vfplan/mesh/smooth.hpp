@@ -325,7 +325,7 @@ class SmoothContact {
     /// Lifts a proxy that settles on nothing from its planes up to R over them.
     void lift(const TriangleQuery& query, Vec3& x, const Vec3& h, const Vec3& start,
               const ContactPlanes& planes) noexcept {
-        if (!(body_.rise() > 0)) return;
+        if (!(body_.rise() > 0) || query.budget().is_spent()) return;
         ContactPlane<3> w[max_sheets];
         for (int j = 0; j < planes.count(); ++j)
             w[j] = {planes.normal(j), R_ - planes.height(j, x)};
