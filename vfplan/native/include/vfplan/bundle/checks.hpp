@@ -302,22 +302,21 @@ inline void check_frames(const Content& content, Findings& findings) {
                      {"has a third column that is not 0, in the frame image"}, "Write 0 there");
 }
 
-inline void add(Bytes& all, const void* data, std::size_t size) {
-    const auto* first = static_cast<const unsigned char*>(data);
-    all.insert(all.end(), first, first + size);
+inline void add(Sha256& sum, const void* data, std::size_t size) {
+    sum.add({static_cast<const unsigned char*>(data), size});
 }
-inline void add_count(Bytes& all, std::uint64_t count) { add(all, &count, sizeof count); }
-inline void add_text(Bytes& all, std::string_view text) {
-    add_count(all, text.size());
-    add(all, text.data(), text.size());
+inline void add_count(Sha256& sum, std::uint64_t count) { add(sum, &count, sizeof count); }
+inline void add_text(Sha256& sum, std::string_view text) {
+    add_count(sum, text.size());
+    add(sum, text.data(), text.size());
 }
 /// Adds numbers as they are stored, and texts each behind its length.
-inline void add_elements(Bytes& all, const Value& value) {
+inline void add_elements(Sha256& sum, const Value& value) {
     value.visit([&]<class T>(const std::vector<T>& elements) {
         if constexpr (std::is_arithmetic_v<T>)
-            add(all, elements.data(), elements.size() * sizeof(T));
+            add(sum, elements.data(), elements.size() * sizeof(T));
         else
-            for (const std::string& text : elements) add_text(all, text);
+            for (const std::string& text : elements) add_text(sum, text);
     });
 }
 
@@ -327,12 +326,12 @@ inline constexpr std::array<std::string_view, 5> geometry{
 
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
-    Bytes all;
-    add(all, frame.c_str(), frame.size() + 1);
+    Sha256 sum;
+    add(sum, frame.c_str(), frame.size() + 1);
     for (const std::string_view path : geometry)
         if (path == "/points" || content.has_group(group_of(path)))
-            add_elements(all, content.at(path));
-    return sha256(all);
+            add_elements(sum, content.at(path));
+    return sum.digest();
 }
 
 inline void check_identity(const Content& content, Findings& findings) {
@@ -482,19 +481,19 @@ inline void check_findings(const Content& content, Findings& findings) {
 
 /// The digest of everything that is rendered or reviewed (docs/format.md, section 3).
 inline std::string review_digest(const Content& content) {
-    Bytes all;
-    add_text(all, "vfplan review 1");
+    Sha256 sum;
+    add_text(sum, "vfplan review 1");
     const Digest drawn = geometry_digest(content);
-    add(all, drawn.data(), drawn.size());
+    add(sum, drawn.data(), drawn.size());
     for (const auto& [path, value] : content) {
         if (row_of(path)->mark == Mark::none) continue;
-        add_text(all, path);
-        add_text(all, type_names[static_cast<std::size_t>(value.type)]);
-        add_count(all, value.shape.size());
-        for (const std::size_t side : value.shape) add_count(all, side);
-        if (std::ranges::find(geometry, path) == geometry.end()) add_elements(all, value);
+        add_text(sum, path);
+        add_text(sum, type_names[static_cast<std::size_t>(value.type)]);
+        add_count(sum, value.shape.size());
+        for (const std::size_t side : value.shape) add_count(sum, side);
+        if (std::ranges::find(geometry, path) == geometry.end()) add_elements(sum, value);
     }
-    return to_hex(sha256(all));
+    return to_hex(sum.digest());
 }
 
 /// The review is that of this plan, and not of what it was before somebody changed it.

@@ -53,24 +53,47 @@ inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t b
 
 }  // namespace detail
 
+/// SHA-256 of bytes that come in parts, of which none is copied.
+class Sha256 {
+  public:
+    void add(View data) {
+        length_ += data.size();
+        // First what lacks in the block that an earlier part began.
+        const std::size_t lacking = rest_.empty() ? 0 : 64 - rest_.size();
+        const View head = data.first(std::min(lacking, data.size()));
+        rest_.insert(rest_.end(), head.begin(), head.end());
+        if (head.size() < lacking) return;
+        data = data.from(head.size());
+        const std::size_t blocks = data.size() / 64;
+        detail::sha_blocks(state_, rest_.data(), rest_.size() / 64);
+        detail::sha_blocks(state_, data.data(), blocks);
+        data = data.from(64 * blocks);
+        rest_.assign(data.begin(), data.end());
+    }
+    Digest digest() {
+        // Behind the rest: a bit, zeros, and the number of bits in all, to the end of a block.
+        rest_.push_back(0x80);
+        rest_.resize(rest_.size() <= 56 ? 64 : 128);
+        for (std::size_t i = 0; i < 8; ++i)
+            rest_[rest_.size() - 1 - i] = static_cast<unsigned char>(8 * length_ >> (8 * i));
+        detail::sha_blocks(state_, rest_.data(), rest_.size() / 64);
+        Digest out{};
+        for (std::size_t i = 0; i < out.size(); ++i)
+            out[i] = static_cast<unsigned char>(state_[i / 4] >> (24 - 8 * (i % 4)));
+        return out;
+    }
+
+  private:
+    detail::ShaState state_{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
+                            0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
+    Bytes rest_;  // less than a block
+    std::uint64_t length_ = 0;
+};
+
 inline Digest sha256(View data) {
-    detail::ShaState state{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
-                           0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-    const std::size_t blocks = data.size() / 64;
-    detail::sha_blocks(state, data.data(), blocks);
-    // Behind the rest: a bit, zeros, and the number of bits in all, to the end of a block.
-    const View rest = data.from(64 * blocks);
-    Bytes end(rest.begin(), rest.end());
-    end.push_back(0x80);
-    end.resize(rest.size() < 56 ? 64 : 128);
-    const std::uint64_t bits = 8 * data.size();
-    for (std::size_t i = 0; i < 8; ++i)
-        end[end.size() - 1 - i] = static_cast<unsigned char>(bits >> (8 * i));
-    detail::sha_blocks(state, end.data(), end.size() / 64);
-    Digest out{};
-    for (std::size_t i = 0; i < out.size(); ++i)
-        out[i] = static_cast<unsigned char>(state[i / 4] >> (24 - 8 * (i % 4)));
-    return out;
+    Sha256 sum;
+    sum.add(data);
+    return sum.digest();
 }
 
 inline std::string to_hex(View data) {
