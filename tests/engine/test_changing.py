@@ -191,6 +191,14 @@ def test_where_no_free_way_is_left_it_is_told():
     assert np.abs(trace.proxy[-1]).max() > 13e-3
 
 
+def test_an_engine_that_was_stepped_and_is_given_to_a_fresh_one_begins_at_the_first_hip():
+    given, fresh = pressed(depth=-4e-3)[0], engine(sheet())
+    given.exchange(engine(sheet(4e-3)))
+    fresh.exchange(given)
+    first = fresh.step([0, 0, 0.05])
+    assert (first.proxy[2], *first.force) == (0.05, 0, 0, 0)
+
+
 def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
     e, h = pressed()
     before, other = e.step(h).force, engine(sheet(-1e-3))
