@@ -236,6 +236,7 @@ def test_methods_skeleton_and_mask_follow_the_same_ink():
     extraction = extract_curve(image, method="mask")
     pixels = extraction.strokes[0].points_px
     assert len(pixels) == np.count_nonzero(extraction.mask)
+    assert len(pixels) == len(extraction.strokes[0].edited) == len(extraction.strokes[0].sigma)
     assert np.abs(normal_errors(pixels, hand(13), False)).max() < 2.6
 
 
