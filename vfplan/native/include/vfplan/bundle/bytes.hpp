@@ -334,6 +334,8 @@ inline std::uint64_t number_at(View data, std::size_t at, std::size_t width) {
 
 namespace detail {
 
+inline constexpr std::string_view hdf5_signature = "\x89HDF\r\n\x1a\n";
+
 /// Reads bytes from front to back; what is wrong is reported at `where`, by BundleError.
 class ByteReader {
   public:

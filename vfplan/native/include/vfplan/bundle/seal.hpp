@@ -122,7 +122,6 @@ namespace detail {
 inline constexpr std::string_view seal_magic = "VFPLSEAL";
 inline constexpr std::string_view tail_magic = "VFPLTAIL";
 inline constexpr std::string_view signed_domain{"vfplan bundle seal 2\0", 21};
-inline constexpr std::string_view hdf5_signature = "\x89HDF\r\n\x1a\n";
 inline constexpr std::array<std::uint32_t, 4> seal_sizes{512, 1024, 2048, 4096};
 inline constexpr std::uint64_t seal_version = 2;
 inline constexpr std::size_t superblock_size = 48;
