@@ -276,8 +276,10 @@ class Printer:
             Stdout takes no more, as on a full disk.
         """
         # A person reads the findings first, in the log.
-        words = {True: "warning", False: "note"}
-        labelled = [(words[finding.is_open], finding.text) for finding in result.findings or ()]
+        labelled = [
+            ("warning" if finding.is_open else "note", finding.text)
+            for finding in result.findings or ()
+        ]
         labelled += [("warning", warning) for warning in result.warnings]
         for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)

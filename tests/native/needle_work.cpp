@@ -1,8 +1,9 @@
 // Copyright (c) 2026, the vfplan authors. BSD-3-Clause.
 //
-// A line for each of many meshes of needles: the inner steps that a tick takes at most by
-// tick_time_bound, and those of the worst of 2,000 ticks.
+// A line for each of many meshes of needles, and of some smooth bodies: the inner steps that a tick
+// takes at most by tick_time_bound, and those of the worst of 2,000 ticks.
 #include <cstdio>
+#include <numeric>
 
 #include "scenes.hpp"
 #include "vfplan/tick_time.hpp"
@@ -37,11 +38,40 @@ std::vector<double> needles(int kind, int count, scenes::Random& random) {
     return corners;
 }
 
+/// The numbers from 0 on: each triangle has corners of its own.
+std::vector<std::int32_t> apart(std::size_t count) {
+    std::vector<std::int32_t> rows(count);
+    std::iota(rows.begin(), rows.end(), 0);
+    return rows;
+}
+
+/// A wavy sheet of 40 mm, of 2 n² facets that stand for a smooth body: its corners.
+std::vector<double> waves(int n) {
+    std::vector<double> corners;
+    for (int i = 0; i <= n; ++i)
+        for (int j = 0; j <= n; ++j) {
+            const double x = 0.04 * i / n - 0.02, y = 0.04 * j / n - 0.02;
+            for (const double c : {x, y, 0.002 * std::sin(300 * x) * std::cos(300 * y)})
+                corners.push_back(c);
+        }
+    return corners;
+}
+/// And its triangles.
+std::vector<std::int32_t> facets(int n) {
+    std::vector<std::int32_t> rows;
+    for (int i = 0; i < n; ++i)
+        for (int j = 0; j < n; ++j) {
+            const int a = i * (n + 1) + j, b = a + n + 1;
+            rows.insert(rows.end(), {a, b, a + 1, b, b + 1, a + 1});
+        }
+    return rows;
+}
+
 /// The HIP leaps about, `reach` from the middle at most [m].
-void measure(const std::vector<double>& corners, double reach, scenes::Random& random) {
-    std::vector<std::int32_t> rows(corners.size() / 3);
-    for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::int32_t>(i);
-    const vfplan::mesh::Surface surface{corners.data(), rows.size(), rows.data(), rows.size() / 3};
+void measure(const std::vector<double>& corners, const std::vector<std::int32_t>& rows,
+             double reach, scenes::Random& random) {
+    const vfplan::mesh::Surface surface{corners.data(), corners.size() / 3, rows.data(),
+                                        rows.size() / 3};
     vfplan::Parameters p;
     const double bound = tick_time_bound(surface, p) / vfplan::mesh::MeshMotion::a_step;
     p.band = vfplan::exact_band(p, vfplan::largest_of(surface.points, surface.n));
@@ -71,7 +101,8 @@ int main() {
     scenes::Random random{5};
     for (int kind = 0; kind < 5; ++kind)
         for (const int count : {300, 3000, 20000})
-            measure(needles(kind, count, random), 0.15, random);
+            measure(needles(kind, count, random), apart(3 * count), 0.15, random);
     for (const int count : {300, 900, 1100, 1200, 1240})
-        measure(needles(5, count, random), 0.006, random);
+        measure(needles(5, count, random), apart(3 * count), 0.006, random);
+    for (const int n : {20, 40, 80, 120}) measure(waves(n), facets(n), 0.015, random);
 }

@@ -154,6 +154,7 @@ class Guide:
         self.lead_force = real_number("lead_force", lead_force)
         self.lead_speed = real_number("lead_speed", lead_speed)
         self.period = 1 / number("rate_hz", rate_hz, "Hz", above=0.0)
+        # So far the guide holds its parameters alone, by the names that the core has for them.
         parameters = _core.GuideParameters(**vars(self))
         if isinstance(points, Pieces):
             if self.ignore_axis is None:

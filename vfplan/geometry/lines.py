@@ -363,6 +363,7 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     if len(points) < 3:
         return np.zeros(0, np.intp)
     ring = np.pad(points, [(1, 1), (0, 0)], "wrap") if closed else points
+    # As complex numbers, of which a quotient has the turn from one step to the next.
     steps = np.diff(ring, axis=0) @ [1, 1j]
     turn = np.abs(np.angle(steps[1:] * steps[:-1].conj()))
     error = np.minimum(abs(steps[:-1]), abs(steps[1:])) / 2 * np.tan(turn / 4)

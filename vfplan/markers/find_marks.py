@@ -47,10 +47,12 @@ MAX_BRIGHTNESS_MISFIT = 0.7
 # Largest blur [px] of a mark whose colour compression has not blurred.
 SHARP_PX = 0.7
 
-# Blur [px] of the brightness of a mark whose colour compression has blurred, and the coverage from
-# which a pixel does not show the background. With these, crosses and dots in JPEGs of quality 80
-# are found to 0.08 px rms.
-BRIGHTNESS_BLUR_PX, MIN_COVERAGE = 0.5, 0.05
+# Blur [px] of the brightness of a mark whose colour compression has blurred.
+BRIGHTNESS_BLUR_PX = 0.5
+
+# Coverage from which a pixel does not show the background. With both, crosses and dots in JPEGs of
+# quality 80 are found to 0.08 px rms.
+MIN_COVERAGE = 0.05
 
 
 @dataclass(frozen=True)

@@ -74,7 +74,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
         sheet.text(x + 330, view_y, axes, BODY, GREY)
-        canvas = draw_points(plane, plan.fixture)
+        canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points, ())
@@ -106,18 +106,23 @@ def draw_scale_bar(
     sheet.text(end + 14, y, words, BODY)
 
 
-def draw_points(plane: paper.Array, fixture: Fixture) -> paper.Pixels:
-    """The points, or the sides of the triangles.
+def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
+    """The points, or the triangles, those in front over those behind.
 
-    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m].
+    `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m], and `towards` is the
+    direction to the viewer.
     """
     canvas = np.full((VIEW_PX, VIEW_PX, 3), 255, np.uint8)
     flat, mesh = onto_plane(plane)(fixture.points), fixture.mesh
     if mesh is not None and len(mesh) <= MAX_DRAWN:
-        cv2.polylines(
-            canvas, list(paper.fixed_point(flat[mesh])), True, LINE_COLOUR, 1, cv2.LINE_AA,
-            paper.SHIFT,
-        )  # fmt: skip
+        # Darker the more a triangle is turned away from the viewer.
+        corners = fixture.points[mesh]
+        across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
+        facing = np.abs(across @ towards) / np.maximum(np.linalg.norm(across, axis=1), 1e-30)
+        colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
+        for k in np.argsort(corners.mean(axis=1) @ towards):
+            outline = paper.fixed_point(flat[mesh[k]])
+            cv2.fillConvexPoly(canvas, outline, colours[k].tolist(), cv2.LINE_AA, paper.SHIFT)
         return canvas
     drawn = flat[:: max(1, len(flat) // MAX_DRAWN)]
     radius = float(np.clip(400 / np.sqrt(len(drawn)), 1.5, 4))
