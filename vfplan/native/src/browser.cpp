@@ -136,15 +136,12 @@ EXPORTED(step) const double* step(Rendered* rendered, double x, double y, double
     const auto tick = [&](auto& it) {
         const auto s = it.step({{x, y, z}});
         Vec3 normal;
-        int state;
-        if constexpr (requires { s.held; }) {
+        double state;
+        if constexpr (requires { s.held; })
             state = s.held;
-        } else {
-            normal = s.normal;
-            state = static_cast<int>(s.state);
-        }
-        for (const Vec3* v : {&s.proxy, &std::as_const(normal), &s.force})
-            for (int i = 0; i < 3; ++i) *out++ = (*v)[i];
+        else
+            std::tie(normal, state) = std::pair(s.normal, int(s.state));
+        for (const Vec3& v : {s.proxy, normal, s.force}) out = std::copy_n(v.c, 3, out);
         *out++ = state;
         *out = s.status;
     };

@@ -161,10 +161,8 @@ class Engine {
         if (c.queue.free_slots() == 0) return false;
         const std::vector<double> left = numbers_->points_left();
         numbers_->renumber();
-        return c.queue.push({detail::PendingChange::exchange,
-                             make_impl(left.data(), numbers_->size()).release(),
-                             0,
-                             {}});
+        detail::EngineImpl* const made = make_impl(left.data(), numbers_->size()).release();
+        return c.queue.push({detail::PendingChange::exchange, made, 0, {}});
     }
     /// Deletes the engines that the loop has given back; the calls above do too.
     void collect() { changes(); }
@@ -180,8 +178,8 @@ class Engine {
     double radius() const noexcept { return impl_ ? impl_->parameters.R() : 0; }
     /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
     double band() const noexcept { return impl_ ? impl_->parameters.band : 0; }
-    /// Memory in use [bytes].
-    std::size_t bytes() const noexcept { return impl_ ? impl_->bytes() : 0; }
+    /// Memory in use [bytes]; for the thread that edits.
+    std::size_t bytes() const noexcept { return impl_ ? impl_->bytes() + changes_->bytes() : 0; }
     /// Cells of the grid; 0 without one.
     std::size_t cells() const noexcept { return impl_ ? impl_->cells() : 0; }
     bool planar() const noexcept { return impl_ && impl_->parameters.ignore_axis; }
@@ -217,6 +215,7 @@ class Engine {
     detail::PendingChanges& changes() {
         check_given();
         changes_->delete_retired();
+        changes_->reserve();
         return *changes_;
     }
 

@@ -107,8 +107,9 @@ struct PendingChanges {
     /// Changes that a tick takes up at most.
     static constexpr int max_a_tick = 64;
 
-    SpscQueue<PendingChange> queue{capacity};
-    SpscQueue<EngineImpl*> retired{2 * capacity};  // as many as may wait, and those before
+    // Both have room from the first change on: an engine that nobody changes needs none.
+    SpscQueue<PendingChange> queue;
+    SpscQueue<EngineImpl*> retired;
     std::atomic<std::uint64_t> applied{0};
     ForceRamp force_ramp;
 
@@ -116,6 +117,12 @@ struct PendingChanges {
         for (; const PendingChange* c = queue.front(); queue.pop()) delete c->engine;
         delete_retired();
     }
+    /// Makes room, in the editor's thread.
+    void reserve() {
+        queue.reserve(capacity);
+        retired.reserve(2 * capacity);  // as many as may wait, and those before
+    }
+    std::size_t bytes() const noexcept { return queue.bytes() + retired.bytes(); }
     /// Gives an engine back, in the loop.
     void retire(EngineImpl* old) noexcept { retired.push(old); }
     /// Deletes what was given back, in the editor's thread.

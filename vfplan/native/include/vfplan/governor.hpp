@@ -32,8 +32,8 @@ struct GovernorLimits {
     double period = 1e-3;       ///< of one tick [s]
     /// Largest |change of torque| of each joint [N m], or infinity.
     std::array<double, max_joints> torque_step;
-    std::array<double, max_joints>
-        torque_max;  ///< largest |torque| of each joint [N m], or infinity
+    /// Largest |torque| of each joint [N m], or infinity.
+    std::array<double, max_joints> torque_max;
 
     GovernorLimits() {
         torque_step.fill(infinity);
@@ -98,9 +98,8 @@ class Governor {
 
     explicit Governor(const GovernorLimits& limits) : limits_(limits) {
         check(limits);
-        for (int j = 0; j < max_joints; ++j)
-            by_torque_ =
-                by_torque_ || limits.torque_step[j] < infinity || limits.torque_max[j] < infinity;
+        by_torque_ = std::ranges::min(limits.torque_step) < infinity ||
+                     std::ranges::min(limits.torque_max) < infinity;
     }
 
     /// Nothing is commanded and nothing was given, as when the controller of an arm starts.

@@ -249,10 +249,7 @@ class Guide {
     void decay_force(double moved) noexcept {
         const double left = norm(stretch_);
         const double decay = moved + step_allowance();
-        if (left > decay)
-            stretch_ = (1 - decay / left) * stretch_;
-        else
-            stretch_ = {};
+        stretch_ = left > decay ? (1 - decay / left) * stretch_ : Vec3{};
         distance_to_tube_ -= moved;
         if (distance_to_tube_ <= 0) search(false);
         if (is_held_) stretch_ = {};
@@ -285,12 +282,9 @@ class Guide {
         speed_ += (speed - speed_) * std::min(1.0, p_.period / settling);
 
         // How fast it goes where it is led to, and how far the end is.
-        double speed_ahead = -speed_;
-        double way_left = last_.arc;
-        if (p_.lead_force > 0) {
-            speed_ahead = speed_;
-            way_left = last_.remaining;
-        }
+        const bool is_ahead = p_.lead_force > 0;
+        const double speed_ahead = is_ahead ? speed_ : -speed_;
+        const double way_left = is_ahead ? last_.remaining : last_.arc;
         double force = 0;
         if (is_held_ && (strand().closed || way_left > p_.radius))
             force = p_.lead_force * std::clamp(1 - speed_ahead / p_.lead_speed, 0.0, 1.0);

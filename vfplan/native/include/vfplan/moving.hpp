@@ -192,10 +192,7 @@ class MovingFrame : private detail::FrameState {
         return !is_placed_ || is_clock_bad_ || is_clock_ahead_ || age() > limits_.max_age;
     }
     /// Age of the youngest pose taken up, at the last t [s].
-    double age() const noexcept {
-        if (!is_placed_) return infinity;
-        return t_ - stamp_;
-    }
+    double age() const noexcept { return is_placed_ ? t_ - stamp_ : infinity; }
     /// How far the fixture still has to go at `place` (in the base), to where its youngest pose
     /// puts it [m]. Infinite before the first pose, and where `place` is not finite.
     double lag(const Vec3& place) const noexcept {

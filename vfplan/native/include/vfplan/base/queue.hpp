@@ -15,7 +15,12 @@ template <class T>
 class SpscQueue {
   public:
     /// Holds at least `capacity` items: the number is rounded up to a power of two. Allocates.
-    explicit SpscQueue(std::size_t capacity) : items_(std::bit_ceil(capacity)) {}
+    explicit SpscQueue(std::size_t capacity = 1) : items_(std::bit_ceil(capacity)) {}
+    /// The same later, before anything was given; for the thread that gives.
+    void reserve(std::size_t capacity) {
+        if (items_.size() < capacity) items_.resize(std::bit_ceil(capacity));
+    }
+    std::size_t bytes() const noexcept { return items_.capacity() * sizeof(T); }
 
     /// How many more items fit; for the thread that gives.
     std::size_t free_slots() const noexcept {
@@ -35,8 +40,9 @@ class SpscQueue {
     std::size_t size() const noexcept { return items_.size() - free_slots(); }
     /// The oldest item, or null; for the thread that takes.
     const T* front() const noexcept {
-        const std::uint64_t at = tail_.load(std::memory_order_relaxed), mask = items_.size() - 1;
-        return at == head_.load(std::memory_order_acquire) ? nullptr : &items_[at & mask];
+        const std::uint64_t at = tail_.load(std::memory_order_relaxed);
+        if (at == head_.load(std::memory_order_acquire)) return nullptr;
+        return &items_[at & (items_.size() - 1)];
     }
     /// Whether another one waits behind it; for the thread that takes.
     bool holds_more() const noexcept {

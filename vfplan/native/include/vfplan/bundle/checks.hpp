@@ -294,27 +294,25 @@ inline void check_rows(const Content& content, Findings& findings) {
 }
 
 inline void check_frames(const Content& content, Findings& findings) {
-    const std::vector<double>& points = content.at("/points").f8;
     if (content.at("/@frame").string() != "image") return;
-    bool flat = true;
-    for (std::size_t i = 2; i < points.size(); i += 3) flat = flat && points[i] == 0;
-    findings.require(flat, "corrupt.value", "/points",
-                     {"has a third column that is not 0, in the frame image"}, "Write 0 there");
+    const std::vector<double>& points = content.at("/points").f8;
+    for (std::size_t i = 2; i < points.size(); i += 3)
+        if (points[i] != 0)
+            return findings.error("corrupt.value", "/points",
+                                  {"has a third column that is not 0, in the frame image"},
+                                  "Write 0 there");
 }
 
-inline void add(Sha256& sum, const void* data, std::size_t size) {
-    sum.add({static_cast<const unsigned char*>(data), size});
-}
-inline void add_count(Sha256& sum, std::uint64_t count) { add(sum, &count, sizeof count); }
+inline void add_count(Sha256& sum, std::uint64_t count) { sum.add(&count, sizeof count); }
 inline void add_text(Sha256& sum, std::string_view text) {
     add_count(sum, text.size());
-    add(sum, text.data(), text.size());
+    sum.add(text.data(), text.size());
 }
 /// Adds numbers as they are stored, and texts each behind its length.
 inline void add_elements(Sha256& sum, const Value& value) {
     value.visit([&]<class T>(const std::vector<T>& elements) {
         if constexpr (std::is_arithmetic_v<T>)
-            add(sum, elements.data(), elements.size() * sizeof(T));
+            sum.add(elements.data(), elements.size() * sizeof(T));
         else
             for (const std::string& text : elements) add_text(sum, text);
     });
@@ -327,7 +325,7 @@ inline constexpr std::array<std::string_view, 5> geometry{
 inline Digest geometry_digest(const Content& content) {
     const std::string& frame = content.at("/@frame").string();
     Sha256 sum;
-    add(sum, frame.c_str(), frame.size() + 1);
+    sum.add(frame.c_str(), frame.size() + 1);
     for (const std::string_view path : geometry)
         if (path == "/points" || content.has_group(group_of(path)))
             add_elements(sum, content.at(path));
@@ -444,11 +442,11 @@ inline void check_registration(const Content& content, Findings& findings) {
         findings.require(side == parameters, "corrupt.shape", "/registration/covariance",
                          {"has ", side, " rows; ", parameters,
                           " wanted, as many as the transform has parameters"});
-        bool negative = false;
-        for (std::size_t i = 0; i < side; ++i)
-            negative = negative || covariance->f8[i * side + i] < 0;
-        findings.require(!negative, "corrupt.value", "/registration/covariance",
-                         {"has a negative variance"}, "Compute it anew: a variance is 0 or more");
+        for (std::size_t i = 0; i < covariance->f8.size(); i += side + 1)
+            if (covariance->f8[i] < 0)
+                return findings.error("corrupt.value", "/registration/covariance",
+                                      {"has a negative variance"},
+                                      "Compute it anew: a variance is 0 or more");
     }
 }
 
@@ -484,7 +482,7 @@ inline std::string review_digest(const Content& content) {
     Sha256 sum;
     add_text(sum, "vfplan review 1");
     const Digest drawn = geometry_digest(content);
-    add(sum, drawn.data(), drawn.size());
+    sum.add(drawn.data(), drawn.size());
     for (const auto& [path, value] : content) {
         if (row_of(path)->mark == Mark::none) continue;
         add_text(sum, path);

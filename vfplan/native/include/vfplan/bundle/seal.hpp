@@ -28,55 +28,50 @@ inline constexpr std::array<std::uint32_t, 64> sha_rounds{
     0x19a4c116, 0x1e376c08, 0x2748774c, 0x34b0bcb5, 0x391c0cb3, 0x4ed8aa4a, 0x5b9cca4f, 0x682e6ff3,
     0x748f82ee, 0x78a5636f, 0x84c87814, 0x8cc70208, 0x90befffa, 0xa4506ceb, 0xbef9a3f7, 0xc67178f2};
 
-inline void sha_blocks(ShaState& state, const unsigned char* data, std::size_t blocks) {
+inline void add_block(ShaState& state, const Bytes& block) {
     const auto turn = [](std::uint32_t x, int n) { return x >> n | x << (32 - n); };
-    for (; blocks > 0; --blocks, data += 64) {
-        std::array<std::uint32_t, 64> w{};
-        for (std::size_t i = 0; i < 16; ++i)
-            for (std::size_t k = 0; k < 4; ++k) w[i] = w[i] << 8 | data[4 * i + k];
-        for (std::size_t i = 16; i < 64; ++i) {
-            const std::uint32_t a = w[i - 15], b = w[i - 2];
-            w[i] = w[i - 16] + (turn(a, 7) ^ turn(a, 18) ^ a >> 3) + w[i - 7] +
-                   (turn(b, 17) ^ turn(b, 19) ^ b >> 10);
-        }
-        ShaState s = state;
-        for (std::size_t i = 0; i < 64; ++i) {
-            const std::uint32_t one = s[7] + (turn(s[4], 6) ^ turn(s[4], 11) ^ turn(s[4], 25)) +
-                                      ((s[4] & s[5]) ^ (~s[4] & s[6])) + sha_rounds[i] + w[i];
-            const std::uint32_t two = (turn(s[0], 2) ^ turn(s[0], 13) ^ turn(s[0], 22)) +
-                                      ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
-            s = {one + two, s[0], s[1], s[2], s[3] + one, s[4], s[5], s[6]};
-        }
-        for (std::size_t i = 0; i < 8; ++i) state[i] += s[i];
+    std::array<std::uint32_t, 64> w{};
+    for (std::size_t i = 0; i < 64; ++i) w[i / 4] = w[i / 4] << 8 | block[i];
+    for (std::size_t i = 16; i < 64; ++i) {
+        const std::uint32_t a = w[i - 15], b = w[i - 2];
+        w[i] = w[i - 16] + (turn(a, 7) ^ turn(a, 18) ^ a >> 3) + w[i - 7] +
+               (turn(b, 17) ^ turn(b, 19) ^ b >> 10);
     }
+    ShaState s = state;
+    for (std::size_t i = 0; i < 64; ++i) {
+        const std::uint32_t one = s[7] + (turn(s[4], 6) ^ turn(s[4], 11) ^ turn(s[4], 25)) +
+                                  ((s[4] & s[5]) ^ (~s[4] & s[6])) + sha_rounds[i] + w[i];
+        const std::uint32_t two = (turn(s[0], 2) ^ turn(s[0], 13) ^ turn(s[0], 22)) +
+                                  ((s[0] & s[1]) ^ (s[0] & s[2]) ^ (s[1] & s[2]));
+        s = {one + two, s[0], s[1], s[2], s[3] + one, s[4], s[5], s[6]};
+    }
+    for (std::size_t i = 0; i < 8; ++i) state[i] += s[i];
 }
 
 }  // namespace detail
 
-/// SHA-256 of bytes that come in parts, of which none is copied.
+/// SHA-256 of bytes that come in parts, of which no more than a block is held.
 class Sha256 {
   public:
-    void add(View data) {
-        length_ += data.size();
-        // First what lacks in the block that an earlier part began.
-        const std::size_t lacking = rest_.empty() ? 0 : 64 - rest_.size();
-        const View head = data.first(std::min(lacking, data.size()));
-        rest_.insert(rest_.end(), head.begin(), head.end());
-        if (head.size() < lacking) return;
-        data = data.from(head.size());
-        const std::size_t blocks = data.size() / 64;
-        detail::sha_blocks(state_, rest_.data(), rest_.size() / 64);
-        detail::sha_blocks(state_, data.data(), blocks);
-        data = data.from(64 * blocks);
-        rest_.assign(data.begin(), data.end());
+    void add(const void* from, std::size_t size) {
+        length_ += size;
+        View data(static_cast<const unsigned char*>(from), size);
+        while (!data.empty()) {
+            const View part = data.first(std::min(64 - block_.size(), data.size()));
+            block_.insert(block_.end(), part.begin(), part.end());
+            data = data.from(part.size());
+            if (block_.size() < 64) return;
+            detail::add_block(state_, block_);
+            block_.clear();
+        }
     }
     Digest digest() {
-        // Behind the rest: a bit, zeros, and the number of bits in all, to the end of a block.
-        rest_.push_back(0x80);
-        rest_.resize(rest_.size() <= 56 ? 64 : 128);
-        for (std::size_t i = 0; i < 8; ++i)
-            rest_[rest_.size() - 1 - i] = static_cast<unsigned char>(8 * length_ >> (8 * i));
-        detail::sha_blocks(state_, rest_.data(), rest_.size() / 64);
+        // Behind the data: a bit, zeros, and the number of bits in all, to the end of a block.
+        Bytes end((119 - block_.size()) % 64 + 1);
+        end.front() = 0x80;
+        for (int shift = 56; shift >= 0; shift -= 8)
+            end.push_back(static_cast<unsigned char>(8 * length_ >> shift));
+        add(end.data(), end.size());
         Digest out{};
         for (std::size_t i = 0; i < out.size(); ++i)
             out[i] = static_cast<unsigned char>(state_[i / 4] >> (24 - 8 * (i % 4)));
@@ -86,13 +81,13 @@ class Sha256 {
   private:
     detail::ShaState state_{0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a,
                             0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19};
-    Bytes rest_;  // less than a block
+    Bytes block_;  // less than 64
     std::uint64_t length_ = 0;
 };
 
 inline Digest sha256(View data) {
     Sha256 sum;
-    sum.add(data);
+    sum.add(data.data(), data.size());
     return sum.digest();
 }
 

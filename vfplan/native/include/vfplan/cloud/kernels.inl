@@ -124,9 +124,7 @@ VFPLAN_INLINE double sum(Float8 a) {
 VFPLAN_INLINE double smallest(Float8 a) {
     double v[8];
     store(a, v);
-    double m = v[0];
-    for (int i = 1; i < 8; ++i) m = v[i] < m ? v[i] : m;
-    return m;
+    return *std::min_element(v, v + 8);
 }
 
 // Points i .. i+7 of a span relative to x; lanes without a point are far away.
@@ -274,8 +272,7 @@ double ray_hit(const PointSpan<D>& in, const Ray<D>& ray) {
         const Mask hit = front & (steep | (inner > 0.0));
         if (bits(hit) == 0) continue;
         const Float8 under = choose(steep, outer, inner);
-        Float8 s = ahead - root(choose(hit, under, 0));
-        s = larger(s, 0);
+        const Float8 s = larger(ahead - root(choose(hit, under, 0)), 0);
         first = choose(hit & (s < first), s, first);
     }
     return smallest(first);
@@ -297,9 +294,7 @@ VFPLAN_LOOP
 void accumulate_fit(const PointSpan<D>& in, const FitWindow<D>& p, NormalEquations<D>& to) {
     constexpr int terms = NormalEquations<D>::terms, pairs = terms * (terms + 1) / 2;
     const double fall = 1 / (p.outer2 - p.inner2);
-    Float8 a[pairs], z[terms];
-    for (auto& v : a) v = 0;
-    for (auto& v : z) v = 0;
+    Float8 a[pairs] = {}, z[terms] = {};
     for (std::size_t i = 0; i < in.n; i += 8) {
         const PointBlock<D> b(in, i, p.at);
         const Mask near = b.d2 < p.outer2;

@@ -191,8 +191,7 @@ class Path {
     }
     /// How far an arc lies beside its chord, nearly [m].
     static double sagitta(const Piece& s) noexcept {
-        if (s.radius == 0) return 0;
-        return s.length * s.length / (8 * s.radius);
+        return s.radius == 0 ? 0 : s.length * s.length / (8 * s.radius);
     }
     void push(Piece s, double& length) {
         s.start = length;

@@ -94,10 +94,7 @@ class MeshMotion {
         RuleAnswer<3> answer;
         if (distance_ <= R_ + band_) {
             answer.state = State::in_contact;
-            if (planes_.count() == 1)
-                answer.normal = planes_.normal(0);
-            else
-                answer.normal = along(proxy - hip, 1);
+            answer.normal = planes_.count() == 1 ? planes_.normal(0) : along(proxy - hip, 1);
             if (!(dot(answer.normal, answer.normal) > 0) && !is_overdrawn())
                 answer.normal = along(away_from_mesh(proxy, list_reach * R_), 1);
         } else if (is_in_neighbourhood(proxy)) {
