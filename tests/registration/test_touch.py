@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.registration.models import rms
+from vfplan.registration.models import RARE_PROBABILITY, rms
 from vfplan.registration.registration import fit_registration
 from vfplan.registration.touch import NearestOnMesh, refine_by_touch
 from vfplan.surface.build import SurfaceSettings, surface
@@ -62,7 +62,6 @@ def test_the_predicted_error_is_the_error(bone, count):
         start = marked(rng, 5e-4)
         touched = touches(bone, rng, 40, flank)
         fitted = refined(bone, start, touched)
-        assert fitted.used.all()
         assert 5e-5 < rms(fitted.distances_m[fitted.used]) < 2e-4
         assert fitted.constraint > 0.03
         found = fitted.registration
@@ -70,8 +69,9 @@ def test_the_predicted_error_is_the_error(bone, count):
         whole = (away[::97] <= found.tre95_curve_m(at)).all()
         rows.append([(off(start, bone) ** 2).mean(), (away**2).mean(),
                      (found.tre_m(at) ** 2).mean(), (away[::97] <= found.tre95_m(at)).mean(),
-                     whole])  # fmt: skip
-    markers, error, predicted, inside, whole = np.mean(rows, axis=0)
+                     whole, fitted.used.mean()])  # fmt: skip
+    markers, error, predicted, inside, whole, used = np.mean(rows, axis=0)
+    assert 1 - used < 4 * RARE_PROBABILITY  # that a good touch is left out: of 24,000, 2.4
     assert 0.7 < np.sqrt(error / predicted) < 1.4
     assert inside > 0.8
     assert error < markers / 2

@@ -186,7 +186,9 @@ class Engine {
     /// What it was made with: of the thread that edits, as handed over last.
     const Parameters& parameters() const noexcept { return parameters_; }
     /// Distance from x to the nearest geometry [m]; infinity of an engine that was given away.
-    double distance(const Vec3& x) const noexcept { return impl_ ? impl_->distance(x) : infinity; }
+    double distance(const Vec3& x) const noexcept {
+        return impl_ ? impl_->distance(x, infinity, nullptr) : infinity;
+    }
     /// Whether it was given to `exchange`, or moved from.
     bool was_exchanged() const noexcept { return !changes_; }
 

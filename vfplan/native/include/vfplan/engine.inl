@@ -123,11 +123,10 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
                (skin_ ? skin_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return index().cells(); }
-    double distance_within(const Vec3& x, double reach) noexcept override {
-        return vfplan::distance_within(index(), this->space_.project(x), reach);
-    }
-    double distance(const Vec3& x) noexcept override {
-        return vfplan::distance(all_ ? *all_ : index(), this->space_.project(x));
+    double distance(const Vec3& x, double reach, WorkBudget*) noexcept override {
+        const Vec<D> at = this->space_.project(x);
+        if (reach < infinity) return distance_within(index(), at, reach);
+        return vfplan::distance(all_ ? *all_ : index(), at);
     }
 
   private:
@@ -147,8 +146,8 @@ struct GeometryEngine final : RuleInSpace<Space, RuleOf> {
     using RuleInSpace<Space, RuleOf>::RuleInSpace;
     std::size_t bytes() noexcept override { return sizeof(*this) + this->rule_.motion().bytes(); }
     std::size_t cells() noexcept override { return this->rule_.motion().cells(); }
-    double distance(const Vec3& x) noexcept override {
-        return this->rule_.motion().distance(this->space_.project(x));
+    double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept override {
+        return this->rule_.motion().distance(this->space_.project(x), reach, budget);
     }
 };
 

@@ -40,15 +40,15 @@ struct EngineImpl {
     virtual void set_skin(const mesh::Surface&) {}
     virtual std::size_t bytes() noexcept = 0;
     virtual std::size_t cells() noexcept = 0;
-    /// Distance from x to the geometry [m].
-    virtual double distance(const Vec3& x) noexcept = 0;
-    /// The same, or `reach` where that is less [m].
-    virtual double distance_within(const Vec3& x, double reach) noexcept {
-        return std::min(distance(x), reach);
-    }
+    /// Distance from x to the geometry, or `reach` where that is less [m]; 0 where a budget has no
+    /// steps left to know it.
+    virtual double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept = 0;
     bool is_outside(const Vec3& x) noexcept {
-        return distance_within(x, parameters.R()) >= parameters.R() - 2 * parameters.band;
+        WorkBudget budget(look_steps);
+        return distance(x, parameters.R(), &budget) >= parameters.R() - 2 * parameters.band;
     }
+    /// Inner steps among triangles that one look at another engine takes at most.
+    static constexpr std::int64_t look_steps = 4000;
 
     Parameters parameters;  ///< of the loop: of a mesh with the band of its smooth body
 };
@@ -221,7 +221,8 @@ class PointNumbers {
 /// What was free before an exchange: the space around the previous engine's geometry.
 template <class S>
 struct PreviousSpace final : FreeBefore<S::dimension> {
-    /// Places along a way that are looked at; a longer way counts as none.
+    /// Places along a way that are looked at; a longer way counts as none, as does one along which
+    /// the steps of a look are spent.
     static constexpr int max_places = 24;
     /// Least distance between them, in R: no wall is passed over.
     static constexpr double stride = 1 / 8.0;
@@ -232,15 +233,16 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
 
     bool is_free(const Vec<S::dimension>& direction, double length,
                  const Vec<S::dimension>& out) const noexcept override {
+        WorkBudget budget(EngineImpl::look_steps);
         const double R = engine->parameters.R();
+        const auto distance = [&](const Vec3& x) { return engine->distance(x, 2 * R, &budget); };
         const double enough = R - 2 * engine->parameters.band;
         const Vec3 way = space->direction(direction);
         const Vec3 up = 2 * stride * R * space->direction(out);
-        if (engine->distance_within(from + up, 2 * R) < engine->distance_within(from - up, 2 * R))
-            return false;
+        if (distance(from + up) < distance(from - up)) return false;
         double t = 0;
         for (int i = 0; i < max_places; ++i) {
-            const double free = engine->distance_within(from + t * way, 2 * R) - enough;
+            const double free = distance(from + t * way) - enough;
             if (!(free >= 0)) return false;
             if (t >= length) return true;
             t = std::min(t + std::max(free, stride * R), length);

@@ -4,7 +4,7 @@
 // behind all that hang on it.
 #pragma once
 
-#include "vfplan/base/compiler.hpp"
+#include "vfplan/base/work.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -72,16 +72,20 @@ class BoundsTree {
     int around(const V& y, const double& reach, F&& f) const noexcept {
         return visit([&](const Bounds& b) noexcept { return b.distance2(y) <= reach * reach; }, f);
     }
-    /// The same, the nearer of two halves first.
+    /// The same, the nearer of two halves first; where there is a budget, until it is spent.
     template <class V, class F>
-    void visit_nearest(const V& y, const double& reach, F&& f) const noexcept {
-        if (!nodes_.empty()) descend(0, y, reach, f);
+    void visit_nearest(const V& y, const double& reach, F&& f,
+                       WorkBudget* budget = nullptr) const noexcept {
+        if (!nodes_.empty()) descend(0, y, reach, f, budget);
     }
 
   private:
     template <class V, class F>
-    void descend(std::uint32_t k, const V& y, const double& reach, F&& f) const noexcept {
+    void descend(std::uint32_t k, const V& y, const double& reach, F&& f,
+                 WorkBudget* budget) const noexcept {
         const Node& node = nodes_[k];
+        if (budget && budget->is_spent()) return;
+        if (budget) budget->spend(2 + 3 * (node.last - node.first));
         for (std::uint32_t i = node.first; i < node.last; ++i) f(i);
         if (node.first < node.last) return;
         std::uint32_t near = k + 1, far = nodes_[k + 1].skip;
@@ -89,8 +93,8 @@ class BoundsTree {
         if (far2 < near2) std::swap(near, far), std::swap(near2, far2);
         // What is as near as the last is looked at too, whatever roundings say.
         constexpr double more = 1 + 1e-12;
-        if (near2 <= reach * reach * more) descend(near, y, reach, f);
-        if (far2 <= reach * reach * more) descend(far, y, reach, f);
+        if (near2 <= reach * reach * more) descend(near, y, reach, f, budget);
+        if (far2 <= reach * reach * more) descend(far, y, reach, f, budget);
     }
 
     struct Node {

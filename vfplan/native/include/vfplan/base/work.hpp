@@ -11,6 +11,7 @@ namespace vfplan::inline v1 {
 
 class WorkBudget {
   public:
+    explicit WorkBudget(std::int64_t work = 0) noexcept { begin(work); }
     void begin(std::int64_t work) noexcept {
         done_ = total();
         begun_ = left_ = work;

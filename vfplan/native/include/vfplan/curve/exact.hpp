@@ -172,8 +172,7 @@ struct FeatureHit {
 
     /// Whether the feature is met where the path starts already, so that the proxy cannot move.
     bool is_immediate(const RoundingLimits& limits) const noexcept {
-        if (is_touching) return t < slacks_to_sink * limits.start_slack;
-        return t < limits.start_slack;
+        return t < (is_touching ? slacks_to_sink : 1) * limits.start_slack;
     }
 };
 
@@ -239,7 +238,9 @@ class CurveMotion {
 
     std::size_t bytes() const noexcept { return curve_.bytes(); }
     std::size_t cells() const noexcept { return curve_.tree().size(); }
-    double distance(const Vec2& x) const noexcept { return curve_.distance(x); }
+    double distance(const Vec2& x, double reach, WorkBudget*) const noexcept {
+        return std::min(curve_.distance(x), reach);
+    }
 
     // GuardedRule asks every motion for what follows, down to `contact`.
 
@@ -268,8 +269,7 @@ class CurveMotion {
     MotionEnd move_within(const ForceBall<2>* ball, Vec2& proxy, const Vec2& hip) noexcept {
         outcome_ = move_freely_and_slide(proxy, hip, ball);
         if (outcome_ == Outcome::limit) return MotionEnd::limit;
-        if (outcome_ == Outcome::force_ball) return MotionEnd::force_ball;
-        return MotionEnd::rests;
+        return outcome_ == Outcome::force_ball ? MotionEnd::force_ball : MotionEnd::rests;
     }
 
     /// Which state the proxy is in, and the direction in which the curve pushes it. GuardedRule has
@@ -279,10 +279,9 @@ class CurveMotion {
         if (distance_ <= R_ + band_) {
             answer.state = State::in_contact;
             // Where it is not one feature that holds the proxy, the spring tells the direction.
-            if (current_ == none || outcome_ == Outcome::corner)
-                answer.normal = along(proxy - hip, 1);
-            else
-                answer.normal = curve_[current_].contact(proxy).normal;
+            const bool is_held_by_one = current_ != none && outcome_ != Outcome::corner;
+            answer.normal =
+                is_held_by_one ? curve_[current_].contact(proxy).normal : along(proxy - hip, 1);
         } else if (distance_ < neighbourhood_) {
             answer.state = State::free_motion;
         }

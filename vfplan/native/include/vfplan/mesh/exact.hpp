@@ -47,7 +47,9 @@ class MeshMotion {
     std::int64_t work() const noexcept { return query_.budget().total(); }
     std::size_t bytes() const noexcept { return mesh().bytes() + body_.bytes(); }
     std::size_t cells() const noexcept { return mesh().tree().size(); }
-    double distance(const Vec3& x) const noexcept { return mesh().distance(x); }
+    double distance(const Vec3& x, double reach, WorkBudget* budget) const noexcept {
+        return mesh().distance(x, reach, budget);
+    }
     void begin_tick() noexcept {
         query_.budget().begin_tick(max_steps, enough_steps, all_steps - last_steps);
     }

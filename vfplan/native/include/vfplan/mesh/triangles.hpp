@@ -255,13 +255,15 @@ class Mesh {
                corners_.capacity() * sizeof(Vec3) + tree_.bytes();
     }
 
-    /// The distance of y from the nearest triangle [m].
-    double distance(const Vec3& y) const noexcept {
-        double least = infinity;
-        tree_.visit_nearest(y, least, [&](std::uint32_t i) noexcept {
-            least = std::min(least, triangles_[i].distance(y));
-        });
-        return least;
+    /// The distance of y from the nearest triangle, or `reach` where that is less [m]; 0 where a
+    /// budget has no steps left to know it.
+    double distance(const Vec3& y, double reach = infinity,
+                    WorkBudget* budget = nullptr) const noexcept {
+        const auto look = [&](std::uint32_t i) noexcept {
+            reach = std::min(reach, triangles_[i].distance(y));
+        };
+        tree_.visit_nearest(y, reach, look, budget);
+        return budget && budget->is_spent() ? 0 : reach;
     }
 
     /// Goes on counting at a node of the tree, from 0 to its size, how often a closed surface winds

@@ -293,9 +293,9 @@ class ContactSurfaces {
         const double curvature = curvature_along((1 / length) * tangential);
         const double along_normal = 1 - curvature * depth;
         const double sideways = curvature * length;
-        double to_centre = 0;
-        if (along_normal > 0)  // not std::hypot, whose last bit differs among libraries
-            to_centre = std::sqrt(along_normal * along_normal + sideways * sideways);
+        // Not std::hypot, whose last bit differs among libraries.
+        const double to_centre =
+            along_normal > 0 ? std::sqrt(along_normal * along_normal + sideways * sideways) : 0;
         return plane.lift * plane.normal + (1 / std::max(to_centre, 0.5)) * tangential;
     }
 

@@ -267,10 +267,8 @@ class RobustMotion {
             plane.lift = std::min(plane.lift, lift_limit + dot(plane.normal, to_goal));
             has_lift = plane.lift > min_step();
             lifts_only = is_lift_due && has_lift;
-            if (lifts_only)
-                step = plane.lift * plane.normal;
-            else
-                step = surfaces_.slide(to_goal, plane, plane_slack());
+            step = lifts_only ? plane.lift * plane.normal
+                              : surfaces_.slide(to_goal, plane, plane_slack());
         }
         const double length = norm(step);
         if (!(length > min_step())) {
@@ -284,13 +282,9 @@ class RobustMotion {
         const double free = sweep(proxy, (1 / length) * step, length, sliding_);
         const bool is_stopped = free < length;
         const bool is_stopped_at_once = free < min_step();
-        Vec<D> next;
-        if (is_stopped)
-            next = proxy + (free / length) * step;
-        else if (step == to_goal)
-            next = goal;  // No plane has changed the step, so the proxy arrives to the bit.
-        else
-            next = proxy + step;
+        // Where no plane has changed the step, the proxy arrives to the bit.
+        Vec<D> next = step == to_goal ? goal : proxy + step;
+        if (is_stopped) next = proxy + (free / length) * step;
         if (is_stopped_at_once && surfaces > 1 && lift_then_move(proxy, goal, step, path))
             return true;
 

@@ -168,8 +168,7 @@ class GuardedRule {
         if (!is_outside_) return lead_out(proxy, hip);
         if (M::rest_is_final && rests_ && hip == last_hip_) return last_;
         last_hip_ = hip;
-        if (is_handing_over_) return hand_over(proxy, hip);
-        return follow(proxy, hip);
+        return is_handing_over_ ? hand_over(proxy, hip) : follow(proxy, hip);
     }
 
     M& motion() noexcept { return motion_; }

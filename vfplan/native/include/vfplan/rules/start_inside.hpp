@@ -71,8 +71,7 @@ class WayOut {
     const Vec<D>& direction() const noexcept { return direction_; }
     /// `inside`, and whether no way out on the proxy's own side was found.
     std::uint8_t status() const noexcept {
-        if (leads_to_other_side_) return Status::inside | Status::other_side;
-        return Status::inside;
+        return leads_to_other_side_ ? Status::inside | Status::other_side : Status::inside;
     }
     /// Where it leads a proxy at x that does not go with the HIP; nothing while that is not known.
     std::optional<Vec<D>> end(const Vec<D>& x) const noexcept {
