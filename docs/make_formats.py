@@ -52,14 +52,15 @@ TABLES = {
         ("BMP", "24 and 32 bits", "an alpha channel that is not empty", "",
          "a picture without pixels", "Pillow, OpenCV"),
         ("DICOM", "colour, grey, one frame by `--frame`; overlay planes are ignored, with a note",
-         "PixelSpacing, position and orientation, also of each frame of an enhanced file; "
-         "window centre and width",
-         "`--imager-spacing`",
+         "PixelSpacing, position and orientation, also of each frame of an enhanced (multi-frame) "
+         "file; window centre and width",
+         "`--imager-spacing`, if the file has only ImagerPixelSpacing",
          "non-square pixels whose size neither the file nor `--pixel-spacing` gives",
          "pydicom"),
     ],
     "Curves as vectors": [
-        ("Slicer `.mrk.json`, `.fcsv`", "one Curve or ClosedCurve", "LPS or RAS, units",
+        ("Slicer `.mrk.json`, `.fcsv`",
+         "`.mrk.json`: one Curve or ClosedCurve; `.fcsv`: points in order", "LPS or RAS, units",
          "`--curve-type`, if spline and straight lines differ by more than a tenth of the "
          "[contact radius](glossary.md#the-fixture)",
          "several curves; a curve off the slice's plane", "VTK's vtkCardinalSpline"),
@@ -91,7 +92,7 @@ TABLES = {
          "a unit vfplan takes m or mm by the distances between the markers, with a note, or with a "
          "doubt if the size of a pixel is unknown",
          "decimal commas and points in one table", "one table in 120 variants"),
-        ("ImageJ's `X,Y`", "results, lists of points",
+        ("ImageJ's `X,Y`", "a table of results, a list of points",
          "a unit in the header; the number of a point, which becomes its label; an area's X,Y "
          "count from the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt",
