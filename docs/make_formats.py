@@ -57,6 +57,9 @@ TABLES = {
          "`--imager-spacing`, if the file has only ImagerPixelSpacing",
          "non-square pixels whose size neither the file nor `--pixel-spacing` gives",
          "pydicom"),
+        ("NRRD, NIfTI", "grey volumes, one slice across the third axis by `--frame`",
+         "position, axes and units in the patient", "",
+         "several volumes in a file; voxels that are no finite numbers", "pynrrd, nibabel"),
     ],
     "Curves as vectors": [
         ("Slicer `.mrk.json`, `.fcsv`",
