@@ -124,6 +124,49 @@ int main() {
     assert(unplaced.step(a).stopping == vfplan::Status::bad_hip && unplaced.step(a).stop);
     unplaced.reset(a);
     assert(unplaced.step(a).stopping == 0);
+    // What an arm would not get as it is stops the loop.
+    assert(unplaced.pose(0, {}) == false &&
+           unplaced.step(a).stopping == vfplan::Status::stale_pose);
+    using Says = vfplan::GovernorStatus;
+    vfplan::ControllerSettings torques;
+    torques.governor.torque_max[0] = 5;
+    vfplan::Controller blind(wall, {}, torques);
+    blind.reset(a);
+    assert(blind.step(a).stopping == Says::no_jacobian << 8);
+    const double wide[3 * 17] = {};
+    for (const int joints : {-1, 0, 17, 1000})
+        assert(g.step(a, wide, joints).status & Says::bad_jacobian);
+    assert(g.step(a, wide, 16).status == 0);
+    // A fixture that is added in contact changes the force by no more than the governor lets it.
+    vfplan::bundle::Fixture beside = wall;
+    beside.points = {0, 0, 1e-4};
+    vfplan::Controller pressed(wall);
+    pressed.reset(Vec3(0, 0, 0.01));
+    Vec3 force;
+    for (int i = 0; i < 200; ++i)
+        force = pressed.step(Vec3(0, 0, std::max(0.01 - 1e-4 * i, 1e-3))).force;
+    assert(std::abs(force[2] - 4) < 0.1);
+    pressed.add(beside);
+    for (int i = 0; i < 9; ++i) {
+        const Vec3 next = pressed.step(Vec3(0, 0, 1e-3)).force;
+        assert(norm(next - force) <= 1);
+        force = next;
+    }
+    // Radii that no engine takes are refused before anything is made of them.
+    const double line[6] = {0, 0, 0, 0.1, 0, 0};
+    vfplan::bundle::Fixture drawn = wall, skin = wall;
+    drawn.pieces = {{{line, line + 6}, {0, 0}, false}};
+    drawn.rendering->ignore_axis = Vec3(0, 0, 1);
+    skin.points = {0, 0, 0, 0.1, 0, 0, 0, 0.1, 0};
+    skin.mesh = {0, 1, 2};
+    for (vfplan::bundle::Fixture fixture : {drawn, skin, wall}) {
+        assert(!refused([&] { vfplan::Controller good(fixture); }));
+        for (const double radius : {0.0, -1.0, -1e-3, double(NAN)}) {
+            fixture.rendering->contact_radius = radius;
+            assert(refused([&] { vfplan::Controller bad(fixture); }));
+            assert(why.find("contact_radius") != why.npos);
+        }
+    }
     // Whatever changes a fixture keeps to the governor's bound on K, and one that is spent is none.
     vfplan::bundle::Fixture stiff = wall, soft = wall;
     stiff.rendering->stiffness = {3000, 3000, 3000};

@@ -54,8 +54,8 @@ VFPLAN_ONCE bundle::Fixture load(const std::filesystem::path& path, const Demand
 
 struct ControllerSettings {
     GovernorLimits governor;  ///< its `period` is a tick's; its `stiffness` follows from the bundle
-    double max_stiffness = 0;  ///< K to which set_stiffness may raise that of the bundle, and of
-                               ///< what the fixture may be exchanged for [N/m]
+    double max_stiffness = 0;  ///< K to which set_stiffness may raise a bundle's [N/m]; what the
+                               ///< fixture is exchanged for brings its own
     std::optional<MovingLimits> moving = {};  ///< of a fixture that moves
     std::optional<Rule> rule = {};            ///< without one, each fixture's best
     Search search = Search::automatic;
@@ -98,8 +98,8 @@ class Controller {
     Controller(Controller&&) noexcept = default;
     Controller& operator=(Controller&&) noexcept = default;
 
-    /// Renders another fixture too, before the loop begins: forces add up. One that is rendered
-    /// already is felt once.
+    /// Renders another fixture too: forces add up. One that is rendered already is felt once. It
+    /// takes longer than a tick: call it before the loop begins.
     void add(const std::filesystem::path& fixture);
     void add(const bundle::Fixture& fixture);
 
@@ -115,7 +115,7 @@ class Controller {
     /// the tip, row after row.
     Command step(const Vec3& tip, std::optional<double> time_s, const double* jacobian,
                  int joints) noexcept;
-    /// J^T F to command [N m].
+    /// J^T F to command [N m], of 16 joints.
     const double* torque() const noexcept;
     /// From the next tick on the force fades, and the loop stops; from any thread, or a signal's
     /// handler. A reset does not forget a request that no tick has seen.
@@ -123,7 +123,8 @@ class Controller {
 
     // For one other thread, while the loop runs.
 
-    /// Hands over where the moving fixture was at `stamp` [s]: as MovingFrame::pose.
+    /// Hands over where the moving fixture was at `stamp` [s]: as MovingFrame::pose. Without
+    /// ControllerSettings::moving nothing would move, and the loop stops (`stale_pose`).
     bool pose(double stamp, const Pose& pose) noexcept;
     /// Hands the poses that wait to the frame, as the tick at this time does; for the loop, where
     /// it is the tracker's thread too.

@@ -115,9 +115,8 @@ class Rendered {
             step.force = step.force + guided.force;
             return step;
         }
-        step.proxy = guided.proxy;
-        step.force = guided.force;
-        step.status = guided.status;
+        std::tie(step.proxy, step.force, step.status) =
+            std::tie(guided.proxy, guided.force, guided.status);
         if (guided.held) step.state = State::free_motion;
         if (norm(guided.force) > 0) {
             step.state = State::in_contact;
@@ -239,7 +238,7 @@ struct ControllerImpl {
         for (const Rendered& part : all.parts)
             if (part.is_same(fixture, p)) return;
         Rendered made = make(fixture);
-        governor = governor_of(stiffness() + made.stiffness());
+        governor.take_limits(governor_of(stiffness() + made.stiffness()));
         all.parts.push_back(std::move(made));
     }
     /// Throws OutOfRange for a number that no fixture has.
@@ -334,8 +333,9 @@ struct ControllerImpl {
         const Step s = frame ? frame->step(all, time, hip) : all.step(hip);
         note_stops(s.status);
         const Governed governed = govern(stopping ? Vec3{} : s.force);
-        stopping |= std::uint16_t(
-            (governed.status & (GovernorStatus::bad_force | GovernorStatus::bad_jacobian)) << 8);
+        using Says = GovernorStatus;
+        const int not_commanded = Says::bad_force | Says::bad_jacobian | Says::no_jacobian;
+        stopping |= std::uint16_t((governed.status & not_commanded) << 8);
         const std::uint8_t status = s.status | (governed.is_capped ? Status::capped : Status::ok);
         Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
                     status,         governed.status, stopping, false};
@@ -360,7 +360,7 @@ struct ControllerImpl {
         else
             bad_ticks = std::max(bad_ticks - recovery, 0.0);
         if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
-        if (is_asked.exchange(false, std::memory_order_relaxed)) stopping |= Controller::asked;
+        stopping |= asked.exchange(0, std::memory_order_relaxed);
     }
     bool has_torque_left() const noexcept {
         const double* torque = governor.torque();
@@ -378,8 +378,8 @@ struct ControllerImpl {
     HipGate waiting;          // since a reset, for a pose of the frame
     bool has_waited = false;  // for a tick
     Governor governor;
-    std::atomic<bool> is_asked{false};
-    double time = 0;             // [s]
+    std::atomic<std::uint16_t> asked{0};  // bits of `stopping`, from outside of the loop
+    double time = 0;                      // [s]
     double bad_ticks = 0;        // without a good position, less `recovery` for each good one
     std::uint16_t stopping = 0;  // as in Command
     int joints = 0;              // of the Jacobians since the reset
@@ -438,10 +438,12 @@ VFPLAN_ONCE const double* Controller::torque() const noexcept {
     return impl_ ? impl_->governor.torque() : none;
 }
 VFPLAN_ONCE void Controller::request_stop() noexcept {
-    if (impl_) impl_->is_asked.store(true, std::memory_order_relaxed);
+    if (impl_) impl_->asked.fetch_or(asked, std::memory_order_relaxed);
 }
 
 VFPLAN_ONCE bool Controller::pose(double stamp, const Pose& pose) noexcept {
+    if (impl_ && !impl_->frame)
+        impl_->asked.fetch_or(Status::stale_pose, std::memory_order_relaxed);
     return impl_ && impl_->frame && impl_->frame->pose(stamp, pose);
 }
 VFPLAN_ONCE void Controller::take_poses(double time_s) noexcept {

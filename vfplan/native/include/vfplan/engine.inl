@@ -247,6 +247,7 @@ VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Par
     constexpr double an_iteration = 9.5e-6;  // [s]
     constexpr double a_feature = 12.5e-9;    // [s]
     using curve::CurveMotion;
+    check_radii(p);
     check(strokes);
     if (!p.ignore_axis) reject("rule exact needs an ignore_axis: it is planar");
     const curve::Curve curve(strokes, Slice(*p.ignore_axis), p.R());
@@ -259,6 +260,7 @@ VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Par
 }
 
 VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameters& p) {
+    check_radii(p);
     mesh::check(surface);
     std::vector<Box<3>> boxes;
     std::vector<std::uint32_t> steps;

@@ -102,6 +102,8 @@ class Governor {
                      std::ranges::min(limits.torque_max) < infinity;
     }
 
+    /// Keeps to the limits of another one, from what is commanded on.
+    void take_limits(const Governor& other) noexcept { limits_ = other.limits_; }
     /// Nothing is commanded and nothing was given, as when the controller of an arm starts.
     void reset() noexcept { *this = Governor(limits_); }
 
@@ -110,11 +112,11 @@ class Governor {
 
     /// The next tick of an arm that takes torques.
     ///
-    /// `jacobian` is that of the point on which the force acts: 3 x `joints`, row after row, with
-    /// 16 joints at most.
+    /// `jacobian` is that of the point on which the force acts: 3 x `joints`, row after row, with 1
+    /// to 16 joints: any other number is `bad_jacobian`.
     Governed step(const Vec3& force, const double* jacobian, int joints) noexcept {
-        const int n = std::clamp(joints, 0, max_joints);
-        if (n > 0 && is_sound(jacobian, 3 * n)) return govern(force, {jacobian, n}, 0);
+        const bool is_good = joints > 0 && joints <= max_joints && is_sound(jacobian, 3 * joints);
+        if (is_good) return govern(force, {jacobian, joints}, 0);
         constexpr double none[max_joints] = {};
         const Governed g = govern({}, {}, GovernorStatus::bad_jacobian);
         ramp_torques(none, max_joints);

@@ -6,7 +6,7 @@
 #pragma once
 
 #if !defined(__cpp_concepts)
-#error "vfplan: needs C++20: compile with -std=c++20, by g++ 10 or clang 10 or later"
+#error "vfplan: needs C++20: compile with -std=c++20, by g++ 11 or clang 14 or later"
 // No file has this name. It ends the compilation here, before the many errors that would follow.
 #include "vfplan/needs_cpp20"
 #endif

@@ -119,10 +119,9 @@ inline void check_leak(const Content& content, Findings& findings) {
     const double reach = radius_of(content) - content.number("/rendering@band_m");
     const Certificate certificate = certify(certified_shape(content), reach);
     const std::string_view kind = certificate.kind;
-    if (found != kind) {
+    if (found != kind)
         return findings.error("corrupt.leak", "/leak@kind",
                               {"is ", Quoted{found}, "; ", Quoted{kind}, " wanted"});
-    }
     const bool is_cloud = kind == "cloud";
     const double limit = content.number("/leak@limit_m", 0);
     const double largest = content.number("/leak@largest_m");
