@@ -296,7 +296,7 @@ class Geometry:
             return finding
         for piece in self.leftover:
             # The pen's width in a bundle differs a little, and so do the edges of its pieces.
-            places = np.array([piece.middle, piece.nearest])
+            places = np.vstack([piece.middle, piece.places])
             is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
             if is_of_piece and tuple(piece.middle.tolist()) in self.excluded_ink:
                 return replace(finding, severity="note")
