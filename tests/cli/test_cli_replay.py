@@ -143,10 +143,13 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = tmp_path / "other.png"
     other.write_bytes(image.read_bytes() + b" ")
-    vfplan_cli(*call, tmp_path / "two", "--image", other).fails(
-        3, "This is not the slice that the curve was drawn on"
-    )
-    assert not (tmp_path / "two").exists()
+    drawn = tmp_path / "two"
+    for words in (
+        (*call, drawn, "--image", other),
+        ("review", fixture, "--slice", other, "--sheet-out", drawn.with_suffix(".png")),
+    ):
+        vfplan_cli(*words).fails(3, f"{other}: This is not the slice that the curve was drawn on")
+    assert not list(tmp_path.glob("two*"))
 
 
 @pytest.mark.parametrize(("limits", "code", "verdict"), [

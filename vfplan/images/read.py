@@ -82,6 +82,8 @@ class PlannedImage:
         What was read otherwise than a person may expect.
     grey_range
         The values of black and white in a grey DICOM slice or volume, Hounsfield units in a CT.
+    where
+        The file that it was read from; empty for an array.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
@@ -92,6 +94,7 @@ class PlannedImage:
     orientation: int = 1
     findings: tuple[Finding, ...] = ()
     grey_range: Sequence[float] | None = None
+    where: str = ""
 
     @property
     def width_px(self) -> int:
@@ -190,7 +193,7 @@ def read_image(
         findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
         return PlannedImage(
             rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings,
-            grey_range=grey_range,
+            grey_range=grey_range, where=where,
         )  # fmt: skip
     if is_volume(data):
         _, place, grey_range, grey = volume_slice(data, where, frame)
@@ -198,7 +201,7 @@ def read_image(
         steps_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
         rgb = np.repeat(grey[..., None], 3, axis=2)
         return PlannedImage(
-            rgb, pixel_spacing_mm or steps_mm, sha256, place, grey_range=grey_range
+            rgb, pixel_spacing_mm or steps_mm, sha256, place, grey_range=grey_range, where=where
         )  # fmt: skip
     with naming_place(where):
         header = read_header(data, max_pixels)
@@ -216,7 +219,7 @@ def read_image(
         findings.append(note("range-stretched", "extract", text))
     return PlannedImage(
         upright(rgb, orientation), pixel_spacing_mm, sha256,
-        orientation=orientation, findings=tuple(findings),
+        orientation=orientation, findings=tuple(findings), where=where,
     )  # fmt: skip
 
 

@@ -745,8 +745,7 @@ def source_of_bundle(
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
         image = flat_as_planned(read_slice(slice_path, extraction_of(fixture, extraction)), known)
-        with naming_place(slice_path):
-            check_slice(fixture, image)
+        check_slice(fixture, image)
         if spacing is not None:
             image = replace(image, pixel_spacing_mm=spacing)
         sha256["slice"] = image.sha256

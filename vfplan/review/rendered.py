@@ -100,9 +100,9 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
         raise ImageError(
             "This is not the slice that the curve was drawn on. Their SHA-256 differ: "
             f"{image.sha256[:12]}... here, {known[:12]}... in the bundle. Give the original.",
-            code="another-slice",
+            where=image.where, code="another-slice",
             numbers={"expected": known, "found": image.sha256},
-        )
+        )  # fmt: skip
 
 
 def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stroke, ...]:
