@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.cli import options
+from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.display import MM, micrometres, millimetres, wrote
+from vfplan.cli.run import CommandResult, command, progress
+from vfplan.display import MM, command_of, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
@@ -87,8 +88,19 @@ def vfplan_burr(
         f"burred {figures['places_lowered']} places, up to {millimetres(figures['deepest_m'], 2)} "
         "deep"
     )
-    next_step = f"draw it, and keep the edits for vfplan replay: {command_line()} "
-    next_step += "--picture-out burr.png --events-out edits.csv"
+    unwritten = []
+    if picture_out is None:
+        unwritten += ["--picture-out", file_beside(fixture, "burr", ".png")]
+    if events_out is None:
+        unwritten += ["--events-out", file_beside(fixture, "edits", ".csv")]
+    if unwritten:
+        typed = typed_options("burr", overwrites=False)
+        again = command_of("burr", fixture, session, *typed, *unwritten)
+        next_step = f"draw it, and keep the edits for vfplan replay: {again}"
+    else:
+        typed = typed_options("replay", overwrites=False)
+        words = "replay", fixture, session, "--rule", "robust", "--events", events_out, *typed
+        next_step = f"replay the edits: {command_of(*words)}"
     if not figures["replayed_to_the_bit"]:
         failed = "the replay of the edits gives other forces"
         verdict = f"fail: {failed}"

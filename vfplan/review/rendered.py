@@ -516,8 +516,7 @@ def accept(
     if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
         raise CheckFailed(
             "This digest is not that of the bundle: the sheet that was looked at shows another "
-            "plan. Draw the sheet of this bundle and look at it: vfplan review FIXTURE.h5 --slice "
-            "IMAGE --sheet-out SHEET.png.",
+            "plan. Draw the sheet of this bundle and look at it",
             code="digest-other",
             numbers={"given": typed, "expected": with_slice},
         )
