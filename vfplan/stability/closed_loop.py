@@ -170,10 +170,7 @@ def closed_loop_case(
     scene, places, band = contacts.contacts_on(on, rule)
     case = f"closed-loop/{scene}/{rule}"
     if exact_bound(robot) == 0.0:
-        # A filter of almost 0 Hz lets no force through in time.
         detail = "without damping no sampled spring is stable, however soft"
-        if robot.damping_n_s_per_m:
-            detail = "with so low a filter no sampled spring is stable, however soft"
         return [CaseResult(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
     robot = replace(robot, delay_ticks=worst_delay(robot), delay_jitter_ticks=0)
     contacts_tried = list(places)

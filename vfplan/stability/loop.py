@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Vector, number
 from vfplan.engine.proxy import ProxyEngine, Status, Step
+from vfplan.errors import SettingError
 from vfplan.robot import Robot
 
 # Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
@@ -28,6 +29,10 @@ MIN_DECAY = 1e-9
 
 # Largest decay b T / m of a tick. The exponential of a larger one overflows float64.
 MAX_DECAY = 1e12
+
+# Smallest cutoff of a robot's filter, over the smaller of b / m and 1 / T [Hz s]. With a lower one
+# a hand that holds the mass comes to rest at every K, so that there is no largest one.
+MIN_FILTER = 0.1
 
 # Largest spectral radius that counts as stable.
 #
@@ -138,12 +143,20 @@ def exact_bound(robot: Robot, hand_share: float = 0.0) -> float:
     Raises
     ------
     SettingError
-        A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`.
+        A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`, or a filter so slow that a
+        hand that holds the mass bears every K.
     """
     if robot.damping_n_s_per_m == 0.0:
         return 0.0
     decay = robot.damping_n_s_per_m / robot.rate_hz / robot.mass_kg
     number("damping * period / mass", decay, "", least=MIN_DECAY, most=MAX_DECAY)
+    slowest_hz = MIN_FILTER * robot.rate_hz * min(decay, 1.0)
+    if robot.filter_hz and robot.filter_hz < slowest_hz:
+        raise SettingError(
+            f"filter_hz is {robot.filter_hz:g} Hz, and behind so slow a filter there is no largest "
+            f"stable K. Give at least {slowest_hz:.4g} Hz, or 0 for none.",
+            code="filter-slow", numbers={"filter_hz": robot.filter_hz, "least_hz": slowest_hz},
+        )  # fmt: skip
 
     def is_stable(stiffness: float) -> bool:
         return spectral_radius(robot, stiffness, hand_share * stiffness) < STABLE_RADIUS
