@@ -57,6 +57,21 @@ def test_a_concluded_unit_is_a_doubt_where_no_scale_checks_it(
     assert {f["code"]: f["severity"] for f in found}["unit-concluded"] == severity
 
 
+@pytest.mark.parametrize(("name", "severity"), [("label", "note"), ("Counter", "doubt")])
+@pytest.mark.parametrize("height", [300, 400])
+def test_a_symmetric_pattern_is_a_doubt_where_the_program_numbered_the_points(
+    vfplan_cli, curve, tmp_path, name, severity, height
+):
+    places = [(300, 250), (600, 250), (600, 250 + height), (300, 250 + height)]
+    points = [[k, u + k % 2, v] for k, (u, v) in enumerate(places, 1)]
+    named = write(tmp_path / "i.csv", f"{name},X,Y", points)
+    touched = [[k, 6e-4 * u, 6e-4 * v, 0.1] for k, (u, v) in enumerate(places, 1)]
+    robot = write(tmp_path / "r.csv", "label,x_m,y_m,z_m", touched)
+    run = vfplan_cli("register", curve, named, robot, "-o", tmp_path / "f.h5", "--json").sound
+    found = {finding["code"]: finding["severity"] for finding in run.json["findings"]}
+    assert found["layout-symmetric"] == severity
+
+
 def test_gate(vfplan_cli, curve, tmp_path):
     out, picture = tmp_path / "f.h5", tmp_path / "p.png"
     common = ("register", curve, PIXELS, ROBOT, "-o", out, "--picture-out", picture)

@@ -243,12 +243,15 @@ def test_imagejs_tables_are_markers_by_the_numbers_of_their_points(write, form):
     assert (pairs.labels, pairs.source_frame) == (("1", "2", "3"), "image")
     np.testing.assert_allclose(pairs.source, [[10, 20], [30, 25], [12, 60]], atol=1e-12)
     found = [(finding.code, finding.severity) for finding in pairs.findings]
-    assert found == ([] if is_calibrated else [("imagej-table", "doubt")])
+    unit_doubt = [] if is_calibrated else [("imagej-table", "doubt")]
+    assert found == [*unit_doubt, ("points-numbered", "note")]
 
 
 def test_names_that_a_person_gave_in_imagejs_table_stay(write):
     text = "Name,X,Y\nx3,12,60\nx1,10,20\nx2,30,25\n"
-    assert read_markers(write("i.csv", text), write("r.csv", ROBOT)).labels == ("x3", "x1", "x2")
+    pairs = read_markers(write("i.csv", text), write("r.csv", ROBOT))
+    assert pairs.labels == ("x3", "x1", "x2")
+    assert "points-numbered" not in {finding.code for finding in pairs.findings}
     with refuses(MarkerError, "label-doubled"):
         read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
     with refuses(MarkerError, "column-unknown"):

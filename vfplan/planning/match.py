@@ -160,14 +160,18 @@ def match(
     # What is not refused and a person should look at.
     record.inputs |= correspondences.inputs
     found = registration_findings(registration)
-    given = correspondences.findings
-    if "scale-unchecked" in {finding.code for finding in found}:
-        # Nothing says that the unit was concluded rightly.
-        given = [
-            replace(finding, severity="doubt") if finding.code == "unit-concluded" else finding
-            for finding in given
-        ]
-    record.findings += [*given, *found]
+    found = [*correspondences.findings, *found]
+    codes = {finding.code for finding in found}
+    # Nothing says that the unit, or the order of the points, was concluded rightly.
+    unsure = set()
+    if "scale-unchecked" in codes:
+        unsure.add("unit-concluded")
+    if "points-numbered" in codes:
+        unsure.add("layout-symmetric")
+    for finding in found:
+        if finding.code in unsure:
+            finding = replace(finding, severity="doubt")
+        record.findings.append(finding)
     target_frame = correspondences.target_frame
     side = side_finding(registration)
     if side is not None and settings.seen_from is None and target_frame == "robot_base":
