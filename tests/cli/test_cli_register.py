@@ -177,7 +177,7 @@ def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_
         some = write(tmp_path / "five.csv", rows(marks)[0], rows(marks)[1][::2]) if seed else marks
         refused = vfplan_cli("plan", photo, some, ROBOT, "--common", cwd=tmp_path)
         words = refused.error_line[refused.error_line.rindex("vfplan rectify") :].split(" && ")[0]
-        assert (refused.code, "on a page: vfplan review" in refused.error_line) == (1, True)
+        assert (refused.code, "on a page (vfplan review" in refused.error_line) == (1, True)
         made = vfplan_cli(*shlex.split(words)[1:], "--json", cwd=tmp_path).sound.json
         out = tmp_path / f"my photo {seed}-flat.png"
         assert made["residual_rms_m"] < made["marker_error_m"] < 5e-4
@@ -198,7 +198,7 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     typed = ["--contact-radius=4", "--guide", "1", "--case", "K1", "--colour", "red", "--no-sheet"]
     typed += ["--picture-out", "seen.png", "--max-residual", "0.9"]
     refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, "-o", "x.h5", cwd=tmp_path)
-    page, here = refused.error_line.split("Make it flat (on a page: ")[1].split(") or here: ")
+    page, here = refused.error_line.split("on a page (")[1].split(") or with two commands: ")
     assert page.endswith("--case K1 --colour red --max-residual 0.9 --key KEY -o x.h5")
     for command in here.split(" && "):
         assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).code == 0
@@ -215,7 +215,7 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     (tmp_path / "s.json").write_text(json.dumps(settings))
     typed = ["--settings", "s.json", "--contact-radius=3", "-o", "y.h5"]
     refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, cwd=tmp_path)
-    here = refused.error_line.split(") or here: ")[1].split(" && ")
+    here = refused.error_line.split(") or with two commands: ")[1].split(" && ")
     assert '"common": true' in here[0]
     (tmp_path / "s.json").unlink()
     for command in here:

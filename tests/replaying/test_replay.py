@@ -195,6 +195,16 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert open_words(whole.metrics) == ""
 
 
+@pytest.mark.parametrize("whole", ["\n", "\r\n"])
+def test_a_table_whose_last_line_is_open_is_told_of(tmp_path, whole):
+    path, rows = tmp_path / "s.csv", ["t,x,y,z", "0,0,0.01,0.02", "0.001,0,0.01,0.0234"]
+    for encoding in ("utf-8", "utf-16"):
+        for end in (whole, ""):
+            path.write_bytes((whole.join(rows) + end).encode(encoding))
+            told = codes_of(replay(fixture_of(line()), path))
+            assert ("session-open-end" in told) == (end == "")
+
+
 @pytest.mark.parametrize("rule", ["exact", "robust"])
 @pytest.mark.parametrize(("opens", "ends_mm", "is_within"), [
     (True, (50, -27), True), (True, (-50, -33), False), (False, (50, 28), False),

@@ -7,6 +7,7 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -115,6 +116,10 @@ def open_session(
                     ignored.remove(column)
         if ignored:
             notes["ignored_columns"] = ignored
+        end = file.view()
+        end.seek(-2, os.SEEK_END)
+        if not {*end.read()} & {*b"\r\n"}:
+            notes["open_end"] = True
 
         def read() -> Iterator[Samples]:
             for rows in table.blocks(columns):
