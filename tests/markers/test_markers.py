@@ -288,6 +288,7 @@ BAD_SLICER_FILES = [
     ("json", r"True\. Give a number", mrk([("x1", [True, 0, 0], "defined")])),
     ("json", "has no label", mrk([("", [1, 2, 3], "defined")])),
     ("json", "holds no marker", mrk([])),
+    ("xlsx", "suffix '.xlsx'", IMAGE),
     ("fcsv", "CoordinateSystem is None", HEAD),
     ("fcsv", "CoordinateSystem is '2'", HEAD + "# CoordinateSystem = 2\n"),
     ("fcsv", "columns are", HEAD + "# CoordinateSystem = 0\n# columns = label,x,y,z\n"),
@@ -297,7 +298,7 @@ BAD_SLICER_FILES = [
 
 
 @pytest.mark.parametrize(("suffix", "message", "text"), BAD_SLICER_FILES)
-def test_bad_slicer_files_are_refused_by_name(write, suffix, message, text):
+def test_other_bad_files_are_refused_by_name(write, suffix, message, text):
     with pytest.raises(MarkerError, match=message):
         read_markers(write(f"p.{suffix}", text), write("r.csv", ROBOT))
 
@@ -316,12 +317,3 @@ def test_a_table_may_end_its_lines_with_cr_alone(write):
     pairs = read_markers(write("old.csv", table))
     assert pairs.labels == ("a", "b")
     assert pairs.target[1].tolist() == [8, 9, 10]
-
-
-def test_unreadable_files(write, tmp_path):
-    robot = write("r.csv", ROBOT)
-    write("a.xlsx", IMAGE)
-    said = {"none.csv": "cannot be read", "a.xlsx": "suffix '.xlsx'"}
-    for name, message in said.items():
-        with pytest.raises(MarkerError, match=message):
-            read_markers(tmp_path / name, robot)

@@ -191,6 +191,9 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert [gap["length_s"] for gap in seen["gap_list"]] == pytest.approx([0.501, 0.008])
     assert "session-gap" in codes_of(found)
     assert "0.509 s" in open_words(found.metrics)
+    name = "session.gaps" if rate_hz is None else "session.recorded.gaps"
+    gapless = [(name, "at_most", 0)]
+    assert replay(fixture_of(line()), recorded, **PAPER, limits=gapless).verdict == "fail"
     whole = replay(fixture_of(line()), session, **PAPER, limits=LIMITS)
     assert open_words(whole.metrics) == ""
 
