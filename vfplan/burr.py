@@ -88,19 +88,14 @@ def vfplan_burr(
         f"burred {figures['places_lowered']} places, up to {millimetres(figures['deepest_m'], 2)} "
         "deep"
     )
-    unwritten = []
-    if picture_out is None:
-        unwritten += ["--picture-out", file_beside(fixture, "burr", ".png")]
     if events_out is None:
-        unwritten += ["--events-out", file_beside(fixture, "edits", ".csv")]
-    if unwritten:
-        typed = typed_options("burr", overwrites=False)
-        again = command_of("burr", fixture, session, *typed, *unwritten)
-        next_step = f"draw it, and keep the edits for vfplan replay: {again}"
+        picture, edits = file_beside(fixture, "burr", ".png"), file_beside(fixture, "edits", ".csv")
+        words = ["burr", fixture, session, "--picture-out", picture, "--events-out", edits]
+        next_step = "draw it, and keep the edits for vfplan replay: "
     else:
-        typed = typed_options("replay", overwrites=False)
-        words = "replay", fixture, session, "--rule", "robust", "--events", events_out, *typed
-        next_step = f"replay the edits: {command_of(*words)}"
+        words = ["replay", fixture, session, "--rule", "robust", "--events", events_out]
+        next_step = "replay the edits: "
+    next_step += command_of(*words, *typed_options(words[0], overwrites=False))
     if not figures["replayed_to_the_bit"]:
         failed = "the replay of the edits gives other forces"
         verdict = f"fail: {failed}"

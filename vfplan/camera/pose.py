@@ -123,9 +123,8 @@ def is_allowed(numbers: Array) -> bool:
         return numbers > 0 and numbers % 1 == 0
     if numbers.ndim == 1:
         return len(numbers) in COEFFICIENTS
-    fx, fy = numbers[0, 0], numbers[1, 1]
-    pinhole = [[fx, 0, numbers[0, 2]], [0, fy, numbers[1, 2]], [0, 0, 1]]
-    return min(fx, fy) > 0 and np.array_equal(numbers, pinhole)
+    (fx, _, u), (_, fy, v), _ = numbers
+    return min(fx, fy) > 0 and np.array_equal(numbers, [[fx, 0, u], [0, fy, v], [0, 0, 1]])
 
 
 @dataclass(frozen=True, eq=False)

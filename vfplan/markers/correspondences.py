@@ -539,7 +539,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     Raises MarkerError: an unknown coordinate system, other columns, a position that is not three
         finite numbers
     """
-    header: dict[str, str] = {}
+    header = {}
     lines = []
     for line in text.splitlines():
         stripped = line.strip()

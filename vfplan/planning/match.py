@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 # The smallest fixture's markers lie half its extent from their centre.
 MIN_LAYOUT_RADIUS_M = MIN_EXTENT_M / 2
 
+# A finding -> the one that is a doubt beside it: nothing says that the unit, or the order of the
+# points, was concluded rightly.
+UNSURE = {"scale-unchecked": "unit-concluded", "points-numbered": "layout-symmetric"}
+
 
 @dataclass
 class Record:
@@ -161,13 +165,7 @@ def match(
     record.inputs |= correspondences.inputs
     found = registration_findings(registration)
     found = [*correspondences.findings, *found]
-    codes = {finding.code for finding in found}
-    # Nothing says that the unit, or the order of the points, was concluded rightly.
-    unsure = set()
-    if "scale-unchecked" in codes:
-        unsure.add("unit-concluded")
-    if "points-numbered" in codes:
-        unsure.add("layout-symmetric")
+    unsure = {UNSURE.get(finding.code) for finding in found}
     for finding in found:
         if finding.code in unsure:
             finding = replace(finding, severity="doubt")

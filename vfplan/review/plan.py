@@ -694,11 +694,9 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def source_of_slice(
-    path: Path,
-    curve_path: str | Path | None,
-    extraction: ExtractSettings,
+    path: Path, curve_path: str | Path | None, extraction: ExtractSettings,
     planning: FixtureSettings,
-) -> Source:
+) -> Source:  # fmt: skip
     """What a review of a slice begins with."""
     image = read_slice(path, extraction)
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}

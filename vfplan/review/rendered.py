@@ -188,7 +188,7 @@ def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[
     """
     if fixture.rendering is None:
         return ()
-    outlines: list[Outline] = []
+    outlines = []
     try:
         if fixture.region is not None:
             outlines.append(wall_outline(fixture.region, plane, size))

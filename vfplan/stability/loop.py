@@ -268,14 +268,9 @@ class LoopMotion:
 
 
 def simulate(
-    engine: Engine,
-    robot: Robot,
-    hand: SimulatedHand,
-    stiffness: float,
-    x: Vector,
-    v: Vector,
+    engine: Engine, robot: Robot, hand: SimulatedHand, stiffness: float, x: Vector, v: Vector,
     ticks: int,
-) -> LoopMotion:
+) -> LoopMotion:  # fmt: skip
     """Run the loop from (x, v); the engine goes on from its present proxy.
 
     Parameters
@@ -312,9 +307,14 @@ def simulate(
         # The first tick has no force before it.
         bases = [np.zeros(3), *held_forces[tick - 1 : tick]]
         for base, limit in zip(bases, limits, strict=False):
-            if limit is not None:
-                force, is_limited = limit_change(force, base, limit)
-                limited_ticks += is_limited
+            if limit is None:
+                continue
+            # The force nearest to it on the way from the base.
+            change = force - base
+            length = float(np.sqrt(change @ change))
+            if length > limit:
+                force = base + change * (limit / length)
+                limited_ticks += 1
 
         positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
         held_forces[tick] = force
@@ -350,18 +350,6 @@ def run_until_still(engine: Engine, hand: SimulatedHand, stiffness: float, start
         force = stiffness * engine.step(x).force + hand.force_at(x)
         x = x + 0.5 * force / (stiffness + hand.stiffness)
     return x
-
-
-def limit_change(force: Vector, base: Vector, limit: float) -> tuple[Vector, bool]:
-    """The force nearest to `force` (3,) on the way from `base` (3,), and whether it was limited.
-
-    Its distance from `base` is at most `limit`. All three are in N.
-    """
-    change = force - base
-    length = float(np.sqrt(change @ change))
-    if length > limit:
-        return base + change * (limit / length), True
-    return force, False
 
 
 def slide(robot: Robot, hand: float, v: float, net: float) -> tuple[float, float]:
