@@ -184,7 +184,7 @@ def read_image(
             rgb, spacing_mm, place, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
-            if "pixel-aspect" in remarks and pixel_spacing_mm is spacing_mm is None:
+            if "pixel-aspect" in remarks and not (pixel_spacing_mm or spacing_mm):
                 raise ImageError(
                     "has pixels that are not square (PixelAspectRatio), of no known size. Give "
                     "--pixel-spacing ALONG_U,ALONG_V.",
