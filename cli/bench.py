@@ -86,7 +86,7 @@ def measure(stages: list[str], commands: tuple[str, ...], quick: bool) -> dict[s
     from vfplan.bench.pipeline import bench
 
     peers = [Peer(words) for words in commands]
-    absent: list[dict[str, Any]] = []
+    absent = []
     with ExitStack() as folders:
         if "proxy" in stages and not peers:
             folder = folders.enter_context(tempfile.TemporaryDirectory(prefix="vfplan-peer-"))
@@ -117,14 +117,9 @@ def write_bench(document: dict[str, Any], drawn: list[str], files: list[Path]) -
 
 
 @command("conformance")
-@click.option(
-    "--write",
-    "folder",
-    required=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="DIR",
-    help="Write the kit into this folder. Files of an older kit are replaced.",
-)
+@option("--write", "folder", required=True, type=click.Path(file_okay=False, path_type=Path),
+        metavar="DIR", help="Write the kit into this folder. Files of an older kit are replaced.",
+)  # fmt: skip
 def vfplan_conformance(folder) -> CommandResult:
     """Write the conformance kit: sound bundles, broken bundles, and rendered paths.
 
@@ -170,7 +165,16 @@ def vfplan_demo(what, output, page) -> CommandResult:
       panda        the same on a simulated Panda (extra [arm]): force over depth, arm, torques
     """
     if page is not None:
-        return write_page(page)
+        from vfplan.samples.paper import simulations_page
+
+        with outputs(page) as (place,):
+            write_whole(place, [simulations_page().encode()], overwrite=True)
+        return CommandResult(
+            {"files": [page.name]},
+            f"{wrote(page)}: one file, which a browser opens without a network",
+            verdict="done: 1 file written",
+            next_step=f"open {quoted(page)} in a browser and move the mouse over the picture",
+        )
     sample = importlib.import_module(f"vfplan.samples.{what}")
     if output.exists():
         refuse_folder(output, *sample.FILES)
@@ -200,18 +204,4 @@ def vfplan_demo(what, output, page) -> CommandResult:
         verdict=f"done: {len(sample.FILES)} files written",
         next_step=f"look at the pictures in {quoted(output)}; docs/tutorial.md tells the steps one "
         "by one",
-    )
-
-
-def write_page(page: Path) -> CommandResult:
-    """Write the four simulations as a page."""
-    from vfplan.samples.paper import simulations_page
-
-    with outputs(page) as (place,):
-        write_whole(place, [simulations_page().encode()], overwrite=True)
-    return CommandResult(
-        {"files": [page.name]},
-        f"{wrote(page)}: one file, which a browser opens without a network",
-        verdict="done: 1 file written",
-        next_step=f"open {quoted(page)} in a browser and move the mouse over the picture",
     )

@@ -117,7 +117,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
             message = " ".join(sorted(sentences, key=lambda text: general in text))
             error.message = message.removesuffix(".").replace(general, page)
         elif TO_RECTIFY in error.message:
-            ways = f"(on a page: {page}) or here: {rectify_command(*files, **options)}"
+            here = rectify_command(*files, **options)
+            ways = f"on a page ({page}) or with two commands: {here}"
             error.message = error.message.replace(TO_RECTIFY, ways)
         elif error.code in MENDED_ON_PAGE:
             error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"

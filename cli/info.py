@@ -104,7 +104,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
 
     # What the files hold.
     differences = diff(a, b)
-    data: dict[str, Any] = {"differences": differences}
+    data = {"differences": differences}
     lines = []
     for found in differences:
         values = [f"{name} {found[name]}" for name in found if name not in ("path", "what")]
@@ -246,7 +246,7 @@ def vfplan_view(fixture, result, screenshot, slice_path) -> CommandResult:
 
     with announce_if_slow("trying how pictures can be drawn here"):
         view3d.ready_pyvista(screen=screenshot is None)
-    data: dict[str, Any] = {"points": len(planned.points), "files": []}
+    data = {"points": len(planned.points), "files": []}
     if ticks is not None:
         data["ticks"] = len(ticks)
     next_step = command_of("replay", fixture, "SESSION")

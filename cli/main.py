@@ -97,7 +97,7 @@ class LazyGroup(click.Group):
         if words[0] == "help":
             words = [*words[1:], "--help"]
         extra["standalone_mode"] = False
-        exit_code: object = 0
+        exit_code = 0
         if sys.stderr is None:
             # It was closed: what would be said there goes nowhere, and into no file of the command.
             sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - open to the end

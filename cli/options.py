@@ -102,27 +102,20 @@ class Parsed(click.ParamType):
             self.fail(str(error), param, ctx)
 
 
-class Numbers(Parsed):
+def numbers_of(
+    *counts: int, metavar: str, positive: bool = True, word: str | None = None
+) -> Parsed:
     """Several numbers separated by commas, e.g. `0.59,0.61`.
 
-    Parameters
-    ----------
-    counts
-        How many are allowed.
-    positive
-        Whether each must be above 0.
-    word
-        A word that may stand for none of them.
+    counts: how many are allowed
+    positive: whether each must be above 0
+    word: a word that may stand for none of them
     """
-
-    def __init__(
-        self, *counts: int, metavar: str, positive: bool = True, word: str | None = None
-    ) -> None:
-        super().__init__(metavar, partial(parse_numbers, counts, positive, word))
+    return Parsed(metavar, partial(parse_numbers, counts, positive, word))
 
 
 def parse_numbers(counts: tuple[int, ...], positive: bool, word: str | None, text: str) -> Any:
-    """The numbers of a text, as a tuple; arguments as of `Numbers`."""
+    """The numbers of a text, as a tuple; arguments as of `numbers_of`."""
     if text == word:
         return ()
     numbers = tuple(map(parse_decimal, text.split(",")))
@@ -137,28 +130,25 @@ def parse_numbers(counts: tuple[int, ...], positive: bool, word: str | None, tex
     return numbers
 
 
-class Number(Parsed):
+def number_of(metavar: str, scale: float = 1.0, least: float | None = None) -> Parsed:
     """One number, in another unit: times `scale`; above 0, or `least` or above."""
 
-    def __init__(self, metavar: str, scale: float = 1.0, least: float | None = None) -> None:
-        super().__init__(metavar, partial(parse_scaled, scale, least))
+    def parse(text: str) -> float:
+        value = parse_decimal(text)
+        if least is None and value <= 0:
+            raise ValueError(f"{text!r} is not above 0. Type a larger number")
+        if least is not None and value < least:
+            raise ValueError(f"{text!r} is below {least:g}. Type that or a number above")
+        return float(value * scale)
 
-
-def parse_scaled(scale: float, least: float | None, text: str) -> float:
-    """The number of a text, scaled; arguments as of `Number`."""
-    value = parse_decimal(text)
-    if least is None and value <= 0:
-        raise ValueError(f"{text!r} is not above 0. Type a larger number")
-    if least is not None and value < least:
-        raise ValueError(f"{text!r} is below {least:g}. Type that or a number above")
-    return float(value * scale)
+    return Parsed(metavar, parse)
 
 
 # A length above 0: typed in millimetres, handed on in metres.
-MM = Number("MM", 1e-3)
+MM = number_of("MM", 1e-3)
 
 # A length of 0 or above: typed in millimetres, handed on in metres.
-MM_OR_ZERO = Number("MM", 1e-3, least=0)
+MM_OR_ZERO = number_of("MM", 1e-3, least=0)
 
 
 class _StrictNumber(click.ParamType):
@@ -316,22 +306,22 @@ BROWSER = options_in_order(
 PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",
                help="The printer's paper.")  # fmt: skip
 
-VECTOR = Numbers(3, metavar="X,Y,Z", positive=False)
+VECTOR = numbers_of(3, metavar="X,Y,Z", positive=False)
 # Form of a setting -> what reads it.
 FORMS = {
     kind.metavar: kind
     for kind in (
-        Numbers(2, metavar="U,V", positive=False), Parsed("U,V,W,H", parse_rectangle),
-        Numbers(1, 2, metavar="MM[,MM]"), Numbers(1, metavar="MM|none", word="none"),
-        Numbers(1, 3, metavar="N_PER_M[,Y,Z]"),
-        Numbers(1, 2, metavar="N[,MM_PER_S]", positive=False),
+        numbers_of(2, metavar="U,V", positive=False), Parsed("U,V,W,H", parse_rectangle),
+        numbers_of(1, 2, metavar="MM[,MM]"), numbers_of(1, metavar="MM|none", word="none"),
+        numbers_of(1, 3, metavar="N_PER_M[,Y,Z]"),
+        numbers_of(1, 2, metavar="N[,MM_PER_S]", positive=False),
         Parsed("all|longest|N", parse_stroke), Parsed("above|below|X,Y,Z", parse_side),
         Parsed("tre95[+MM]|p=P", parse_margin),
     )
 }  # fmt: skip
 
 # Where a simulated arm stands: `rehearse` and `plan --rehearse`.
-ARM_BASE = {"type": Numbers(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
+ARM_BASE = {"type": numbers_of(3, 7, metavar="X,Y,Z[,QW,QX,QY,QZ]", positive=False)}
 
 # The tip of a simulated arm in the frame of its flange: `rehearse` and `plan --rehearse`.
 ARM_TOOL = {"type": VECTOR, "default": "0,0,0.1"}
@@ -347,13 +337,15 @@ def setting_option(kind: type, name: str) -> Callable[[F], F]:
     setting = next(setting for setting in fields(kind) if setting.name == name)
     rule, form = setting.metadata, setting.metadata.get("form")
     default = setting.default if "[default:" not in rule["help"] else None
-    attributes: dict[str, Any] = {"help": rule["help"], "multiple": "repeatable" in rule}
+    attributes = {"help": rule["help"], "multiple": "repeatable" in rule}
     if "flag" in rule or isinstance(default, bool):
         attributes |= {"is_flag": True, "show_default": False}
     elif "choices" in rule:
         attributes["type"] = click.Choice(rule["choices"])
     elif form in ("MM", "PTS_PER_MM"):
-        attributes["type"] = Number(form, scale_of(setting), 0 if rule.get("least") == 0 else None)
+        attributes["type"] = number_of(
+            form, scale_of(setting), 0 if rule.get("least") == 0 else None
+        )
         if default is not None:
             default = f"{default / scale_of(setting):g}"
     elif form in FORMS:

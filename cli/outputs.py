@@ -73,7 +73,7 @@ def _refuse(paths: list[Path]) -> None:
         for value in values
         if isinstance(value, Path) and not any(value is path for path in paths)
     }
-    resolved: set[str] = set()
+    resolved = set()
     for path in paths:
         place = os.path.realpath(path)
         if place in resolved:

@@ -29,7 +29,7 @@ from vfplan.display import coordinates, count, millimetres, quoted, wrote
 from vfplan.errors import InputError
 from vfplan.findings import doubt
 from vfplan.geometry import UNIT_ROUNDED
-from vfplan.io.files import OpenedFile, open_number_table, to_json_types
+from vfplan.io.files import OpenedFile, naming_place, open_number_table, to_json_types
 from vfplan.io.writing import write_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
@@ -142,7 +142,8 @@ def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     if not tool or not tool.isprintable():
         raise click.UsageError("--tool is empty, or holds signs that cannot be seen")
     matrices = read_tool_poses(poses, units, row_major)
-    tip = calibrate_tip(matrices, max_error_m)
+    with naming_place(poses):
+        tip = calibrate_tip(matrices, max_error_m)
     worst = int(tip.residuals_m.argmax())
     place, pivot = (coordinates(point, 6, ",") for point in (tip.offset_m, tip.pivot_m))
     error_mm = 1e3 * tip.error95_m

@@ -11,7 +11,7 @@ from typing import Any
 import click
 from vfplan.cli import options
 from vfplan.cli.next_commands import page_shows, review_command
-from vfplan.cli.options import FILE, DecimalNumber, Number, WholeNumber, option, options_in_order
+from vfplan.cli.options import FILE, DecimalNumber, WholeNumber, number_of, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
@@ -46,7 +46,7 @@ LIMIT = options.Parsed("NAME=NUMBER", parse_limit)
 LINK_OPTIONS = options_in_order(
     option("--drop", type=DecimalNumber(0, 1, max_open=True), metavar="P",
            help="Lossy link: lose each packet with this probability."),
-    option("--jitter", "jitter_s", type=Number("MS", 1e-3, least=0),
+    option("--jitter", "jitter_s", type=number_of("MS", 1e-3, least=0),
            help="Lossy link: delay each sample by up to this time, at random [ms]."),
     option("--delay", "delay_ticks", type=WholeNumber(0), metavar="TICKS",
            help="Lossy link: delay all samples by this many ticks."),
@@ -63,7 +63,7 @@ MOTION_OPTIONS = options_in_order(
            "for the time when the loop got the pose."),
     option("--events", type=FILE, metavar="EVENTS.csv",
            help="Exchange and edit the fixture at the ticks of this file."),
-    option("--pose-limits", type=options.Numbers(3, metavar="AGE,SPEED,TURN"),
+    option("--pose-limits", type=options.numbers_of(3, metavar="AGE,SPEED,TURN"),
            help="With --poses: the age at which a pose is stale, and the largest speed and turn of "
            "the frame [s, m/s, rad/s].  [default: 0.1,0.25,1]"),
     option("--pivot", type=options.VECTOR,
@@ -91,7 +91,7 @@ SESSION_OPTIONS = options_in_order(
            help="Read this field of a ROS bag's messages, e.g. pose or O_T_EE."),
     option("--tool-tip", type=options.VECTOR,
            help="Place of the tip in the frame of a ROS bag's poses [m]."),
-    option("--rate", "rate_hz", type=Number("HZ"),
+    option("--rate", "rate_hz", type=number_of("HZ"),
            help="Resample the session to this rate by straight lines [Hz]."),
 )  # fmt: skip
 
@@ -121,7 +121,8 @@ SESSION_OPTIONS = options_in_order(
     SESSION_OPTIONS,
     MOTION_OPTIONS,
     options.robot_option("Check forces, force steps and speeds by the limits of this robot."),
-    option("--governor", type=options.Numbers(2, metavar="[STEP,MAX]", word="robot"), is_flag=False,
+    option("--governor", is_flag=False,
+           type=options.numbers_of(2, metavar="[STEP,MAX]", word="robot"),
            flag_value="robot",
            help="Limit the force step and the force to STEP,MAX [N], or without numbers to the "
            "limits of --robot or franka."),

@@ -64,7 +64,7 @@ def stoppable() -> Iterator[Callable[[], None]]:
     Yields a function that raises once more if there was a signal: Python drops what is raised while
     a destructor runs.
     """
-    arrivals: list[tuple[float, int]] = []
+    arrivals = []
 
     def stop(number: int, _frame: FrameType | None) -> None:
         now = time.monotonic()
@@ -143,7 +143,7 @@ def noted_signals() -> Iterator[Callable[[], bool]]:
 
     A signal that is ignored, as by nohup, stays so.
     """
-    arrivals: list[int] = []
+    arrivals = []
     heard = [number for number in SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
     with _handled_by(lambda number, _frame: arrivals.append(number), heard):
         yield lambda: bool(arrivals)
@@ -165,17 +165,10 @@ class PagedCommand(click.Command):
     def __init__(self, *args: Any, first_screen: Sequence[str] = (), **more: Any) -> None:
         super().__init__(*args, **more)
         self.first_screen = tuple(first_screen)
-        self.params.append(
-            click.Option(
-                ["--help-all"],
-                is_flag=True,
-                is_eager=True,
-                expose_value=False,
-                callback=print_whole_help,
-                help="Show every option.",
-                hidden=not self.first_screen,
-            )
-        )
+        self.params.append(click.Option(
+            ["--help-all"], is_flag=True, is_eager=True, expose_value=False,
+            callback=print_whole_help, help="Show every option.", hidden=not self.first_screen,
+        ))  # fmt: skip
         unknown = set(first_screen) - {word for param in self.params for word in param.opts}
         assert not unknown, f"{self.name} has no option {unknown}"
 

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from typing import Any
 
 import click
-from vfplan.cli.next_commands import public_key_of, sign_command, verify_command
+from vfplan.cli.next_commands import public_key_of, review_command, sign_command, verify_command
 from vfplan.cli.options import (
     FILE,
     FIXTURE,
@@ -23,6 +23,7 @@ from vfplan.cli.outputs import is_overwriting, outputs
 from vfplan.cli.run import CommandResult, command, command_line
 
 from vfplan.display import quoted, wrote
+from vfplan.errors import CheckFailed
 
 
 @command("sign")
@@ -171,7 +172,13 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
     if answers and answer_all:
         raise click.UsageError("--answer and --answer-all exclude each other. Give one")
     before, seal = read_sealed(fixture)
-    accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
+    try:
+        accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
+    except CheckFailed as error:
+        if error.code == "digest-other":
+            image = "IMAGE" if "image" in before.provenance.inputs else None
+            error.message += f": {review_command(fixture, image, has_page=False)}"
+        raise
     with outputs(output) as (path,):
         write_fixture(accepted, path)
     answered = [finding.code for finding in accepted.findings if finding not in before.findings]

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vfplan.cli import options
+from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
-from vfplan.cli.run import CommandResult, command, command_line, progress
-from vfplan.display import MM, micrometres, millimetres, wrote
+from vfplan.cli.run import CommandResult, command, progress
+from vfplan.display import MM, command_of, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
@@ -87,8 +88,14 @@ def vfplan_burr(
         f"burred {figures['places_lowered']} places, up to {millimetres(figures['deepest_m'], 2)} "
         "deep"
     )
-    next_step = f"draw it, and keep the edits for vfplan replay: {command_line()} "
-    next_step += "--picture-out burr.png --events-out edits.csv"
+    if events_out is None:
+        picture, edits = file_beside(fixture, "burr", ".png"), file_beside(fixture, "edits", ".csv")
+        words = ["burr", fixture, session, "--picture-out", picture, "--events-out", edits]
+        next_step = "draw it, and keep the edits for vfplan replay: "
+    else:
+        words = ["replay", fixture, session, "--rule", "robust", "--events", events_out]
+        next_step = "replay the edits: "
+    next_step += command_of(*words, *typed_options(words[0], overwrites=False))
     if not figures["replayed_to_the_bit"]:
         failed = "the replay of the edits gives other forces"
         verdict = f"fail: {failed}"

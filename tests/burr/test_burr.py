@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 import numpy as np
 from refusals import refuses
 from replays import fixture_of, write_session
@@ -93,5 +95,11 @@ def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
     assert (tmp_path / "p.png").stat().st_size > 10_000
     again = ("replay", "f.h5", "s.csv", "--events", "e.csv", "-o", "again.h5")
     assert vfplan_cli(*again, cwd=tmp_path).code == 0
+    for named in (out[2:6], out[:4], ("-o", "other.h5")):
+        words = ("burr", "f.h5", "s.csv", "--radius=3", *named, "--units", "m", "--overwrite")
+        pasted = vfplan_cli(*words, cwd=tmp_path).sound.stdout.split("next: ")[-1]
+        _, *again = shlex.split(pasted[pasted.rindex("vfplan ") :])
+        assert {again.count(word) for word in again if word.startswith("-")} == {1}
+        assert vfplan_cli(*again, cwd=tmp_path).sound
     one, other = (vfplan.read_result(tmp_path / name) for name in ("r.h5", "again.h5"))
     assert np.array_equal(one[0].force, other[0].force)

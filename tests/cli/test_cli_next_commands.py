@@ -9,6 +9,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import bundles
 import click
 import pytest
 from conftest import ELBOW, ROOT
@@ -22,6 +23,8 @@ from vfplan.cli.next_commands import (
     sign_command,
     verify_command,
 )
+
+from vfplan.bundle.write import write_fixture
 
 ODD = Path("a folder/it's mine.h5")
 DASH = Path("-dash.h5")
@@ -103,6 +106,7 @@ CALLS = (
     (0, "review p.h5 --sheet-out sheet-2.png"),
     (0, "review c.h5 px.csv robot.csv --model affine --sheet-out sheet-4.png"),
     (0, "accept p.h5 --by A --digest {} -o approved.h5"),
+    (1, "accept p.h5 --by A --digest 0 -o o.h5"), (1, "accept bare.h5 --by A --digest 0 -o o.h5"),
     (3, "sign approved.h5 --key k3.key -o s0.h5"), (1, "sign p.h5 --key k.key -o s0.h5"),
     (0, "keygen -o k2.key"), (0, "review approved.h5 --sheet-out sheet-3.png"),
     (0, "sign approved.h5 --key k.key --case C1 -o b.h5"), (0, "verify b.h5 --keys k.pub"),
@@ -118,6 +122,7 @@ def test_every_command_that_is_printed_runs_as_pasted(vfplan_cli, tmp_path):
         (tmp_path / name).write_bytes(sample.read_bytes())
     (tmp_path / "session.csv").write_bytes((ROOT / "samples/elbow_session.csv").read_bytes())
     two_candidates(tmp_path / "two.png")
+    write_fixture(bundles.small(), tmp_path / "bare.h5")
     photographed(tmp_path)
     vfplan_cli("keygen", "-o", "k.key", cwd=tmp_path)
     failed = []

@@ -106,7 +106,6 @@ def grey(tmp_path):
 BAD = {
     "no red in the image": lambda t: (grey(t), PIXELS, ROBOT),
     "a directory for an image": lambda t: (t, PIXELS, ROBOT),
-    "a missing image": lambda t: (t / "none.png", PIXELS, ROBOT),
     "no image at all": lambda t: (PIXELS, PIXELS, ROBOT),
     "the same side twice": lambda t: (IMAGE, ROBOT, ROBOT),
 }

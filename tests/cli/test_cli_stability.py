@@ -83,11 +83,16 @@ def test_options_win_over_the_robot(vfplan_cli, dot):
     assert [blow["rests"] for blow in run.json["blows"]] == [True, True, True]
 
 
-def test_behind_a_filter_that_lets_nothing_through_nothing_is_stable(vfplan_cli, dot):
-    words = ("stability", dot, "--filter", 1e-12, "--part", "closed-loop", "--json")
-    found = vfplan_cli(*words).fails(1).json
-    assert (found["stable"], found["k_max_n_per_m"]) == (False, 0)
-    assert "with so low a filter" in found["cases"][0]["detail"]
+@pytest.mark.parametrize(
+    ("filter_hz", "damping", "least_hz"),
+    [(1e-12, 5, 0.5), (1e-6, 5, 0.5), (0.1, 5, 0.5), (5, 1000, 100)],
+)
+def test_a_filter_behind_which_a_hand_bears_every_stiffness_is_refused(
+    filter_hz, damping, least_hz, vfplan_cli, dot
+):
+    words = ("stability", dot, "--filter", filter_hz, "--damping", damping, "--json")
+    run = vfplan_cli(*words).fails(2, f"at least {least_hz:g} Hz, or 0", error="filter-slow")
+    assert run.json["error"]["numbers"] == {"filter_hz": filter_hz, "least_hz": least_hz}
 
 
 def test_bad_input(vfplan_cli, tmp_path):

@@ -11,7 +11,7 @@ from replays import write_session
 from vfplan.cli.register import registered_text
 
 import vfplan
-from vfplan.errors import CurveError, ImageError, InputError, SettingError
+from vfplan.errors import CurveError, ImageError, InputError
 from vfplan.surface.build import SurfaceSettings, surface
 
 NAME, NUMBER, UID = "Zacharias^Quint", "PID-778899", "1.2.826.0.1.3680043.99.123456"
@@ -195,8 +195,5 @@ def test_drawn_dicom_slices_become_a_surface(tmp_path):
 def test_what_is_no_source_is_refused(called, tmp_path):
     (tmp_path / "a.txt").write_text("hello")
     called("surface", "a.txt", "-o", "s.h5", code=3)
-    with refuses(InputError, "file-missing"):
-        surface(tmp_path / "none.dcm")
-    called("surface", "a.txt", "-o", "s.h5", "--tolerance", "6", code=2)
-    with refuses(SettingError, "out-of-range", tolerance_max_mm=5):
-        SurfaceSettings(tolerance_m=6e-3).step_m  # noqa: B018 - the property raises
+    wide = called("surface", "a.txt", "-o", "s.h5", "--tolerance", "6", "--json", code=2)
+    assert wide.json["error"]["numbers"]["tolerance_max_mm"] == 5

@@ -55,7 +55,9 @@ def test_no_ink_but_another_pens_line_is_named_by_its_own_colour(name):
     assert (error.code, error.numbers["other_colour"]) == ("no-line", name)
     length = np.hypot(*np.diff(curve, axis=0).T).sum()
     assert error.numbers["other_length_px"] == pytest.approx(length, rel=0.05)
-    assert f"--colour '{name}'" in error.message
+    wrong, found, *_ = error.message.split(". ")
+    assert (wrong, found[:12]) == ("No line was drawn in red", "Longest line")
+    assert found.endswith(f"--colour '{name}'")
     assert extract_curve(image, colour=name).findings == ()
 
 

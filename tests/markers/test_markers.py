@@ -243,12 +243,15 @@ def test_imagejs_tables_are_markers_by_the_numbers_of_their_points(write, form):
     assert (pairs.labels, pairs.source_frame) == (("1", "2", "3"), "image")
     np.testing.assert_allclose(pairs.source, [[10, 20], [30, 25], [12, 60]], atol=1e-12)
     found = [(finding.code, finding.severity) for finding in pairs.findings]
-    assert found == ([] if is_calibrated else [("imagej-table", "doubt")])
+    unit_doubt = [] if is_calibrated else [("imagej-table", "doubt")]
+    assert found == [*unit_doubt, ("points-numbered", "note")]
 
 
 def test_names_that_a_person_gave_in_imagejs_table_stay(write):
     text = "Name,X,Y\nx3,12,60\nx1,10,20\nx2,30,25\n"
-    assert read_markers(write("i.csv", text), write("r.csv", ROBOT)).labels == ("x3", "x1", "x2")
+    pairs = read_markers(write("i.csv", text), write("r.csv", ROBOT))
+    assert pairs.labels == ("x3", "x1", "x2")
+    assert "points-numbered" not in {finding.code for finding in pairs.findings}
     with refuses(MarkerError, "label-doubled"):
         read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
     with refuses(MarkerError, "column-unknown"):
@@ -285,6 +288,7 @@ BAD_SLICER_FILES = [
     ("json", r"True\. Give a number", mrk([("x1", [True, 0, 0], "defined")])),
     ("json", "has no label", mrk([("", [1, 2, 3], "defined")])),
     ("json", "holds no marker", mrk([])),
+    ("xlsx", "suffix '.xlsx'", IMAGE),
     ("fcsv", "CoordinateSystem is None", HEAD),
     ("fcsv", "CoordinateSystem is '2'", HEAD + "# CoordinateSystem = 2\n"),
     ("fcsv", "columns are", HEAD + "# CoordinateSystem = 0\n# columns = label,x,y,z\n"),
@@ -294,7 +298,7 @@ BAD_SLICER_FILES = [
 
 
 @pytest.mark.parametrize(("suffix", "message", "text"), BAD_SLICER_FILES)
-def test_bad_slicer_files_are_refused_by_name(write, suffix, message, text):
+def test_other_bad_files_are_refused_by_name(write, suffix, message, text):
     with pytest.raises(MarkerError, match=message):
         read_markers(write(f"p.{suffix}", text), write("r.csv", ROBOT))
 
@@ -313,12 +317,3 @@ def test_a_table_may_end_its_lines_with_cr_alone(write):
     pairs = read_markers(write("old.csv", table))
     assert pairs.labels == ("a", "b")
     assert pairs.target[1].tolist() == [8, 9, 10]
-
-
-def test_unreadable_files(write, tmp_path):
-    robot = write("r.csv", ROBOT)
-    write("a.xlsx", IMAGE)
-    said = {"none.csv": "cannot be read", "a.xlsx": "suffix '.xlsx'"}
-    for name, message in said.items():
-        with pytest.raises(MarkerError, match=message):
-            read_markers(tmp_path / name, robot)

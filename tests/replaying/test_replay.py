@@ -191,8 +191,21 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert [gap["length_s"] for gap in seen["gap_list"]] == pytest.approx([0.501, 0.008])
     assert "session-gap" in codes_of(found)
     assert "0.509 s" in open_words(found.metrics)
+    name = "session.gaps" if rate_hz is None else "session.recorded.gaps"
+    gapless = [(name, "at_most", 0)]
+    assert replay(fixture_of(line()), recorded, **PAPER, limits=gapless).verdict == "fail"
     whole = replay(fixture_of(line()), session, **PAPER, limits=LIMITS)
     assert open_words(whole.metrics) == ""
+
+
+@pytest.mark.parametrize("whole", ["\n", "\r\n"])
+def test_a_table_whose_last_line_is_open_is_told_of(tmp_path, whole):
+    path, rows = tmp_path / "s.csv", ["t,x,y,z", "0,0,0.01,0.02", "0.001,0,0.01,0.0234"]
+    for encoding in ("utf-8", "utf-16"):
+        for end in (whole, ""):
+            path.write_bytes((whole.join(rows) + end).encode(encoding))
+            told = codes_of(replay(fixture_of(line()), path))
+            assert ("session-open-end" in told) == (end == "")
 
 
 @pytest.mark.parametrize("rule", ["exact", "robust"])

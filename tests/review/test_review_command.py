@@ -220,14 +220,10 @@ def test_a_plan_too_large_for_a_page_names_a_command_that_works(vfplan_cli, fixt
     # It is read as a command, and stops at the calibration, which is none.
     command = [str(files.get(word, word)) for word in words]
     assert vfplan_cli(*command, "-o", tmp_path / "o.png").code == 3
-    both = vfplan_cli("review", SLICE, "-o", tmp_path / "o.h5", "--sheet-out", tmp_path / "s.png")
-    assert (both.code, "-o opens the page" in both.error_line) == (2, True)
 
 
 def test_refusals_name_the_command_that_mends_them(vfplan_cli, tmp_path):
     path, _ = two_candidates(tmp_path / "slice.png")
-    run = vfplan_cli("plan", path, *MARKERS, "-o", tmp_path / "o.h5").fails(3)
-    assert f"{MARKERS[1]} -o {tmp_path / 'o.h5'}" in run.stderr
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png")
     assert (run.code, (tmp_path / "s.png").exists()) == (3, True)
     assert f"vfplan review {path} -o {tmp_path / 'slice-approved.h5'}" in run.stderr

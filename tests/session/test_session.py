@@ -210,7 +210,6 @@ ODD_HDF5 = {
     "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, {}, "dataset-odd"),
     "a fixture": ({"points": THREE["hip"]}, {"/format": np.bytes_(b"vfplan-fixture")},
                   "fixture-as-session"),
-    "units": (THREE, {"/units": np.bytes_("mm")}, "units-or-frame-differ"),
     "units of hip": (THREE, {"hip/units": "mm"}, "units-or-frame-differ"),
     "frame of hip": (THREE, {"hip/frame": "camera"}, "units-or-frame-differ"),
     "unit of time": (THREE, {"time/unit": "ms"}, "units-or-frame-differ"),

@@ -77,6 +77,13 @@ def test_a_filter_of_100_hz_halves_the_bound_and_0_is_none():
     assert exact_bound(none) == exact_bound(zero) == pytest.approx(3338, abs=1)
 
 
+@pytest.mark.parametrize("damping", [1e-2, 5.0, 500.0, 1e3, 2e3, 1e4, 1e7])
+def test_the_slowest_filter_leaves_a_bound_to_a_mass_that_a_hand_holds(damping):
+    robot = replace(robot_of(damping=damping), filter_hz=loop.MIN_FILTER * min(damping, 1e3))
+    # Of short ticks it is 1 / (1 - 1 / pi) times as large, and most at a decay of 2.
+    assert exact_bound(robot, 0.2) < 7 * exact_bound(robot)
+
+
 def test_no_damping_no_stable_spring():
     robot = robot_of(damping=0.0)
     assert exact_bound(robot) == 0.0

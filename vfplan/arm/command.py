@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vfplan.cli import options
-from vfplan.cli.options import FILE, Number, option, options_in_order, output_option
+from vfplan.cli.options import FILE, number_of, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 from vfplan.display import millimetres, wrote
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     option("--tool", **options.ARM_TOOL, help="Tip of the arm in its flange's frame [m]."),
     option("--no-governor", is_flag=True,
            help="Send the force of the engine to the arm without a governor."),
-    option("--hand", "hand_n_per_m", type=Number("N_PER_M"), default="600",
+    option("--hand", "hand_n_per_m", type=number_of("N_PER_M"), default="600",
            help="Stiffness of the hand that pulls the tip along the session [N/m]."),
     options.UNITS,
     option("--report", type=FILE, metavar="DIR",

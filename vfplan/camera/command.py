@@ -76,7 +76,15 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
     """
     if board_out is not None:
         options.refuse_unused("with --board-out", "files", "output", "calibrate", *OF_THE_WALL)
-        return write_board(board_out, paper)
+        from vfplan.camera.sheet import draw_board, write_pdf
+
+        with outputs(board_out) as (path,):
+            write_pdf(draw_board(paper), path)
+        return CommandResult(
+            {"board": str(board_out)}, wrote(board_out), verdict="drawn",
+            next_step=f"print {quoted(board_out)} at 100 %, put it on a flat plate, take 15 "
+            "pictures from all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
+        )  # fmt: skip
     options.refuse_unused("without --board-out", "paper")
     writes_calibration = output is not None and output.suffix.lower() == ".json"
     wanted_files = len(files) > 0 if calibrate else len(files) == 2
@@ -112,19 +120,6 @@ def check_options_of_wall(source: Path, arguments: dict[str, Any]) -> None:
         raise click.UsageError("give --session or --live, not both")
     if arguments["tags"] is not None:
         options.refuse_unused("with --tags", "measured_mm")
-
-
-def write_board(board_out: Path, paper: str) -> CommandResult:
-    """Write the board of a calibration, to be printed."""
-    from vfplan.camera.sheet import draw_board, write_pdf
-
-    with outputs(board_out) as (path,):
-        write_pdf(draw_board(paper), path)
-    return CommandResult(
-        {"board": str(board_out)}, wrote(board_out), verdict="drawn",
-        next_step=f"print {quoted(board_out)} at 100 %, put it on a flat plate, take 15 pictures "
-        "from all sides, then vfplan ar --calibrate PICTURES -o CALIB.json",
-    )  # fmt: skip
 
 
 def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:

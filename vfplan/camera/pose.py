@@ -25,10 +25,16 @@ Picture = NDArray[np.uint8]
 # Bytes of a calibration at most; one has a few hundred.
 MAX_CALIBRATION_BYTES = 1 << 20
 
-# The fields of a calibration file, and the shapes of their numbers.
-SHAPES = {
-    "image_width": (), "image_height": (), "camera_matrix": (3, 3), "distortion_coefficients": (-1,)
-}  # fmt: skip
+# How many coefficients OpenCV takes of a lens.
+COEFFICIENTS = (0, 4, 5, 8, 12, 14)
+
+# The fields of a calibration file: the shapes of their numbers, and which are allowed.
+FIELDS = {
+    "image_width": ((), "a whole number above 0"),
+    "image_height": ((), "a whole number above 0"),
+    "camera_matrix": ((3, 3), "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with fx and fy above 0"),
+    "distortion_coefficients": ((-1,), "0, 4, 5, 8, 12 or 14 finite numbers"),
+}
 
 # Fewest tags of a pose: two of another sheet agree by chance once in a million.
 MIN_TAGS = 2
@@ -92,25 +98,33 @@ def read_camera(path: Path | None) -> Camera:
     lens, problem = [], "it is no JSON file"
     try:
         data = json.loads(read_text(path, MAX_CALIBRATION_BYTES, InputError)[0])
-        for name, shape in SHAPES.items():
-            problem = f"{name} is missing or wrong"
+        for name, (shape, allowed) in FIELDS.items():
+            problem = f"{name} is missing"
             # ROS puts each matrix into a table of its own, under `data`.
             numbers = data[name]["data"] if isinstance(data[name], dict) else data[name]
+            problem = f"{name} is {str(numbers)[:250]}, not {allowed}"
             lens.append(np.array(numbers, float).reshape(shape))
-            if not np.isfinite(lens[-1]).all():
+            if not np.isfinite(lens[-1]).all() or not is_allowed(lens[-1]):
                 raise ValueError(problem)
-        width, height, matrix, distortion = lens
-        camera = Camera(int(width), int(height), matrix, distortion)
-        # OpenCV takes certain numbers of coefficients.
-        camera.project(np.eye(3), np.ones(6))
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError, cv2.error):
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError):
         message = (
             f"is no calibration: {problem}. vfplan ar --calibrate writes one; of another program's "
             "write a JSON file with image_width, image_height, camera_matrix and "
             "distortion_coefficients"
         )
         raise InputError(message, where=str(path), code="calibration-file") from None
-    return camera
+    width, height, matrix, distortion = lens
+    return Camera(int(width), int(height), matrix, distortion)
+
+
+def is_allowed(numbers: Array) -> bool:
+    """Whether finite numbers of a calibration are as `FIELDS` says: a size, a matrix or a lens."""
+    if numbers.ndim == 0:
+        return numbers > 0 and numbers % 1 == 0
+    if numbers.ndim == 1:
+        return len(numbers) in COEFFICIENTS
+    (fx, _, u), (_, fy, v), _ = numbers
+    return min(fx, fy) > 0 and np.array_equal(numbers, [[fx, 0, u], [0, fy, v], [0, 0, 1]])
 
 
 @dataclass(frozen=True, eq=False)

@@ -231,7 +231,9 @@ def with_other_pens(error: CurveError, lines: list[Candidate], ink: Ink, pen: Pe
     others = lines_of_other_pens(ink, pen, own_px / tuned.RIVAL_SHARE)
     if others:
         name, line = others[0]
-        error.message = f"Longest lines of other pens: {advice_on_pens(others)}. {error.message}"
+        wrong, _, advice = error.message.partition(". ")
+        found = f"Longest lines of other pens: {advice_on_pens(others)}."
+        error.message = f"{wrong.removesuffix('.')}. {found} {advice}".rstrip()
         u, v = (float(x) for x in line.middle)
         numbers = {"other_colour": name, "other_length_px": line.length, "u_px": u, "v_px": v}
         error.numbers = numbers | error.numbers

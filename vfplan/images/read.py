@@ -82,6 +82,8 @@ class PlannedImage:
         What was read otherwise than a person may expect.
     grey_range
         The values of black and white in a grey DICOM slice or volume, Hounsfield units in a CT.
+    where
+        The file that it was read from; empty for an array.
     """
 
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
@@ -92,6 +94,7 @@ class PlannedImage:
     orientation: int = 1
     findings: tuple[Finding, ...] = ()
     grey_range: Sequence[float] | None = None
+    where: str = ""
 
     @property
     def width_px(self) -> int:
@@ -175,48 +178,44 @@ def read_image(
     if not data:
         raise ImageError("is empty. Give an image.", where=where)
     sha256 = hashlib.sha256(data).hexdigest()
+    place, instance, orientation, findings, grey_range = None, "", 1, (), None
     if is_dicom(data):
         with naming_place(where):
-            rgb, spacing_mm, T_patient_image, instance, remarks, grey_range = read_dicom(
+            rgb, spacing_mm, place, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
-            spacing_mm = pixel_spacing_mm or spacing_mm
-            if "pixel-aspect" in remarks and spacing_mm is None:
+            if "pixel-aspect" in remarks and not (pixel_spacing_mm or spacing_mm):
                 raise ImageError(
                     "has pixels that are not square (PixelAspectRatio), of no known size. Give "
                     "--pixel-spacing ALONG_U,ALONG_V.",
                     code="pixel-aspect",
                 )
-        findings = (note("overlay-left-out", "extract", OVERLAY),) * ("overlay-left-out" in remarks)
-        return PlannedImage(
-            rgb, spacing_mm, sha256, T_patient_image, instance, findings=findings,
-            grey_range=grey_range,
-        )  # fmt: skip
-    if is_volume(data):
+        if "overlay-left-out" in remarks:
+            findings = (note("overlay-left-out", "extract", OVERLAY),)
+    elif is_volume(data):
         _, place, grey_range, grey = volume_slice(data, where, frame)
         check_size(grey.shape[1], grey.shape[0], max_pixels)
-        steps_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
+        spacing_mm = tuple((1e3 * np.linalg.norm(place[:3, :2], axis=0)).tolist())
         rgb = np.repeat(grey[..., None], 3, axis=2)
-        return PlannedImage(
-            rgb, pixel_spacing_mm or steps_mm, sha256, place, grey_range=grey_range
-        )  # fmt: skip
-    with naming_place(where):
-        header = read_header(data, max_pixels)
-        index = chosen_index("page", frame, len(header.tags))
-        rgb = decode_raster(data, header, index)
-        orientation = 1 if pixels == "as-stored" else header.orientation(index)
-        findings = raster_findings(header, index, len(data), orientation)
-    told = header.made_flat.split()
-    if pixel_spacing_mm is None and len(told) == 3:
-        pixel_spacing_mm = (float(told[2]), float(told[2]))
-    used_bits = int(rgb.max()).bit_length()
-    if rgb.dtype == np.uint16 and 0 < used_bits < 16:
-        rgb = rgb << (16 - used_bits)
-        text = f"The picture uses {used_bits} of its 16 bits, and was stretched to all."
-        findings.append(note("range-stretched", "extract", text))
+    else:
+        with naming_place(where):
+            header = read_header(data, max_pixels)
+            index = chosen_index("page", frame, len(header.tags))
+            rgb = decode_raster(data, header, index)
+            orientation = 1 if pixels == "as-stored" else header.orientation(index)
+            findings = raster_findings(header, index, len(data), orientation)
+        told, spacing_mm = header.made_flat.split(), None
+        if len(told) == 3:
+            spacing_mm = (float(told[2]), float(told[2]))
+        used_bits = int(rgb.max()).bit_length()
+        if rgb.dtype == np.uint16 and 0 < used_bits < 16:
+            rgb = rgb << (16 - used_bits)
+            text = f"The picture uses {used_bits} of its 16 bits, and was stretched to all."
+            findings.append(note("range-stretched", "extract", text))
+        rgb = upright(rgb, orientation)
     return PlannedImage(
-        upright(rgb, orientation), pixel_spacing_mm, sha256,
-        orientation=orientation, findings=tuple(findings),
+        rgb, pixel_spacing_mm or spacing_mm, sha256, place, instance, orientation,
+        tuple(findings), grey_range, where,
     )  # fmt: skip
 
 

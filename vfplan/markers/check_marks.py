@@ -219,7 +219,7 @@ def drawn_marks(rgb: NDArray[Any]) -> Iterator[DrawnMarks]:
     """The small marks of a slice (H, W, 3), at least three of a kind: coloured or white."""
     import cv2
 
-    image: Pixels = (rgb >> 8).astype(np.uint8) if rgb.dtype != np.uint8 else rgb
+    image = (rgb >> 8).astype(np.uint8) if rgb.dtype != np.uint8 else rgb
     red, green, blue = cv2.split(image)
     darkest = cv2.min(cv2.min(red, green), blue)
     chroma = cv2.max(cv2.max(red, green), blue) - darkest

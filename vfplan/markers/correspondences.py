@@ -361,12 +361,14 @@ def imagej_points(
         )  # fmt: skip
     else:
         pixel = np.array(spacing_mm) / (MM * METRES[unit.lower()])
-    labels = [str(number) for number in range(1, len(table.rows) + 1)]
+    labels = []
     if label_column is not None:
-        own = [label_of(row.cells[label_column], f"line {row.line}", table.where)
-               for row in table.rows]  # fmt: skip
-        has_numbers = "" in table.header
-        labels = labels if has_numbers and len({*own}) < len(own) else own
+        labels = [label_of(row.cells[label_column], f"line {row.line}", table.where)
+                  for row in table.rows]  # fmt: skip
+    if not labels or ("" in table.header and len({*labels}) < len(labels)):
+        labels = [str(number) for number in range(1, len(table.rows) + 1)]
+        text = "The table names no point, so they were numbered in its order."
+        findings += (note("points-numbered", "register", text),)
     positions = table.numbers(columns) / pixel
     if "Area" in table.header and (table.numbers(("Area",)) > pixel.prod()).all():
         positions -= CORNER_PX
@@ -537,7 +539,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.floa
     Raises MarkerError: an unknown coordinate system, other columns, a position that is not three
         finite numbers
     """
-    header: dict[str, str] = {}
+    header = {}
     lines = []
     for line in text.splitlines():
         stripped = line.strip()

@@ -115,7 +115,7 @@ def find_markers(
     MarkerError
         No cross or dot near a position, or two markers found in one place.
     """
-    markers: list[DrawnMarker] = []
+    markers = []
     for label, (u, v) in zip(labels, np.asarray(positions_px, dtype=float), strict=True):
         marker = find_mark(rgb, label, (float(u), float(v)), MATCH_RADIUS_PX)
         if marker is None:
@@ -151,7 +151,7 @@ def find_mark(
     picture = window / float(np.iinfo(rgb.dtype).max)
     local = (u - column, v - row)
 
-    best: DrawnMarker | None = None
+    best = None
     for coverage in coverages_around(picture, local, search_px):
         for mark in marks_around(coverage, local, search_px):
             fit = fit_mark(mark, picture)
@@ -276,7 +276,7 @@ def fit_shape(mark: Mark) -> ShapeFit:
     area = float(np.where(mark.valid, mark.coverage, 0).sum())
     thin = max(0.5, area / (8 * r))
     disc_radius = float(np.sqrt(max(area, 1.0) / np.pi))
-    starts: list[tuple[Shape, list[float]]] = [
+    starts = [
         ("cross", [u, v, r, thin, 0.0, 0.0, 0.0, 0.3, 1.0]),
         ("dot", [u, v, disc_radius, 0.3, 1.0]),
         ("cross", [u, v, r * np.sqrt(2), thin, np.pi / 4, 0.0, 0.0, 0.3, 1.0]),

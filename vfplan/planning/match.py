@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 # The smallest fixture's markers lie half its extent from their centre.
 MIN_LAYOUT_RADIUS_M = MIN_EXTENT_M / 2
 
+# A finding -> the one that is a doubt beside it: nothing says that the unit, or the order of the
+# points, was concluded rightly.
+UNSURE = {"scale-unchecked": "unit-concluded", "points-numbered": "layout-symmetric"}
+
 
 @dataclass
 class Record:
@@ -160,14 +164,12 @@ def match(
     # What is not refused and a person should look at.
     record.inputs |= correspondences.inputs
     found = registration_findings(registration)
-    given = correspondences.findings
-    if "scale-unchecked" in {finding.code for finding in found}:
-        # Nothing says that the unit was concluded rightly.
-        given = [
-            replace(finding, severity="doubt") if finding.code == "unit-concluded" else finding
-            for finding in given
-        ]
-    record.findings += [*given, *found]
+    found = [*correspondences.findings, *found]
+    unsure = {UNSURE.get(finding.code) for finding in found}
+    for finding in found:
+        if finding.code in unsure:
+            finding = replace(finding, severity="doubt")
+        record.findings.append(finding)
     target_frame = correspondences.target_frame
     side = side_finding(registration)
     if side is not None and settings.seen_from is None and target_frame == "robot_base":

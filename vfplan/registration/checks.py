@@ -30,7 +30,6 @@ from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
     Affine,
-    Fit,
     Orthogonal,
     Problem,
     f_exceeds,
@@ -68,7 +67,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
 
     Of a rigid registration: what its scale would be if it were free. Empty where no scale is known.
     """
-    fit: Fit = registration
+    fit = registration
     problem = registration.problem
     k = problem.model.dimension
     if k == 2 and registration.pixel_spacing is None:
@@ -358,7 +357,7 @@ def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
     suspects: markers of which two may be exchanged
     """
     forward = np.arange(n)
-    orders: dict[tuple[int, ...], str] = {}
+    orders = {}
 
     def add(action: str, order: Array) -> None:
         orders[tuple(order.ravel().tolist())] = action
@@ -650,7 +649,7 @@ def side_finding(registration: Registration) -> Finding | None:
 
 def describe_checks(registration: Registration) -> dict[str, Any]:
     """The scale against the known one, and the test for perspective, as `--json` reports them."""
-    report: dict[str, Any] = {}
+    report = {}
     departures = scale_departures(registration)
     if departures:
         report["spacing_departure"] = [departure for departure, _ in departures]

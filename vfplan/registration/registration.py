@@ -612,7 +612,7 @@ def registration_report(
     columns = (registration.labels, *(getattr(registration, name).tolist() for name in names))
     keys = ("label", "residual_m", "vector_m", "leverage", "loo_m", "f", "used")
     markers = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
-    report: dict[str, Any] = {
+    report = {
         "model": registration.model,
         "markers": len(registration.labels),
         "T_robot_image": registration.T_target_source,

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.display import count
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
 from vfplan.registration.models import most_off, rms
@@ -62,19 +63,19 @@ class Tip:
 def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
     """The tip of a tool from its poses (n, 4, 4) [m] about one point.
 
-    Raises CheckFailed: fewer than six poses, or turned about one axis at most; a single pose that
-        has moved the tip, or a 95 % error above `max_error_m`
+    Raises MarkerError: fewer than six poses, or turned about one axis at most
+    Raises CheckFailed: a single pose that has moved the tip, or a 95 % error above `max_error_m`
     """
     n = len(poses)
     if n < MIN_POSES:
-        message = f"there are {n} poses. Give at least {MIN_POSES}, with the tip on one point"
-        raise CheckFailed(message, code="tip-few-poses", numbers={"poses": n})
+        message = f"holds {count(n, 'pose')}. Give at least {MIN_POSES}, with the tip on one point"
+        raise MarkerError(message, code="tip-few-poses", numbers={"poses": n})
     R, p = poses[:, :3, :3], poses[:, :3, 3]
     # A direction v of the tool stays still where |mean R v| is 1.
     steadiest = np.linalg.norm(R.mean(axis=0), 2)
     turn_deg = float(np.degrees(np.arcsin(np.sqrt(max(0.0, 1 - steadiest**2)))))
     if turn_deg < MIN_TURN_DEG:
-        raise CheckFailed(
+        raise MarkerError(
             f"the tool turned by {turn_deg:.1f}° about all axes but one, so the tip could lie "
             f"anywhere along that one. Tilt it by at least {MIN_TURN_DEG:g}° to all sides",
             code="tip-not-determined", numbers={"turn_deg": turn_deg},

@@ -125,6 +125,9 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
             "same one.")),
         (session.get("cut"), finding("session-cut", "warning",
             "The recording was cut off, and all of it that is whole is replayed. Record it anew.")),
+        (session.get("open_end"), finding("session-open-end", "info",
+            "The file's last line has no line break, so its last number may be cut short. Compare "
+            "it with the recording, or leave the line out.")),
         ("jumps" in session, finding("session-jump", "error",
             "Ticks in which the tool moves faster than {jump_m_s:g} m/s: {jumps}. The highest "
             "speed is {speed_max_m_s:.6g} m/s, in tick {speed_max_tick}. Check --units and the "

@@ -61,7 +61,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     scale = (VIEW_PX - 2 * MARGIN) / max(float((high - low).max()) + 2 * wall_m, 1e-9)
     # Each view cuts what is rendered in its middle.
     middle = (low + high) / 2
-    outlines: list[Outline] = []
+    outlines = []
     axis = plan.fixture.ignore_axis if plan.kind else None
     for number, (words, axes, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
@@ -392,7 +392,7 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
 
 def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:
     """What the lines on the picture mean."""
-    rows: list[LegendRow] = [("Blue outline: beside the line that was taken", LINE_COLOUR, SOLID)]
+    rows = [("Blue outline: beside the line that was taken", LINE_COLOUR, SOLID)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
         rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, SOLID))

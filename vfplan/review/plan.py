@@ -694,11 +694,9 @@ def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, 
 
 
 def source_of_slice(
-    path: Path,
-    curve_path: str | Path | None,
-    extraction: ExtractSettings,
+    path: Path, curve_path: str | Path | None, extraction: ExtractSettings,
     planning: FixtureSettings,
-) -> Source:
+) -> Source:  # fmt: skip
     """What a review of a slice begins with."""
     image = read_slice(path, extraction)
     inputs, sha256 = {"image": image.sha256}, {"source": image.sha256}
@@ -745,8 +743,7 @@ def source_of_bundle(
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)
         image = flat_as_planned(read_slice(slice_path, extraction_of(fixture, extraction)), known)
-        with naming_place(slice_path):
-            check_slice(fixture, image)
+        check_slice(fixture, image)
         if spacing is not None:
             image = replace(image, pixel_spacing_mm=spacing)
         sha256["slice"] = image.sha256

@@ -100,9 +100,9 @@ def check_slice(fixture: Fixture, image: PlannedImage) -> None:
         raise ImageError(
             "This is not the slice that the curve was drawn on. Their SHA-256 differ: "
             f"{image.sha256[:12]}... here, {known[:12]}... in the bundle. Give the original.",
-            code="another-slice",
+            where=image.where, code="another-slice",
             numbers={"expected": known, "found": image.sha256},
-        )
+        )  # fmt: skip
 
 
 def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stroke, ...]:
@@ -188,7 +188,7 @@ def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[
     """
     if fixture.rendering is None:
         return ()
-    outlines: list[Outline] = []
+    outlines = []
     try:
         if fixture.region is not None:
             outlines.append(wall_outline(fixture.region, plane, size))
@@ -516,8 +516,7 @@ def accept(
     if digest not in (with_slice, digest_of(fixture, slice_shown=False)):
         raise CheckFailed(
             "This digest is not that of the bundle: the sheet that was looked at shows another "
-            "plan. Draw the sheet of this bundle and look at it: vfplan review FIXTURE.h5 --slice "
-            "IMAGE --sheet-out SHEET.png.",
+            "plan. Draw the sheet of this bundle and look at it",
             code="digest-other",
             numbers={"given": typed, "expected": with_slice},
         )

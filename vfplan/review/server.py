@@ -415,7 +415,7 @@ class ReviewServer:
         with self._lock:
             session, version = self.session, self._version
         kind, state_of = ("state", session.state) if is_whole else ("quick", session.quick_state)
-        shown: dict[Any, Any] = {}
+        shown = {}
         for connection in connections:
             who = self._names.get(connection, connection)
             if who not in shown:

@@ -239,11 +239,11 @@ def draw_lists(
         return sum(style.line_height + LIST_GAP * (style is HEADING) for _, style, _ in lines)
 
     # No line stands alone on a page: no heading, and neither the first nor the last of a list.
-    blocks: list[Block] = []
-    headings: list[str] = []
+    blocks = []
+    headings = []
     findings_blocks = 0
     for heading, entries in lists_of(plan):
-        head: Block = [(heading, HEADING, 0)]
+        head = [(heading, HEADING, 0)]
         if blocks and not entries:
             blocks[-1] += head
             continue

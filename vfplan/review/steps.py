@@ -221,7 +221,7 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     points = step.get("points")
     if not isinstance(points, (list, tuple)) or not 2 <= len(points) <= MAX_CLICKS:
         raise malformed(step, "points", f"a list of 2 to {MAX_CLICKS} places")
-    clicks: list[np.ndarray] = []
+    clicks = []
     for point in points:
         place = place_of(plan, {"do": "draw", "points": point}, "points")
         if not clicks or np.hypot(*(place - clicks[-1])) >= 1.0:
@@ -363,7 +363,7 @@ def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
 
     On the slice it is that of the mark drawn within `snap` [px] of the click, else of the click.
     """
-    positions: dict[str, Any] = {}
+    positions = {}
     if step.get(name) is not None:
         reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
         place, mark = tuple(place_of(plan, step, name).tolist()), None

@@ -134,9 +134,9 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
     any_frame = replace(ros, frame=None) if ros.frame in FRAMES else ros
     # Each sender's number, and of each message that of its sender, its times by the header (0:
     # none) and by the log [ns], its place and whether its quaternion was rounded.
-    senders: dict[Sender, int] = {}
+    senders = {}
     which, stamps, places, rounded = array("q"), array("q"), array("d"), array("b")
-    failures: dict[Sender, SessionError | SettingError] = {}
+    failures = {}
     with opened_bag(Path(place)) as bag:
         topic = _choose_topic(bag, ros)
         for k, (sender, *times, message) in enumerate(_messages(bag, topic)):

@@ -168,7 +168,7 @@ def read_events(path: str | Path) -> list[Event]:
     if not rows or rows[0][1] != HEADER:
         message = f"the first line does not name the columns. Begin with {','.join(HEADER)}"
         raise SessionError(message, where=f"{path}, line 1", code="no-events")
-    events: list[Event] = []
+    events = []
     for line, row in rows[1:]:
         cells = [cell.strip() for cell in row]
         while len(cells) > 2 and not cells[-1]:  # Spreadsheets fill short rows with empty cells.

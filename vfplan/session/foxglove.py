@@ -107,7 +107,7 @@ class FoxgloveChannels:
 
     def _shape(self, stamp: fg.Timestamp) -> fg.SceneEntity:
         """The fixture's triangles, or its lines; a bare cloud has none, and shows as points."""
-        bodies: dict[str, Any] = {}
+        bodies = {}
         if self._fixture.mesh is not None:
             triangles = fg.TriangleListPrimitive(
                 points=corners(self._fixture.points), indices=self._fixture.mesh.ravel().tolist(),

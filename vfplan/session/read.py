@@ -7,6 +7,7 @@ or unpack without end.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -90,7 +91,7 @@ def open_session(
         message = "is no ROS bag. Leave out what chooses among a bag's messages, such as --topic"
         raise SettingError(message, where=name, code="ros-options-unused")
 
-    notes: dict[str, object] = {"units": units}
+    notes = {"units": units}
     signature = file.view().read(8)
     if signature.startswith(b"MATLAB "):
         how = "writetable(table(t, x, y, z), 'session.csv')"
@@ -115,6 +116,10 @@ def open_session(
                     ignored.remove(column)
         if ignored:
             notes["ignored_columns"] = ignored
+        end = file.view()
+        end.seek(-2, os.SEEK_END)
+        if not {*end.read()} & {*b"\r\n"}:
+            notes["open_end"] = True
 
         def read() -> Iterator[Samples]:
             for rows in table.blocks(columns):
@@ -163,7 +168,7 @@ def _stream(
     name: str, frame: str, sha256: str, notes: dict[str, object],
 ) -> SessionStream:  # fmt: skip
     """Samples in order; a file that no longer has the digest that was taken is refused."""
-    mended: dict[str, int] = {}
+    mended = {}
     factor = unit_factor(str(notes["units"]))
 
     def samples() -> Iterator[Samples]:

@@ -152,7 +152,7 @@ class SamplingReport:
     def report(self) -> dict[str, Any]:
         """The `session` part of a replay's report."""
         jitter_squares = self._jitter_squares / max(1, self._intervals_without_gap)
-        data: dict[str, Any] = {
+        data = {
             "samples": self._count,
             "rate_hz": 1.0 / self._nominal_s,
             "dt_nominal_s": self._nominal_s,
@@ -323,7 +323,7 @@ def in_order(
     time, hip = np.empty(0), np.empty((0, 3))
     count = swapped = doubled = 0
     newest = last = -np.inf
-    first: tuple[int, float, float] | None = None
+    first = None
     for more_time, more_hip in itertools.chain(samples, [(np.empty(0), np.empty((0, 3)))]):
         before = np.maximum.accumulate(np.append(newest, more_time))
         is_late = np.diff(before) < MIN_STEP_S

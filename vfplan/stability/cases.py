@@ -79,16 +79,15 @@ def run_extreme_cases(cases: list[ExtremeCase], fixture: Fixture | None = None) 
 
     None where no ball fits beside the bundle's cloud.
     """
-    rule, band, contact = "robust", None, contacts.patch()
+    rule, band, places = "robust", None, [contacts.patch()]
     if fixture is not None:
         rule = best_rule(fixture)
         _, places, band = contacts.contacts_on(fixture, rule)
-        contact = next(places, None)
-        if contact is None:
+        if not places:
             return []
     results = []
     for case in cases:
-        place = at_origin(contact) if case.at_origin else contact
+        place = at_origin(places[0]) if case.at_origin else places[0]
         engine = engine_for(place, rule, band)
         engine.reset(place.start)
         figure = case.measure(place, engine)
@@ -314,7 +313,6 @@ def passivity_cases(on: Fixture | str, rule: Rule, cycles: int = 20) -> list[Cas
     HIP against the band. None where no ball fits beside the cloud.
     """
     scene, places, band = contacts.contacts_on(on, rule)
-    places = list(places)
     if not places:
         return []
     rng = np.random.default_rng(9)
@@ -345,13 +343,7 @@ def passivity_cases(on: Fixture | str, rule: Rule, cycles: int = 20) -> list[Cas
             "excess": excesses,
         },
     )  # fmt: skip
-    receding = CaseResult(
-        case=f"recede/{scene}/{rule}",
-        outcome=outcome_of(recede <= engine_band + ROUNDING_M, rule),
-        detail=f"|proxy - HIP| grew in one tick by at most {recede / engine_band:.2f} bands",
-        limit=engine_band,
-        measured=recede,
-        unit="m",
-        values={"scene": scene, "rule": rule},
-    )
-    return [energy, receding]
+    outcome = outcome_of(recede <= engine_band + ROUNDING_M, rule)
+    detail = f"|proxy - HIP| grew in one tick by at most {recede / engine_band:.2f} bands"
+    case, values = f"recede/{scene}/{rule}", {"scene": scene, "rule": rule}
+    return [energy, CaseResult(case, outcome, detail, engine_band, recede, "m", values)]

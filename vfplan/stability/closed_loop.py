@@ -170,19 +170,15 @@ def closed_loop_case(
     scene, places, band = contacts.contacts_on(on, rule)
     case = f"closed-loop/{scene}/{rule}"
     if exact_bound(robot) == 0.0:
-        # A filter of almost 0 Hz lets no force through in time.
         detail = "without damping no sampled spring is stable, however soft"
-        if robot.damping_n_s_per_m:
-            detail = "with so low a filter no sampled spring is stable, however soft"
         return [CaseResult(case, "fail", detail, 0.0, 0.0, "N/m", {"scene": scene, "rule": rule})]
     robot = replace(robot, delay_ticks=worst_delay(robot), delay_jitter_ticks=0)
-    contacts_tried = list(places)
-    if not contacts_tried:
+    if not places:
         detail = "no ball of the contact radius fits beside any point tried"
         return [CaseResult(case, "fail", detail, unit="N/m", values={"places": 0})]
     # The contacts of a scene, or of a bundle, share their cloud.
-    engine = engine_for(contacts_tried[0], rule, band)
-    contact, measured, exact = weakest_contact(contacts_tried, robot, engine)
+    engine = engine_for(places[0], rule, band)
+    contact, measured, exact = weakest_contact(places, robot, engine)
     pressed = press(contact, robot, engine, min(stiffness, 0.5 * measured))
 
     ratio = measured / exact
@@ -202,7 +198,7 @@ def closed_loop_case(
     )
     values = {
         "scene": scene, "rule": rule, "k_exact_n_per_m": exact, "ratio": ratio,
-        "places": len(contacts_tried), **pressed,
+        "places": len(places), **pressed,
     }  # fmt: skip
     outcome, limit = outcome_of(is_good, rule), min_ratio * exact
     return [CaseResult(case, outcome, detail, limit, measured, "N/m", values)]
@@ -247,7 +243,11 @@ def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> d
     inward = contact.push_direction
     engine.reset(contact.start)
     start = contact.touch - 1e-6 * contact.radius * inward
-    ticks = press_length(robot, stiffness)
+    # The step response dies down: nine time constants of the slower mode.
+    mass, damping = robot.mass_kg, robot.damping_n_s_per_m
+    oscillates = damping * damping < 4 * mass * stiffness
+    time_constant = 2 * mass / damping if oscillates else damping / stiffness
+    ticks = int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_TICKS))
     motion = simulate(engine, robot, hand, stiffness, start, np.zeros(3), ticks)
 
     depth = (motion.x - contact.touch) @ inward
@@ -273,17 +273,6 @@ def time_to_rest(away: Vector, tolerance: float, last: int, robot: Robot) -> flo
     # Before the first tick it moves, too.
     rest_tick = int(np.flatnonzero(np.r_[True, away > tolerance])[-1])
     return rest_tick / robot.rate_hz if rest_tick < len(away) - last else None
-
-
-def press_length(robot: Robot, stiffness: float) -> int:
-    """Ticks in which the step response dies down: nine time constants of the slower mode.
-
-    At least 400 and at most `MAX_TICKS`. The robot's damping must be above 0.
-    """
-    mass, damping = robot.mass_kg, robot.damping_n_s_per_m
-    oscillates = damping * damping < 4 * mass * stiffness
-    time_constant = 2 * mass / damping if oscillates else damping / stiffness
-    return int(min(max(9 * time_constant * robot.rate_hz, 400), MAX_TICKS))
 
 
 # Speeds at which a hand runs into the wall [m/s]: a slow and a quick motion of a surgeon's hand.

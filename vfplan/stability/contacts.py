@@ -130,15 +130,15 @@ SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
 SCENES_WITH_CURVE = ("channel", "omega")
 
 
-def contacts_on(on: Fixture | str, rule: str) -> tuple[str, Iterator[Contact], float | None]:
+def contacts_on(on: Fixture | str, rule: str) -> tuple[str, list[Contact], float | None]:
     """The name, the contacts and the engine's band [m] of a scene by its name, or of a bundle.
 
     The band is `None` where the engine chooses it.
     """
     if isinstance(on, str):
-        return on, SCENES[on](), None
+        return on, list(SCENES[on]()), None
     band = on.band if rule == "robust" else None
-    return "bundle", contacts_along(as_rendered(on, rule), 5), band
+    return "bundle", list(contacts_along(as_rendered(on, rule), 5)), band
 
 
 def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
@@ -164,12 +164,9 @@ def spread_rows(points: Vector, count: int) -> NDArray[np.intp]:
 
 
 def contacts_beside(
-    points: Vector,
-    place: Vector,
-    ignore_axis: str | Vector | None,
-    radius: float,
+    points: Vector, place: Vector, ignore_axis: str | Vector | None, radius: float,
     exact_shape: Pieces | NDArray[np.int32] | None,
-) -> Iterator[Contact]:
+) -> Iterator[Contact]:  # fmt: skip
     """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
     axis = check_axis(ignore_axis)
     flat_points, flat_place = flattened(points, axis), flattened(place[None], axis)[0]

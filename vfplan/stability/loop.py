@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Vector, number
 from vfplan.engine.proxy import ProxyEngine, Status, Step
+from vfplan.errors import SettingError
 from vfplan.robot import Robot
 
 # Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
@@ -28,6 +29,10 @@ MIN_DECAY = 1e-9
 
 # Largest decay b T / m of a tick. The exponential of a larger one overflows float64.
 MAX_DECAY = 1e12
+
+# Smallest cutoff of a robot's filter, over the smaller of b / m and 1 / T [Hz s]. With a lower one
+# a hand that holds the mass comes to rest at every K, so that there is no largest one.
+MIN_FILTER = 0.1
 
 # Largest spectral radius that counts as stable.
 #
@@ -138,12 +143,20 @@ def exact_bound(robot: Robot, hand_share: float = 0.0) -> float:
     Raises
     ------
     SettingError
-        A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`.
+        A decay b T / m of a tick outside `MIN_DECAY` to `MAX_DECAY`, or a filter so slow that a
+        hand that holds the mass bears every K.
     """
     if robot.damping_n_s_per_m == 0.0:
         return 0.0
     decay = robot.damping_n_s_per_m / robot.rate_hz / robot.mass_kg
     number("damping * period / mass", decay, "", least=MIN_DECAY, most=MAX_DECAY)
+    slowest_hz = MIN_FILTER * robot.rate_hz * min(decay, 1.0)
+    if robot.filter_hz and robot.filter_hz < slowest_hz:
+        raise SettingError(
+            f"filter_hz is {robot.filter_hz:g} Hz, and behind so slow a filter there is no largest "
+            f"stable K. Give at least {slowest_hz:.4g} Hz, or 0 for none.",
+            code="filter-slow", numbers={"filter_hz": robot.filter_hz, "least_hz": slowest_hz},
+        )  # fmt: skip
 
     def is_stable(stiffness: float) -> bool:
         return spectral_radius(robot, stiffness, hand_share * stiffness) < STABLE_RADIUS
@@ -255,14 +268,9 @@ class LoopMotion:
 
 
 def simulate(
-    engine: Engine,
-    robot: Robot,
-    hand: SimulatedHand,
-    stiffness: float,
-    x: Vector,
-    v: Vector,
+    engine: Engine, robot: Robot, hand: SimulatedHand, stiffness: float, x: Vector, v: Vector,
     ticks: int,
-) -> LoopMotion:
+) -> LoopMotion:  # fmt: skip
     """Run the loop from (x, v); the engine goes on from its present proxy.
 
     Parameters
@@ -299,9 +307,14 @@ def simulate(
         # The first tick has no force before it.
         bases = [np.zeros(3), *held_forces[tick - 1 : tick]]
         for base, limit in zip(bases, limits, strict=False):
-            if limit is not None:
-                force, is_limited = limit_change(force, base, limit)
-                limited_ticks += is_limited
+            if limit is None:
+                continue
+            # The force nearest to it on the way from the base.
+            change = force - base
+            length = float(np.sqrt(change @ change))
+            if length > limit:
+                force = base + change * (limit / length)
+                limited_ticks += 1
 
         positions[tick], velocities[tick], proxies[tick] = x, v, step.proxy
         held_forces[tick] = force
@@ -337,18 +350,6 @@ def run_until_still(engine: Engine, hand: SimulatedHand, stiffness: float, start
         force = stiffness * engine.step(x).force + hand.force_at(x)
         x = x + 0.5 * force / (stiffness + hand.stiffness)
     return x
-
-
-def limit_change(force: Vector, base: Vector, limit: float) -> tuple[Vector, bool]:
-    """The force nearest to `force` (3,) on the way from `base` (3,), and whether it was limited.
-
-    Its distance from `base` is at most `limit`. All three are in N.
-    """
-    change = force - base
-    length = float(np.sqrt(change @ change))
-    if length > limit:
-        return base + change * (limit / length), True
-    return force, False
 
 
 def slide(robot: Robot, hand: float, v: float, net: float) -> tuple[float, float]:

@@ -169,9 +169,7 @@ DEFAULT_STIFFNESS = 1000.0
 # The parts of the study by name, in the order of the report.
 PARTS = ("closed-loop", "passivity", "extremes")
 
-Task = Callable[[], list[CaseResult]]
-Done = Callable[[int], None]
-Progress = Callable[[str, int], AbstractContextManager[Done]]
+Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 
 @dataclass(frozen=True)
@@ -290,9 +288,7 @@ def study(
     parts = set(parts) or set(PARTS)
     names, reasons = scenes_for(fixture)
     pairs = pairs_of_rule_and_scene(fixture, names)
-    tasks: list[Task] = [
-        partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs
-    ]
+    tasks = [partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs]
     tasks.append(partial(blow_case, robot, stiffness, safety_factor))
     run_on_scenes = ["closed-loop"]
     if "passivity" in parts:
@@ -309,8 +305,12 @@ def study(
             skipped |= {f"extreme/{case.name}": "a long run: --full" for case in long}
 
     started = time.perf_counter()
-    with progress("stability", len(tasks)) as done:
-        rows = run_tasks(tasks, jobs, done)
+    rows = []
+    several = worker_processes(jobs) if jobs > 1 else nullcontext()
+    with progress("stability", len(tasks)) as done, several as pool:
+        for results in map(call, tasks) if pool is None else pool.map(call, tasks):
+            rows += results
+            done(1)
     verdict = judge(robot, stiffness, rows, safety_factor)
     return Study(rows, verdict, robot, skipped, time.perf_counter() - started)
 
@@ -322,9 +322,7 @@ def pairs_of_rule_and_scene(
 
     Rule "exact" renders lines and arcs, or a bundle's triangles.
     """
-    pairs: list[tuple[Rule, Fixture | str]] = [
-        (rule, on) for rule in RULES for on in (fixture, *names) if on is not None
-    ]
+    pairs = [(rule, on) for rule in RULES for on in (fixture, *names) if on is not None]
     if fixture is not None and best_rule(fixture) == "exact":
         pairs.append(("exact", fixture))
     if fixture is None or fixture.mesh is None:
@@ -332,19 +330,9 @@ def pairs_of_rule_and_scene(
     return pairs
 
 
-def run_tasks(tasks: list[Task], jobs: int, done: Done) -> list[CaseResult]:
-    """The results of all tasks in their order, run in `jobs` processes."""
-    results = []
-    with worker_processes(jobs) if jobs > 1 else nullcontext() as pool:
-        for rows in map(call, tasks) if pool is None else pool.map(call, tasks):
-            results += rows
-            done(1)
-    return results
-
-
 def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str | None, float]:
     """The K [N/m] that each rule bore in all scenes that were run; under `None` in the blows."""
-    borne: dict[str | None, float] = {}
+    borne = {}
     for row in rows:
         if row.unit == "N/m" and row.measured is not None:
             rule = row.values.get("rule")
