@@ -1,4 +1,4 @@
-"""The files a command writes: all of them or none."""
+"""The files a command writes: all of them, or after an error none."""
 
 from __future__ import annotations
 

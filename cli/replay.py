@@ -18,6 +18,7 @@ from vfplan.cli.run import CommandResult, command, command_line, progress, rough
 from vfplan.display import (
     command_of,
     count,
+    in_singular,
     millimetres,
     wrote,
 )
@@ -167,7 +168,6 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             text = page(replayed, image=arguments["image"], command=command_line())
             write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
-    lines = [replay_text(metrics), *map(wrote, written)]
     warnings = list(options.not_compared(metrics["fixture"], arguments).values())
     unanswered = len(replayed.fixture.open_findings)
     if unanswered:
@@ -178,7 +178,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
         warnings.append(f"{what} Answer first: {review}")
     return CommandResult(
         metrics,
-        "\n".join(lines),
+        "\n".join([replay_text(metrics), *map(wrote, written)]),
         warnings=warnings,
         failed=failed_line(metrics),
         verdict=f"{replayed.verdict}, {verdict_sentence(metrics)}",
@@ -307,24 +307,24 @@ def replay_text(report: dict[str, Any]) -> str:
     lines.append(
         f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
-        f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
+        f"{report['contact_ticks']} in contact, {episode_count(report)} episodes"
     )
     lines += figure_lines(report)
     if "paper" in report:
         apart = report["apart"]
         lines += ["rule paper, side by side:", *figure_lines(report["paper"], "  ")]
         lines.append(
-            f"the rules part {count(apart['span_count'], 'time')}, by at most "
+            f"the rules part {apart['span_count']} times, by at most "
             f"{millimetres(apart['proxy_max_m'])} and {apart['force_max_n']:.3f} N"
         )
     if "link" in report:
         names = (*Link.__dataclass_fields__, "lost", "lost_longest")
-        told = [f"{name} {report['link'][name]:g}" for name in names if name in report["link"]]
+        told = [f"{name} {value:g}" for name, value in report["link"].items() if name in names]
         lines.append(f"lossy link   {', '.join(told)}")
     lines += ["{severity}: {code}: {message}".format(**found) for found in report["findings"]]
     for check in report.get("checks", []):
         lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")
-    return "\n".join(lines)
+    return in_singular("\n".join(lines))
 
 
 def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
@@ -349,12 +349,9 @@ def failed_line(report: dict[str, Any]) -> str:
     from vfplan.replaying.findings import check_text, untested_reason
 
     checks = report.get("checks", [])
-    broken = [check_text(check) for check in checks if not check["pass"]]
-    if broken:
-        return "; ".join(broken)
     if checks and report["verdict"] == "not-tested":
-        return f"not tested: {untested_reason(report)}"
-    return ""
+        return in_singular(f"not tested: {untested_reason(report)}")
+    return "; ".join(check_text(check) for check in checks if not check["pass"])
 
 
 def next_step(

@@ -6,6 +6,7 @@ Numbers of a report as text, each with the unit that a person reads it in.
 from __future__ import annotations
 
 import math
+import re
 import shlex
 from collections.abc import Iterable
 from pathlib import Path
@@ -107,6 +108,11 @@ def count(number: int, noun: str) -> str:
     if number == 1:
         return f"1 {noun}"
     return f"{number} {noun}s"
+
+
+def in_singular(text: str) -> str:
+    """A text with "1 tick" where a number before "ticks" made it "1 ticks"; also of other nouns."""
+    return re.sub(r"(?<![\d.,])1 (tick|episode|limit|time)s\b", r"1 \1", text)
 
 
 def or_not(is_so: bool, word: str) -> str:

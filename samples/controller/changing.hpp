@@ -240,8 +240,9 @@ class Changing {
     /// What became of the files in the end.
     void report(std::size_t stale) const {
         if (frame_)
-            std::printf("poses: %zu of %zu known, %zu refused; %zu stale ticks\n",
-                        std::size_t(seen()), poses_.size(), std::size_t(frame_->refused()), stale);
+            std::printf("poses: %zu of %zu known, %zu refused; %zu stale tick%s\n",
+                        std::size_t(seen()), poses_.size(), std::size_t(frame_->refused()), stale,
+                        stale == 1 ? "" : "s");
         if (!events_.empty())
             std::printf("events: %zu of %zu begun\n", begun(taken()), events_.size());
     }

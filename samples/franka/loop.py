@@ -464,7 +464,7 @@ def main(words: list[str]) -> int:
         f"{run.ticks} ticks, force up to {run.force_max_n:.2f} N, "
         f"torque steps up to {run.torque_step_nm:.3f} N m"
     )
-    bits = [f"{name} in {count} ticks" for name, count in run.bits.items()]
+    bits = [f"{name} in {count} tick{'s' * (count != 1)}" for name, count in run.bits.items()]
     print("status: " + (", ".join(bits) or "all well"))
     if options.log is not None:
         try:

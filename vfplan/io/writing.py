@@ -1,7 +1,8 @@
 """Write files so that the old one or the new one is there, whole, whatever happens.
 
 A file is written under a hidden name in its own folder, flushed to the disk, and then renamed.
-Several files that belong together are renamed together: all of them or none.
+Several files that belong together are renamed one after the other. After an error all of them are
+there or none; after a kill between two renames some may be the new ones, each whole.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def unfinished(path: Path, mode: int) -> Iterator[tuple[Path, BinaryIO]]:
 
 
 def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> None:
-    """Write several files, each (path, bytes, mode): all of them or none.
+    """Write several files, each (path, bytes, mode): all of them, or after an error none.
 
     Raises OutputError: as `move_into_place`
     """
@@ -149,10 +150,10 @@ def write_together(files: list[tuple[Path, bytes, int]], *, overwrite: bool) -> 
 
 
 def move_into_place(moves: list[tuple[Path, Path]], *, overwrite: bool) -> None:
-    """Give finished files, (from, to) in the same folder, their names: all of them or none.
+    """Give finished files, (from, to) in the same folder, their names: all, or after an error none.
 
     Every file's bytes are on the disk before the first rename, and every rename before this
-    returns: a power cut leaves the old or the new of each, whole.
+    returns: a power cut or a kill between two renames leaves the old or the new of each, whole.
 
     Raises OutputError: a file cannot be put into its place, or its name is taken and `overwrite`
         is false; the others are as they were

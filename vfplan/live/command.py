@@ -23,7 +23,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import command_of, count, quoted, wrote
+from vfplan.display import command_of, count, in_singular, quoted, wrote
 from vfplan.errors import OutputError
 from vfplan.io.writing import made_folder, move_into_place, not_written, write_whole
 
@@ -123,7 +123,7 @@ def vfplan_live(
         why = data["first_bad_datagram"]
         warnings.append(f"{bad} datagrams were left out, the first because {why}")
     text = "{ticks} ticks, {dropped} dropped by the controller, {lost_datagrams} datagrams lost"
-    text = text.format(**data)
+    text = in_singular(text.format(**data))
     if "mcap" in data:
         text += f"\n{wrote(mcap)}"
     if receiver is not None:
@@ -147,7 +147,7 @@ def vfplan_live(
         next_step = "check that the sender runs, and sends what the address names"
     elif writer is not None and writer.full:
         exit_code, verdict = 2, "shown, and recorded in part"
-        failed = f"{mcap}: {writer.full.strerror}; it holds the first {writer.kept} ticks"
+        failed = f"{mcap}: {writer.full.strerror}; it holds the first {count(writer.kept, 'tick')}"
         next_step = "free some space, and record again into another file"
     elif writer is not None:
         verdict = f"shown and recorded {end}"

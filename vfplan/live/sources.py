@@ -75,7 +75,7 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
         raise InputError(message, code="datagram-unknown")
     size = HEADER.itemsize + count * TICK.itemsize
     if not 1 <= count <= MAX_TICKS or len(data) != size:
-        message = f"a datagram has {len(data)} bytes of {size} for {count} ticks. Check what sends"
+        message = f"a datagram has {len(data)} bytes of {size} (ticks: {count}). Check what sends"
         raise InputError(message, code="datagram-size")
     ticks = np.frombuffer(data, TICK, count, HEADER.itemsize)
     limits = dict.fromkeys(("hip", "proxy", "normal", "force"), MAX_NUMBER) | {"t": MAX_TICK_S}

@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from vfplan.display import count, length, millimetres
+from vfplan.display import count, in_singular, length, millimetres
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
@@ -45,7 +45,7 @@ def told(numbers: dict[str, Any], *findings: tuple[Any, Finding]) -> Iterator[Fi
     """Those findings beside which something is true; their sentences name some of the numbers."""
     for is_told, found in findings:
         if is_told:
-            yield found | {"message": found["message"].format_map(numbers)}
+            yield found | {"message": in_singular(found["message"].format_map(numbers))}
 
 
 def replay_findings(
@@ -263,7 +263,7 @@ def open_words(report: dict[str, Any]) -> str:
             "session-changes" in codes,
             "the fixture moved or changed during the recording, and here it did not",
         ),
-        (within, f"in {count(within, 'episode')} the tool pressed from within the open mesh"),
+        (within, f"in {within} episodes the tool pressed from within the open mesh"),
         (missing, f"no pose had come in {missing} ticks"),
         (stale > missing, f"the pose was too old in {stale - missing} ticks"),
         (jumps, f"{count(jumps, 'pose')} jumped"),
@@ -280,9 +280,9 @@ def untested_reason(report: dict[str, Any]) -> str:
         return "the tool never touched the fixture"
     if 0 < report["ticks"] == report.get("inside_ticks"):
         return "the proxy was not led out of the fixture in which it began"
-    if report.get("enclosed_episodes"):
-        pressed = count(report["enclosed_episodes"], "episode")
-        return f"in {pressed} the tool pressed from within the closed mesh"
+    pressed = report.get("enclosed_episodes")
+    if pressed:
+        return f"in {pressed} episodes the tool pressed from within the closed mesh"
     untrue = report.get("stale_contact_ticks")
     if untrue:
         return f"in {untrue} ticks of contact the fixture's pose was too old, or had not come"
@@ -306,12 +306,12 @@ def verdict_sentence(metrics: dict[str, Any]) -> str:
     asked = ", ".join(f"{limit['name']} {bound_text(limit)}" for limit in limits)
     if metrics["verdict"] == "fail":
         failed = sum(not limit["pass"] for limit in limits)
-        words = f"{failed} of {count(len(limits), 'limit')} broken: {asked}"
+        words = f"{failed} of {len(limits)} limits broken: {asked}"
     elif metrics["verdict"] == "pass":
-        words = f"{count(len(limits), 'limit')} asked and held: {asked}{open_words(metrics)}"
+        words = f"{len(limits)} limits asked and held: {asked}{open_words(metrics)}"
     else:
         words = untested_reason(metrics) or "no limits were given"
-    return f"{beyond_words(metrics)}; {words}"
+    return in_singular(f"{beyond_words(metrics)}; {words}")
 
 
 def beyond_words(metrics: dict[str, Any]) -> str:
@@ -339,8 +339,7 @@ def bound_text(check: dict[str, Any]) -> str:
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
     name = check["name"]
-    found = f"{check['value']:.6g}{unit_beside(name)}"
-    return f"{name} is {found}, {bound_text(check)} is allowed"
+    return f"{name} is {check['value']:.6g}{unit_beside(name)}, {bound_text(check)} is allowed"
 
 
 def unit_beside(name: str) -> str:

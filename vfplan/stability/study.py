@@ -155,8 +155,9 @@ def verdict_text(verdict: StabilityVerdict) -> str:
     return (
         f"K = {verdict.k_n_per_m:g} N/m with robot {verdict.robot!r} (m = {verdict.mass_kg:g} kg,"
         f" b = {verdict.damping_n_s_per_m:g} N·s/m, {verdict.rate_hz:g} Hz, delay "
-        f"{verdict.delay_ticks} ticks): the loop is stable up to {verdict.k_max_n_per_m:.0f} N/m; "
-        f"allowed with a margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
+        f"{count(verdict.delay_ticks, 'tick')}): the loop is stable up to "
+        f"{verdict.k_max_n_per_m:.0f} N/m; allowed with a margin of {verdict.margin:g} is "
+        f"{verdict.k_pass_n_per_m:.0f} N/m"
     )
 
 

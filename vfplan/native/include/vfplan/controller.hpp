@@ -71,18 +71,19 @@ struct ControllerSettings {
 
 /// What a tick answers.
 struct Command {
-    Vec3 force{};     ///< to command [N]
+    Vec3 force{};     ///< to command [N]; in a formula of Eigen, Eigen::Vector3d(out.force)
     Vec3 rendered{};  ///< of the fixtures, before the governor [N]
-    Vec3 proxy{};     ///< [m]
-    Vec3 normal{};    ///< unit, 0 when there is none
-    State state = State::no_neighbour;
-    std::uint8_t status = Status::ok;  ///< bits of Status
-    std::uint8_t governor = 0;         ///< bits of GovernorStatus
+    Vec3 proxy{};     ///< in the robot's base [m]
+    Vec3 normal{};    ///< unit, from the wall to the proxy; 0 when there is none
+    State state = State::no_neighbour;  ///< of the fixture that pushes most, as proxy and normal
+    std::uint8_t status = Status::ok;   ///< bits of Status
+    std::uint8_t governor = 0;          ///< bits of GovernorStatus
     std::uint16_t stopping = 0;  ///< why the force fades: bits of Status, of GovernorStatus times
                                  ///< 256, or Controller::asked; 0 while the loop goes on
     bool stop = false;           ///< the force has faded to 0: the loop ends
 };
 
+/// Serves one loop: one thread steps and resets, one other calls what is said to be for it.
 class Controller {
   public:
     /// In Command::stopping: `request_stop` was called.
@@ -93,26 +94,30 @@ class Controller {
     explicit Controller(const std::filesystem::path& fixture, const Demand& demand = {},
                         const ControllerSettings& settings = {});
     /// Renders a fixture that `load` or another reader gave; the demands are of what is exchanged.
+    /// Of it only the frame, the stiffness, the radii and the time of a tick are checked.
     explicit Controller(const bundle::Fixture& fixture, const Demand& demand = {},
                         const ControllerSettings& settings = {});
     Controller(Controller&&) noexcept = default;
     Controller& operator=(Controller&&) noexcept = default;
 
     /// Renders another fixture too: forces add up. One that is rendered already is felt once. It
-    /// takes longer than a tick: call it before the loop begins.
+    /// takes longer than a tick: call it before the loop begins. The commanded force stays.
     void add(const std::filesystem::path& fixture);
     void add(const bundle::Fixture& fixture);
 
     /// The loop begins, or goes on after a stop, with the tip here [m]. With a wall between this
     /// place and the last one of the proxy, the first tick says `other_side`; where the tool may be
-    /// there, reset once more. At a place that is not finite, or beyond 100 m, nothing begins: the
-    /// loop stops (`bad_hip`) until it is reset at a good one.
+    /// there, reset once more: so never reset automatically after a stop. At a place that is not
+    /// finite, or beyond 100 m, nothing begins: the loop stops (`bad_hip`) until it is reset at a
+    /// good one. Where the clock of a moving fixture begins anew, reset before its first tick, and
+    /// again once `pose` has returned true: the first two older poses are refused.
     void reset(const Vec3& tip) noexcept;
     /// One tick of an arm that takes forces, at a time of its clock [s]: needed for a fixture that
-    /// moves, else ticks are one period apart.
+    /// moves, else ticks are one period apart, and no time stops the loop.
     Command step(const Vec3& tip, std::optional<double> time_s = std::nullopt) noexcept;
-    /// One tick of an arm that takes torques, which `torque` then has. `jacobian`: 3 x `joints` of
-    /// the tip, row after row.
+    /// One tick of an arm that takes torques, which `torque` then has. `jacobian`: 3 x `joints` (1
+    /// to 16) of the tip [m], row after row; of another unit or order nobody notices. Torque limits
+    /// without any Jacobian stop the loop (`no_jacobian`).
     Command step(const Vec3& tip, std::optional<double> time_s, const double* jacobian,
                  int joints) noexcept;
     /// J^T F to command [N m], of 16 joints.
@@ -158,7 +163,7 @@ class Controller {
     double contact_radius(std::size_t which = 0) const;
     /// By which its proxy moves.
     Rule rule(std::size_t which = 0) const;
-    /// Its engine, to look at it; null where it only guides.
+    /// Its engine, to look at it, of "vfplan/engine.hpp"; null where it only guides.
     const Engine* region(std::size_t which = 0) const;
     /// Number of different fixtures.
     std::size_t size() const noexcept;

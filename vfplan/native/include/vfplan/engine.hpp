@@ -185,7 +185,8 @@ class Engine {
     bool planar() const noexcept { return impl_ && impl_->parameters.ignore_axis; }
     /// What it was made with: of the thread that edits, as handed over last.
     const Parameters& parameters() const noexcept { return parameters_; }
-    /// Distance from x to the nearest geometry [m]; infinity of an engine that was given away.
+    /// Distance from x to the nearest geometry [m], the same on both sides of a drawn line;
+    /// infinity of an engine that was given away.
     double distance(const Vec3& x) const noexcept {
         return impl_ ? impl_->distance(x, infinity, nullptr) : infinity;
     }

@@ -49,9 +49,12 @@ struct GovernorLimits {
 struct GovernorStatus {
     enum Bit : std::uint8_t {
         bad_force = 1,  ///< the force is not finite or beyond 1e6 N, counts as none and fades out
-        /// The Jacobian is not finite or beyond 1e6 m; force and torques fade out.
+        /// The Jacobian is not finite or beyond 1e6 m, or has not 1 to 16 columns; force and
+        /// torques fade out.
         bad_jacobian = 2,
-        no_jacobian = 4,  ///< torques have limits, but without a Jacobian only forces were limited
+        /// Torques have limits, but without a Jacobian only forces were limited; a Controller
+        /// stops.
+        no_jacobian = 4,
         /// The arm turns faster than its torques may follow; torque() is not J^T F.
         torque_lags = 8,
         overdrawn = 16,  ///< the force held back gave more than the spring had stored

@@ -83,7 +83,8 @@ struct MovingLimits {
     double max_age = 0.1;     ///< of a pose [s]; an older one is stale
     double max_speed = 0.25;  ///< of the pivot [m/s]
     double max_turn = 1;      ///< of the frame about its pivot [rad/s]
-    Vec3 pivot;               ///< in the fixture's frame, near where the tool works [m]
+    Vec3 pivot;  ///< in the fixture's frame, near where the tool works [m]; a pose that
+                 ///< jumps is followed by these limits, and may push the tool
 };
 
 namespace detail {
@@ -129,10 +130,9 @@ class MovingFrame : private detail::FrameState {
     /// Hands over the fixture's frame at `stamp`, on the loop's clock [s]; for the thread of the
     /// tracker. False, and counted, for a pose that is not rigid to 1e-3 or further than 100 m from
     /// the base, that is not younger than the last, or that finds `most_waiting` poses which the
-    /// loop has not seen. One stray stamp
-    /// does no harm for long: of poses that come younger and younger, but all older than the last
-    /// one taken, the `resyncs_after`-th is taken; and one that lies ahead of the loop by more than
-    /// max_age is dropped when another follows it.
+    /// loop has not seen. One stray stamp does no harm for long: of poses that come younger and
+    /// younger, but all older than the last one taken, the `resyncs_after`-th is taken; and one
+    /// that lies ahead of the loop by more than max_age is dropped when another follows it.
     bool pose(double stamp, const Pose& pose) noexcept {
         Pose p = pose;
         const double size = std::sqrt(p.w * p.w + dot(p.v, p.v));

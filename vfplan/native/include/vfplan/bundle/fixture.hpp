@@ -42,10 +42,12 @@ struct Fixture {
     std::optional<Guidance> guidance;
     bool certified = false;  // no proxy of this radius passes between samples
     std::string created_utc;
-    std::string case_id;             // the case that it is for; empty where nobody said so
-    std::string tool;                // that touched the markers; empty where nobody said so
-    std::vector<Stroke> pieces;      // lines and arcs, a stroke each; none where unknown
-    std::vector<std::int32_t> mesh;  // three points a triangle, or empty
+    std::string case_id;  // the case that it is for; empty where nobody said so
+    std::string tool;     // that touched the markers; empty where nobody said so
+    // Lines and arcs, a stroke each; none where unknown. Rule exact renders these: who changes the
+    // points changes them too, because after reading nothing checks that they agree.
+    std::vector<Stroke> pieces;
+    std::vector<std::int32_t> mesh;  // numbers of three points a triangle, or empty
     // How far a place of the mesh may be from a sample where points are rendered [m]; without it
     // the points are the samples.
     std::optional<double> sample_radius;
