@@ -79,7 +79,7 @@ def test_a_region_that_misses_the_line_is_named(box):
 
 def test_several_candidates_with_the_gap_between_them():
     first, second = line(40, 100, 150, 100, 20), line(190, 100, 300, 100, -20)
-    image = paint(first, second)
+    image = paint(first, second, line(60, 180, 110, 180, 10))
     error = refusal(image)
     assert (error.code, error.numbers["candidates"]) == ("several-candidates", 2)
     assert error.numbers["gap_px"] == pytest.approx(37, abs=3)
@@ -87,9 +87,12 @@ def test_several_candidates_with_the_gap_between_them():
     assert len(error.candidates) == 2
     (one,) = extract_curve(image, stroke=2).strokes
     assert one.points_px[:, 0].min() > 180 or one.points_px[:, 0].max() < 160
-    assert len(extract_curve(image, stroke="all").strokes) == 2
+    whole = extract_curve(image, stroke="all")
+    assert len(whole.strokes) == 2
+    [(u, v)] = [f.place_px for f in whole.findings if f.code == "ink-outweighs"]
+    assert (u, v) == pytest.approx((85, 180), abs=20), "the third line, which is too short"
     assert len(extract_curve(image, stroke="longest").strokes) == 1
-    assert refusal(image, stroke=3).code == "stroke-number"
+    assert refusal(image, stroke=4).code == "stroke-number"
 
 
 @pytest.mark.parametrize("strength", [0.15, 0.3, 0.45])

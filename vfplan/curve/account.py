@@ -373,6 +373,16 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     return doubts
 
 
+def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) -> list[Finding]:
+    """A doubt for each line that is no frame, and too short to be one of all candidates."""
+    least = tuned.SMALL_SHARE * lines[0].length
+    return [
+        finding_at(line.middle, "ink-outweighs", f"a line of {line.length:.0f} px is shorter than "
+                   "half of the longest, and was not taken. Is it a part of the curve?")
+        for line in left if line.length >= least and not choose.is_frame(line, ink)
+    ]  # fmt: skip
+
+
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
     """Other lines in the direction of an end, farther away than ink at an end is looked for."""
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width

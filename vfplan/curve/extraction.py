@@ -236,6 +236,8 @@ def extract_curve(
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
     findings = asked + account.leftover_findings(leftover, max_gap_px)
+    if stroke == "all":
+        findings += account.shorter_findings(unchosen, lines, ink)
     if len(chosen) == 1:
         findings = account.doubts_of_line(chosen[0], lines, ink, pen) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
