@@ -202,8 +202,9 @@ def test_ends_that_face_each_other_over_a_gap_are_asked_about(gap_px, found):
     assert [(f.code, f.place_px == pytest.approx((250, 150), abs=3)) for f in findings] == found
 
 
-def test_a_gap_between_two_chosen_strokes_is_asked_about():
-    extraction = extract_curve(painted((CURVE[:180], 3.0), (CURVE[380:], 3.0)), stroke="all")
+@pytest.mark.parametrize("end", [260, 380])
+def test_a_gap_between_two_chosen_strokes_is_asked_about(end):
+    extraction = extract_curve(painted((CURVE[:180], 3.0), (CURVE[end:], 3.0)), stroke="all")
     assert len(extraction.strokes) == 2
     assert codes(extraction) == ["ink-at-end"]
 

@@ -119,6 +119,15 @@ def test_marks_that_compression_blurs_are_marks(quality):
         assert (finding.code, finding.place_px) == ("marker-not-drawn", tuple(places[k]))
 
 
+def test_a_thin_mark_that_compression_blurs_is_known_by_its_shape():
+    image = texture(7)
+    for place in PLACES.astype(int).tolist():
+        cv2.drawMarker(image, place, (255, 0, 255), cv2.MARKER_CROSS, 13, 1, cv2.LINE_AA)
+    _, stored = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 60])
+    found = compare(cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1], PLACES)
+    assert (found[0]["near"], codes(found)) == (len(PLACES), [])
+
+
 @pytest.mark.parametrize("noise_px", [0.0, 0.5, 1.0])
 def test_what_a_hand_clicks_is_no_misreading(noise_px):
     rng = np.random.default_rng(9)

@@ -264,6 +264,14 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     assert left.state()["account"][0]["left_out"]
 
 
+def test_a_gap_between_strokes_of_the_curve_is_asked_about():
+    session = Session.open(SLICE)
+    curve = curve_of(session)
+    cut = session.apply({"do": "cut", "stroke": 0, "start": curve[0], "end": curve[400]})
+    both = cut.apply({"do": "draw", "points": [curve[k] for k in (428, 600, 800)], "add": True})
+    assert "ink-at-end" in [finding.code for finding in both.current.findings]
+
+
 def test_a_line_that_touches_little_ink_is_drawn():
     session = Session.open(SLICE).apply({"do": "exclude", "box": [612, 585, 31, 33]})
     places = [[237.495, 418.7], [275.744, 426.902], [612.017, 584.504], [399.175, 298.024]]

@@ -384,7 +384,10 @@ def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) ->
 
 
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
-    """Other lines in the direction of an end, farther away than ink at an end is looked for."""
+    """Other lines in the direction of an end, farther away than ink at an end is looked for.
+
+    Lines of the curve itself are none of that ink: `max_gap_px` is 0 among them.
+    """
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
     findings = []
     for other in others:

@@ -241,10 +241,10 @@ def extract_curve(
     if len(chosen) == 1:
         findings = account.doubts_of_line(chosen[0], lines, ink, pen) + findings
     for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
-        # Of two chosen lines the later one tells that it goes on from the earlier one.
-        others = unchosen + chosen[:number]
         findings += account.end_findings(ink, curve, leftover)
-        findings += account.ahead_findings(line, others, max_gap_px)
+        findings += account.ahead_findings(line, unchosen, max_gap_px)
+        # Of two chosen lines the later one tells that it goes on from the earlier one.
+        findings += account.ahead_findings(line, chosen[:number], 0.0)
         findings += account.ring_findings(line, max_gap_px)
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:

@@ -17,7 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
-from vfplan.markers.find_marks import MATCH_RADIUS_PX, MAX_SIDE_PX, MIN_CONTRAST, find_mark
+from vfplan.markers.find_marks import (
+    CLEAR_MISFIT,
+    MATCH_RADIUS_PX,
+    MAX_SIDE_PX,
+    MIN_CONTRAST,
+    find_mark,
+)
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
@@ -146,6 +152,11 @@ def compare_with_marks(
     more, more_marks = nearest_pairs(places[unmatched], spots)
     matched = np.append(matched, unmatched[more])
     marks = np.vstack([marks, more_marks])
+    # Where compression has changed the colour of one, a clear shape at the place tells it.
+    for k in np.setdiff1d(unmatched, matched):
+        mark = find_mark(rgb, labels[k], tuple(places[k].tolist()), SINGLE_OFFSET_PX)
+        if mark is not None and mark.misfit < CLEAR_MISFIT:
+            matched, marks = np.append(matched, k), np.vstack([marks, mark.position_px])
 
     offset = places[matched] - marks
     # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.

@@ -279,8 +279,8 @@ class Geometry:
             if len(places):
                 within_px = own_bound(self.strokes)[edited].max()
                 text = (
-                    f"{len(places)} px of the curve were placed by hand where no ink shows them. "
-                    f"They are taken to lie within {within_px:.1f} px (95 %)."
+                    f"{len(places)} px of the curve lie where a person put them and no ink shows "
+                    f"them. They are taken to lie within {within_px:.1f} px (95 %)."
                 )
                 place_px = tuple(places[0].tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
@@ -310,6 +310,8 @@ class Geometry:
         findings += account.join_findings(
             self.leftover, lines, self.ink.found, self.max_gap_px, findings
         )
+        for number, line in enumerate(lines):
+            findings += account.ahead_findings(line, lines[:number], 0.0)
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
             findings += account.stretch_findings(line)
