@@ -48,27 +48,24 @@ def test_an_arm_of_ones_own(tmp_path):
         Arm(written(tmp_path, TWO), read_robot("franka"))
 
 
-@pytest.mark.parametrize(
-    ("was", "becomes", "message"),
-    [
-        ("<worldbody>", '<include file="/etc/passwd"/><worldbody>', "<include> is not allowed"),
-        ("<worldbody>", '<asset><mesh file="a.stl"/></asset><worldbody>', "<asset> is not"),
-        ("<worldbody>", '<extension><plugin plugin="a"/></extension><worldbody>', "<extension>"),
-        ("<worldbody>", '<compiler meshdir="/"/><worldbody>', 'meshdir="..." is not allowed'),
-        ("<worldbody>", '<worldbody><geom mesh="a" type="mesh"/>', 'mesh="..." is not allowed'),
-        ("<worldbody>", '<size memory="900G"/><worldbody>', "<size> is not allowed"),
-        ("<worldbody>", "<worldbody><replicate count='9999999'/>", "<replicate> is not allowed"),
-        ("<worldbody>", "<worldbody>" + "<site/>" * MAX_NODES, "more than 5000 elements"),
-        ("<worldbody>", "<worldbody>" + "<body>" * 70, "64 within each other"),
-        ("<mujoco>", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco>', "a document type is not allowed"),
-        ("mujoco", "robot", "<robot> is no MJCF"),
-        ("</mujoco>", "", "no XML"),
-        ('name="tip"', 'name="end"', 'no <site name="tip"/>'),
-        ('<joint name="a"', '<joint type="slide" name="a"', "1 of them no hinges"),
-        ('mass="2"', 'mass="-2"', "MuJoCo refuses it"),
-        ('mass="2"', 'mass="nan"', "a number is nan"),
-    ],
-)
+@pytest.mark.parametrize(("was", "becomes", "message"), [
+    ("<worldbody>", '<include file="/etc/passwd"/><worldbody>', "<include> is not allowed"),
+    ("<worldbody>", '<asset><mesh file="a.stl"/></asset><worldbody>', "<asset> is not"),
+    ("<worldbody>", '<extension><plugin plugin="a"/></extension><worldbody>', "<extension>"),
+    ("<worldbody>", '<compiler meshdir="/"/><worldbody>', 'meshdir="..." is not allowed'),
+    ("<worldbody>", '<worldbody><geom mesh="a" type="mesh"/>', 'mesh="..." is not allowed'),
+    ("<worldbody>", '<size memory="900G"/><worldbody>', "<size> is not allowed"),
+    ("<worldbody>", "<worldbody><replicate count='9999999'/>", "<replicate> is not allowed"),
+    ("<worldbody>", "<worldbody>" + "<site/>" * MAX_NODES, "more than 5000 elements"),
+    ("<worldbody>", "<worldbody>" + "<body>" * 70, "64 within each other"),
+    ("<mujoco>", '<!DOCTYPE a [<!ENTITY b "c">]><mujoco>', "a document type is not allowed"),
+    ("mujoco", "robot", "<robot> is no MJCF"),
+    ("</mujoco>", "", "no XML"),
+    ('name="tip"', 'name="end"', 'no <site name="tip"/>'),
+    ('<joint name="a"', '<joint type="slide" name="a"', "1 of them no hinges"),
+    ('mass="2"', 'mass="-2"', "MuJoCo refuses it"),
+    ('mass="2"', 'mass="nan"', "a number is nan"),
+])  # fmt: skip
 def test_what_is_not_let_through(tmp_path, was, becomes, message):
     with pytest.raises(InputError, match=message):
         Arm(written(tmp_path, TWO.replace(was, becomes)), ROBOT)

@@ -114,16 +114,13 @@ def test_the_certificate_is_that_of_plain_loops(axis):
         assert few[1] == min(cover, 0.1)
 
 
-@pytest.mark.parametrize(
-    "shape",
-    [
-        {"triangles": np.array([[0, 1, 3]], np.int32)},
-        {"triangles": np.array([[0, -1, 2]], np.int32)},
-        {"stroke": np.array([0, 0, 1], np.int32), "closed": np.array([0], np.uint8)},
-        {"stroke": np.array([0, 0], np.int32), "closed": np.array([0], np.uint8)},
-        {"stroke": np.array([0, 0, 0], np.int32)},
-    ],
-)
+@pytest.mark.parametrize("shape", [
+    {"triangles": np.array([[0, 1, 3]], np.int32)},
+    {"triangles": np.array([[0, -1, 2]], np.int32)},
+    {"stroke": np.array([0, 0, 1], np.int32), "closed": np.array([0], np.uint8)},
+    {"stroke": np.array([0, 0], np.int32), "closed": np.array([0], np.uint8)},
+    {"stroke": np.array([0, 0, 0], np.int32)},
+])  # fmt: skip
 def test_a_shape_that_names_what_is_not_there_has_no_certificate(shape):
     with pytest.raises(ValueError, match="vfplan"):
         _core.certificate(np.zeros((3, 3)), None, 0.3, **shape)

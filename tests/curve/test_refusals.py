@@ -102,14 +102,11 @@ def test_a_paler_line_behind_a_gap_is_another_pens(strength):
     assert refusal(image).code == "several-candidates"
 
 
-@pytest.mark.parametrize(
-    ("second", "max_gap", "advised"),
-    [
-        (line(160, 100, 290, 100), 10.0, True),
-        (line(160, 100, 170, 230), 60.0, False),  # the directions differ
-        (line(240, 100, 330, 100), 20.0, False),  # the gap is longer than a line
-    ],
-)
+@pytest.mark.parametrize(("second", "max_gap", "advised"), [
+    (line(160, 100, 290, 100), 10.0, True),
+    (line(160, 100, 170, 230), 60.0, False),  # the directions differ
+    (line(240, 100, 330, 100), 20.0, False),  # the gap is longer than a line
+])  # fmt: skip
 def test_a_wider_gap_is_advised_only_where_it_joins_the_lines(second, max_gap, advised):
     image = paint(line(30, 100, 120, 100), second)
     error = refusal(image, max_gap_px=max_gap)
@@ -191,23 +188,20 @@ def test_a_frame_along_the_border_is_no_curve():
     assert extract_curve(only, stroke=1).strokes[0].closed
 
 
-@pytest.mark.parametrize(
-    ("options", "code"),
-    [
-        ({"method": "magic"}, "method-unknown"),
-        ({"stroke": 0}, "stroke-unknown"),
-        ({"stroke": True}, "stroke-unknown"),
-        ({"max_gap_px": -1.0}, "max-gap"),
-        ({"max_gap_px": float("inf")}, "max-gap"),
-        ({"colour": "grey"}, "colour-grey"),
-        ({"colour": "no colour"}, "colour-unknown"),
-        ({"roi": (0, 0, 400, 10)}, "region-outside"),
-        ({"roi": (0, 0, 0, 10)}, "region-outside"),
-        ({"exclude": [(0.5, 0, 10, 10)]}, "region-not-a-box"),
-        ({"start": (1, 1), "method": "mask"}, "start-without-order"),
-        ({"start": (1, 1), "stroke": "all"}, "start-without-order"),
-    ],
-)
+@pytest.mark.parametrize(("options", "code"), [
+    ({"method": "magic"}, "method-unknown"),
+    ({"stroke": 0}, "stroke-unknown"),
+    ({"stroke": True}, "stroke-unknown"),
+    ({"max_gap_px": -1.0}, "max-gap"),
+    ({"max_gap_px": float("inf")}, "max-gap"),
+    ({"colour": "grey"}, "colour-grey"),
+    ({"colour": "no colour"}, "colour-unknown"),
+    ({"roi": (0, 0, 400, 10)}, "region-outside"),
+    ({"roi": (0, 0, 0, 10)}, "region-outside"),
+    ({"exclude": [(0.5, 0, 10, 10)]}, "region-not-a-box"),
+    ({"start": (1, 1), "method": "mask"}, "start-without-order"),
+    ({"start": (1, 1), "stroke": "all"}, "start-without-order"),
+])  # fmt: skip
 def test_settings_out_of_range(options, code):
     with pytest.raises(SettingError) as refused:
         extract_curve(paint(line(40, 150, 300, 150)), **options)

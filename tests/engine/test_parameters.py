@@ -56,15 +56,12 @@ OUT_OF_RANGE = {"contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1
     "ignore_axis": [[0, 0, 0], [0, np.nan, 1]]}  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("setting", "name"),
-    [
-        *(({name: value}, name) for name, values in OUT_OF_RANGE.items() for value in values),
-        ({"band": 1e-8, "point_radius": 2.0}, "band"),
-        ({"band": 5e-3}, "outer_radius"),  # 2 r_c is no longer beyond r2
-        ({"band": 1e-5, "outer_radius": 5.01e-3}, "outer_radius"),
-    ],
-)
+@pytest.mark.parametrize(("setting", "name"), [
+    *(({name: value}, name) for name, values in OUT_OF_RANGE.items() for value in values),
+    ({"band": 1e-8, "point_radius": 2.0}, "band"),
+    ({"band": 5e-3}, "outer_radius"),  # 2 r_c is no longer beyond r2
+    ({"band": 1e-5, "outer_radius": 5.01e-3}, "outer_radius"),
+])  # fmt: skip
 def test_a_number_outside_its_range_is_refused_by_its_name(setting, name):
     with pytest.raises(SettingError) as caught:
         MAKE(POINT, **setting)
