@@ -40,7 +40,7 @@ from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import check_slice
 from vfplan.review.session import Session
-from vfplan.review.sheet import ZOOM, draw_sheet, png_of, verdict_of
+from vfplan.review.sheet import ZOOM, draw_sheet, facts_of, png_of, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -292,6 +292,17 @@ def test_sheet_page_and_report_say_one_bound_and_the_margin_that_was_added(tmp_p
     told = (shown.bound95_m, page, shown.margin_m - 2e-4)
     assert told == pytest.approx([bound_m] * 3, abs=2e-9)
     assert fixture.point_radius == pytest.approx(shown.margin_m, abs=1e-12)
+
+
+def test_terminal_and_sheet_say_one_length_and_what_a_pixel_is(tmp_path, vfplan_cli):
+    run = vfplan_cli("plan", SLICE, *MARKERS, "--pixel-spacing", "0.49", "-o", tmp_path / "f.h5")
+    fixture = vfplan.read_fixture(tmp_path / "f.h5")
+    shown = Plan.of(fixture, "f.h5", vfplan.read_image(SLICE))
+    facts = dict(facts_of(shown))
+    length = f"{1e3 * fixture.strokes[0].length:.1f} mm"
+    assert f" px = {length}, " in run.stdout
+    assert facts["Line"].startswith(f"open, {length};")
+    assert facts["Pixel"] == f"{1e3 * shown.metres_per_px:.4g} mm as registered, 0.49 mm as given"
 
 
 def test_open_line_has_both_ends_and_each_bridge_enlarged():

@@ -92,11 +92,9 @@ def verdict_of(plan: Plan) -> str:
 def facts_of(plan: Plan) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
     recipe, image = plan.fixture.provenance.settings, plan.image
-    slice_in_words, pixel = recipe.get(SLICE_IN_WORDS, ""), ""
+    slice_in_words = recipe.get(SLICE_IN_WORDS, "")
     if not slice_in_words and image is not None and image.T_patient_image is not None:
         slice_in_words = height_in_words(image)
-    if image is not None and plan.metres_per_px is not None:
-        pixel = f"{MM * plan.metres_per_px:.4g} mm"
     margin = "none" if plan.kind else ""
     if plan.margin_m is not None:
         margin = f"{millimetres(plan.margin_m, 2)} on every side"
@@ -105,7 +103,7 @@ def facts_of(plan: Plan) -> list[tuple[str, str]]:
     facts = [
         ("Line" if plan.strokes else "Geometry", geometry_in_words(plan)),
         ("Slice", slice_in_words),
-        ("Pixel", pixel),
+        ("Pixel", pixel_in_words(plan)),
         ("Markers", markers_in_words(plan.fixture)),
         ("Place of the line", error_in_words(plan)),
         ("Margin", margin),
@@ -116,20 +114,36 @@ def facts_of(plan: Plan) -> list[tuple[str, str]]:
 def geometry_in_words(plan: Plan) -> str:
     """The length of each line and the width of its pen, or how many points there are."""
     parts = []
-    for stroke in plan.strokes:
+    for number, stroke in enumerate(plan.strokes):
         if not stroke.is_ordered:
             parts.append(f"{len(stroke.points)} pixels in no order")
             continue
-        length = length_of(stroke.points, stroke.closed)
-        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
-        if plan.metres_per_px is not None:
-            words += f" = {length * plan.metres_per_px * 1e3:.1f} mm"
+        words = "closed, " if stroke.closed else "open, "
+        if plan.fixture.frame == "image":
+            words += f"{length_of(stroke.points, stroke.closed):.1f} px"
+            if plan.spacing_mm is not None:
+                length_mm = length_of(stroke.points * plan.spacing_mm, stroke.closed)
+                words += f" = {length_mm:.1f} mm"
+        else:
+            # As long as it is in front of the robot: a pixel need not be a square there.
+            words += millimetres(plan.fixture.strokes[number].length, 1)
         if stroke.width is not None:
             words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
     if not plan.strokes:
         parts = [f"{len(plan.fixture.points)} points"]
     return ". ".join(parts)
+
+
+def pixel_in_words(plan: Plan) -> str:
+    """The size of a pixel by the markers, and as it is given; empty without a slice."""
+    parts = []
+    if plan.image is not None and plan.fixture.registration is not None:
+        parts.append(f"{MM * plan.metres_per_px:.4g} mm as registered")
+    if plan.image is not None and plan.spacing_mm is not None:
+        sides = dict.fromkeys(f"{side:.4g}" for side in plan.spacing_mm)
+        parts.append(f"{' x '.join(sides)} mm as given")
+    return ", ".join(parts)
 
 
 def markers_in_words(fixture: Fixture) -> str:
