@@ -298,9 +298,7 @@ class Geometry:
         if not (self.excluded_ink and finding.is_open and asks_about_ink):
             return finding
         for piece in self.leftover:
-            # The pen's width in a bundle differs a little, and so do the edges of its pieces.
-            places = np.vstack([piece.middle, piece.places])
-            is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
+            is_of_piece = away_from(piece, finding) <= CLOSE_PX
             if is_of_piece and tuple(piece.middle.tolist()) in self.excluded_ink:
                 return replace(finding, severity="note")
         return finding
@@ -385,6 +383,14 @@ class Geometry:
         return replace(
             self, strokes=strokes, findings=findings, taken=taken, refusal=None, is_as_found=False
         )
+
+
+def away_from(piece: Leftover, finding: Finding) -> float:
+    """How far a finding is from a piece of ink [px], or from the middle of the piece.
+
+    The pen's width in a bundle differs a little, and so do the edges of its pieces.
+    """
+    return nearest_point(np.vstack([piece.middle, piece.places]), finding.place_px)[1]
 
 
 def ink_of(image: PlannedImage, settings: ExtractSettings) -> SliceInk:

@@ -19,6 +19,7 @@ from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
+from vfplan.review.strokes import nearest_point
 
 
 def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
@@ -196,7 +197,8 @@ def draw_picture(
         draw_rendered(panel.canvas, outline, panel.place)
     region = draw_ink_outline(plan, panel)
     for outline in plan.outlines:
-        draw_rendered(panel.canvas, outline, panel.place, is_cased=False)
+        for line in outline.lines:
+            paper.draw_line(panel.canvas, panel.place(line), RENDERED[outline.kind][1], 2)
     has_band = False
     for stroke, half_m in plan.bounds:
         # The 95 % band where it reaches beyond the outline.
@@ -279,18 +281,12 @@ def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     return rows
 
 
-def draw_rendered(
-    canvas: paper.Pixels, outline: Outline, place: Any, is_cased: bool = True
-) -> None:
+def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
     """Draw where the engine pushes; `place` takes pixels of the slice to the canvas."""
-    casing, drawn = (np.zeros(canvas.shape[:2], np.uint8) for _ in range(2))
-    for line in map(place, outline.lines):
-        paper.draw_line(casing, line, 255, 5)
-        paper.draw_line(drawn, line, 255, 2)
     colour = RENDERED[outline.kind][1]
-    if is_cased:
-        paper.blend(canvas, casing, WHITE)
-    paper.blend(canvas, drawn, colour)
+    for shade, thickness in ((WHITE, 5), (colour, 2)):
+        for line in outline.lines:
+            paper.draw_line(canvas, place(line), shade, thickness)
     if outline.pull is not None and outline.lines:
         # Beside the tube, so that the ink stays free.
         start, along = outline.pull
@@ -344,11 +340,10 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for point in panel.place(plan.slicer_points):
-        lines = [panel.place(stroke.points) for stroke in plan.strokes]
-        away = [np.hypot(*(line - point).T) for line in lines]
-        number = int(np.argmin([distance.min() for distance in away]))
+        away = [nearest_point(panel.place(stroke.points), point) for stroke in plan.strokes]
+        number = int(np.argmin([distance for _, distance in away]))
         stroke = plan.strokes[number]
-        across = normals(stroke.points, stroke.closed)[away[number].argmin()]
+        across = normals(stroke.points, stroke.closed)[away[number][0]]
         gap = panel.outline_distance(stroke) + 3
         if min((np.hypot(*(end - point)) for end in ends), default=np.inf) < FREE_RADIUS:
             gap = FREE_RADIUS + 4  # An end is left free.

@@ -36,7 +36,7 @@ from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
-from vfplan.review.geometry import ASKS_ABOUT_INK
+from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.picture import (
     COLUMN_WIDTH,
@@ -48,7 +48,7 @@ from vfplan.review.picture import (
 )
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
-from vfplan.review.strokes import CLOSE_PX, nearest_point
+from vfplan.review.strokes import CLOSE_PX
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -254,10 +254,7 @@ def ink_at(plan: Plan, finding: Finding) -> list[int]:
     pieces = [entry for entry in plan.other_ink if entry.piece is not None]
     if finding.code not in ASKS_ABOUT_INK or not pieces:
         return []
-    away = []
-    for entry in pieces:
-        places = np.vstack([entry.middle, entry.piece.places])
-        away.append(nearest_point(places, finding.place_px)[1])
+    away = [away_from(entry.piece, finding) for entry in pieces]
     nearest = int(np.argmin(away))
     return [pieces[nearest].number] if away[nearest] <= CLOSE_PX else []
 
