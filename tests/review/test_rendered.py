@@ -153,33 +153,25 @@ def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
 
 @pytest.mark.parametrize("name", ["curve", "guide", "guide without pull", "whole"])
 def test_the_picture_shows_the_outline_at_the_ends_too_and_the_legend_what_is_there(name, made):
-    plans = made | {
-        "whole": bundles.whole(),
-        "guide without pull": CHANGES["no pull"](made["guide"]),
-    }
+    plans = {"whole": bundles.whole(), "guide without pull": CHANGES["no pull"](made["guide"])}
     image = vfplan.read_image(SLICE)
     if name == "whole":
         image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
-    shown = Plan.of(plans[name], "f.h5", image)
-    sheet = draw_sheet(shown)
+    shown = Plan.of((made | plans)[name], "f.h5", image)
+    sheet, [outline] = draw_sheet(shown), shown.outlines
     [box] = [box for box in sheet.boxes if box.kind == "picture"]
     picture = sheet.pixels[box.y : box.bottom, box.x : box.right].astype(int)
-    zoom = box.width / image.width_px
-    [outline] = shown.outlines
-    line = np.vstack(outline.lines)
-    colour = paper.GUIDE_COLOUR if outline.kind == "guide" else paper.WALL_COLOUR
-    drawn = np.argwhere(np.abs(picture - colour).sum(axis=2) < 100)[:, ::-1]
-    for stroke in shown.strokes:
-        for end in stroke.points[[0, -1]]:
-            near = line[np.hypot(*(line - end).T) < 16]
-            away = cKDTree(drawn).query((near + 0.5) * zoom - 0.5)[0]
-            # A leader leads to the end.
-            assert (away < 2).mean() > 0.8
+    colour = paper.WALL_COLOUR if outline.kind == "wall" else paper.GUIDE_COLOUR
+    drawn = cKDTree(np.argwhere(np.abs(picture - colour).sum(axis=2) < 100)[:, ::-1])
+    line, zoom = np.vstack(outline.lines), box.width / image.width_px
+    for end in np.vstack([stroke.points[[0, -1]] for stroke in shown.strokes]):
+        near = line[np.hypot(*(line - end).T) < 16]
+        # A leader leads to the end.
+        assert (drawn.query((near + 0.5) * zoom - 0.5)[0] < 2).mean() > 0.8
     words = " ".join(box.words for box in sheet.boxes)
     assert ("arrow: the guide's pull" in words) == (name == "guide")
-    assert ("no pull" in words) == (name == "guide without pull")
-    has_no_wall = outline.kind == "guide"
-    assert ("Wall: none; the wall's 5.00 mm and 1000 N/m are not used" in words) == has_no_wall
+    not_used = "Wall: none; the wall's 5.00 mm and 1000 N/m are not used"
+    assert (not_used in words) == (outline.kind == "guide")
 
 
 def test_a_session_and_one_line_say_what_is_rendered(made):

@@ -322,14 +322,6 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
                 draw_line(canvas, dash, BAND_COLOUR, 2)
 
 
-def blend(canvas: Pixels, cover: Pixels, colour: Colour) -> None:
-    """Lay a colour over a canvas as far as (H, W) `cover` says, from 0, none, to 255, wholly."""
-    # Most covers are empty but for a small part.
-    is_covered = cover > 0
-    share, under = cover[is_covered][:, None].astype(np.float32) / 255, canvas[is_covered]
-    canvas[is_covered] = np.rint(under + share * (np.array(colour) - under))
-
-
 # Distance [px of the page] from one try to the next: half a line of text.
 STEP = BODY.line_height // 2
 

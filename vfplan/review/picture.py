@@ -239,17 +239,17 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
                 paper.draw_disc(region, point, distance, 255)
         for run in runs(stroke.bridged, stroke.closed):
             paper.draw_line(bridges, points[run], 255, thickness + 12)
-    contours = paper.contours_of(region)
-    for colour, thickness in ((WHITE, 4), (LINE_COLOUR, 2), (paper.BRIDGE_COLOUR, 2)):
-        layer = np.zeros_like(region)
-        cv2.drawContours(layer, contours, -1, 255, thickness, cv2.LINE_AA)
-        # A closed line has no end that something could cover.
-        for stroke in plan.strokes:
-            for end in stroke.end_points:
-                paper.draw_disc(layer, panel.place(end), FREE_RADIUS, 0)
-        if colour != WHITE:
-            layer[(bridges > 0) != (colour == paper.BRIDGE_COLOUR)] = 0
-        paper.blend(panel.canvas, layer, colour)
+    contours, before = paper.contours_of(region), panel.canvas.copy()
+    cv2.drawContours(panel.canvas, contours, -1, WHITE, 4, cv2.LINE_AA)
+    bridged = panel.canvas.copy()
+    cv2.drawContours(panel.canvas, contours, -1, LINE_COLOUR, 2, cv2.LINE_AA)
+    cv2.drawContours(bridged, contours, -1, paper.BRIDGE_COLOUR, 2, cv2.LINE_AA)
+    panel.canvas[bridges > 0] = bridged[bridges > 0]
+    # A closed line has no end that something could cover.
+    free = np.zeros_like(region)
+    for end in np.concatenate([np.empty((0, 2)), *(line.end_points for line in plan.strokes)]):
+        paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
+    panel.canvas[free > 127] = before[free > 127]
     return region
 
 
@@ -315,8 +315,9 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     if 0 < longest < arrow_px:
         enlargement = min(nice_length(arrow_px / longest), 500.0)
         tips = places + enlargement * moved
-        if ((tips < 0) | (tips > size - 1)).any():
-            # What the border still cuts at about half the length has no head.
+        is_cut = bool(((tips < 0) | (tips > size - 1)).any())
+        if is_cut and arrow_px * panel.zoom > 4 * paper.ARROW_HEAD:
+            # Half as long an arrow is still plain. What the border cuts then too has no head.
             enlargement = nice_length(enlargement / 2)
     for marker in plan.markers:
         centre = panel.place(marker.place)
