@@ -21,7 +21,7 @@ from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import quoted, wrote
+from vfplan.display import MM, quoted, wrote
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
@@ -94,7 +94,13 @@ def vfplan_plan(
         )  # fmt: skip
     fixture = replace(planned.fixture, case=arguments["case"])
     data = dict(planned.report)
-    lines = [extracted_text(planned.extracted.report), registered_text(planned.registered.report)]
+    drawn = planned.extracted.report
+    if fixture.curve is not None:
+        # As long as the sheet says, in front of the robot.
+        pairs = zip(drawn["strokes"], fixture.strokes, strict=True)
+        rows = [row | {"length_mm": MM * stroke.length} for row, stroke in pairs]
+        drawn = drawn | {"strokes": rows}
+    lines = [extracted_text(drawn), registered_text(planned.registered.report)]
     options.check_campaign_matches(arguments, fixture)
 
     # Robot and arm have a say before anything is written.

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import re
 import shlex
+import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -86,6 +87,12 @@ def command_of(*words: str | Path | None) -> str:
 def coordinates(values: Iterable[float], decimals: int = 0, separator: str = ", ") -> str:
     """Numbers such as coordinates, e.g. "12.5, -4.0, 0.0"; none that rounds to 0 has a sign."""
     return separator.join(f"{value:z.{decimals}f}" for value in values)
+
+
+def isolated(name: str) -> str:
+    """A name between the marks that keep its letters from turning the numbers beside it."""
+    is_turned = any(unicodedata.bidirectional(letter) in ("R", "AL") for letter in name)
+    return f"\u2068{name}\u2069" if is_turned else name
 
 
 def finding_name(number: int) -> str:

@@ -11,8 +11,10 @@ from review_slices import MARKERS, SLICE
 from scipy.spatial import cKDTree
 
 import vfplan
+from vfplan import PlannedImage
 from vfplan.fixture import Guidance, StabilityVerdict
 from vfplan.planning.settings import FixtureSettings
+from vfplan.review import paper
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, in_one_line, outlines_of, rendered_in_json
 from vfplan.review.session import Session
@@ -147,6 +149,29 @@ def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
         # A tube with open ends has no caps.
         [outline] = outlines_of(CHANGES["ends"](fixture), T, (871, 786))
         assert len(outline.lines) == 2
+
+
+@pytest.mark.parametrize("name", ["curve", "guide", "guide without pull", "whole"])
+def test_the_picture_shows_the_outline_at_the_ends_too_and_the_legend_what_is_there(name, made):
+    plans = {"whole": bundles.whole(), "guide without pull": CHANGES["no pull"](made["guide"])}
+    image = vfplan.read_image(SLICE)
+    if name == "whole":
+        image = PlannedImage(np.zeros((786, 871, 3), np.uint8), None, "ab" * 32)
+    shown = Plan.of((made | plans)[name], "f.h5", image)
+    sheet, [outline] = draw_sheet(shown), shown.outlines
+    [box] = [box for box in sheet.boxes if box.kind == "picture"]
+    picture = sheet.pixels[box.y : box.bottom, box.x : box.right].astype(int)
+    colour = paper.WALL_COLOUR if outline.kind == "wall" else paper.GUIDE_COLOUR
+    drawn = cKDTree(np.argwhere(np.abs(picture - colour).sum(axis=2) < 100)[:, ::-1])
+    line, zoom = np.vstack(outline.lines), box.width / image.width_px
+    for end in np.vstack([stroke.points[[0, -1]] for stroke in shown.strokes]):
+        near = line[np.hypot(*(line - end).T) < 16]
+        # A leader leads to the end.
+        assert (drawn.query((near + 0.5) * zoom - 0.5)[0] < 2).mean() > 0.8
+    words = " ".join(box.words for box in sheet.boxes)
+    assert ("arrow: the guide's pull" in words) == (name == "guide")
+    not_used = "Wall: none; the wall's 5.00 mm and 1000 N/m are not used"
+    assert (not_used in words) == (outline.kind == "guide")
 
 
 def test_a_session_and_one_line_say_what_is_rendered(made):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from io import BytesIO
 from itertools import combinations, pairwise
@@ -21,12 +22,15 @@ from vector_files import RING_MM, polyline, slicer
 import vfplan
 from vfplan import PlannedImage
 from vfplan.curve.account import AccountEntry
-from vfplan.display import three_digits
+from vfplan.display import isolated, three_digits
 from vfplan.errors import InputError
 from vfplan.findings import doubt, note
 from vfplan.fixture import Stroke
 from vfplan.planning.extraction import extract
+from vfplan.review.markers import Marker
 from vfplan.review.paper import (
+    BAND_COLOUR,
+    BODY,
     DPI,
     FOOT,
     GUIDE_COLOUR,
@@ -34,13 +38,13 @@ from vfplan.review.paper import (
     INSET_PX,
     PAGE_HEIGHT,
     PAGE_WIDTH,
-    draw_arrow,
+    Paper,
 )
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import check_slice
+from vfplan.review.rendered import Outline, check_slice
 from vfplan.review.session import Session
-from vfplan.review.sheet import ZOOM, draw_sheet, png_of, verdict_of
+from vfplan.review.sheet import ZOOM, draw_sheet, facts_of, png_of, verdict_of
 
 RED = (255, 0, 0)
 BLANK = np.zeros((320, 380, 3), np.uint8)
@@ -259,17 +263,19 @@ def test_no_line_stands_alone_on_a_page(count, pieces):
         assert sum(box.page == page for box in lines) != 1
 
 
-def test_an_arrow_that_the_edge_would_cut_is_moved_inside():
-    canvas = np.full((120, 160, 3), 200, np.uint8)
-    start, tip = draw_arrow(canvas, np.array([80.0, 20.0]), np.array([70.0, -9.0]), (0, 0, 0))
-    assert np.allclose(tip - start, [-10, -29])
-    # The whole arrow is drawn, and the edge is left free.
-    assert (canvas[0] == 200).all()
-    assert not canvas[round(tip[1]), round(tip[0])].any()
-    # One that begins elsewhere is none of this picture.
-    before = canvas.copy()
-    draw_arrow(canvas, np.array([80.0, -60.0]), np.array([80.0, -20.0]), (0, 0, 0))
-    assert (canvas == before).all()
+def test_an_arrow_near_the_border_begins_at_its_marker():
+    """The residual's arrow at half the length, and the whole arrow of a guide's pull."""
+    line = line_of([[100, 100], [200, 100]])
+    near = Marker("a", (60.0, 20.0), residual_m=1e-3, residual_px=(0.0, -0.3))
+    outline = Outline("guide", (line.points,), (np.array([375.0, 100]), np.array([1.0, 0])))
+    sheet = checked(drawn_ends.shown_of(BLANK, line, markers=(near,), outlines=(outline,)))
+    assert "in the slice, drawn 50 times as long" in " ".join(words_of(sheet))
+    seen = drawn_part(sheet, picture_of(sheet)).astype(int)
+    zoom = seen.shape[1] / BLANK.shape[1]
+    above = seen[: round(20 * zoom), round(60.5 * zoom)].sum(axis=1)
+    assert abs(np.flatnonzero(above)[0] - (20.5 - 0.3 * 50) * zoom) < 6
+    greens = np.argwhere(np.abs(seen - GUIDE_COLOUR).sum(axis=2) < 30)[:, 1]
+    assert seen.shape[1] - 20 < greens.max() < seen.shape[1] - 3
 
 
 def test_a_number_that_rounds_to_zero_has_no_sign():
@@ -294,6 +300,17 @@ def test_sheet_page_and_report_say_one_bound_and_the_margin_that_was_added(tmp_p
     assert fixture.point_radius == pytest.approx(shown.margin_m, abs=1e-12)
 
 
+def test_terminal_and_sheet_say_one_length_and_what_a_pixel_is(tmp_path, vfplan_cli):
+    run = vfplan_cli("plan", SLICE, *MARKERS, "--pixel-spacing", "0.49", "-o", tmp_path / "f.h5")
+    fixture = vfplan.read_fixture(tmp_path / "f.h5")
+    shown = Plan.of(fixture, "f.h5", vfplan.read_image(SLICE))
+    facts = dict(facts_of(shown))
+    length = f"{1e3 * fixture.strokes[0].length:.1f} mm"
+    assert f" px = {length}, " in run.stdout
+    assert facts["Line"].startswith(f"open, {length};")
+    assert facts["Pixel"] == f"{1e3 * shown.metres_per_px:.4g} mm as registered, 0.49 mm as given"
+
+
 def test_open_line_has_both_ends_and_each_bridge_enlarged():
     points = np.column_stack([np.linspace(20, 360, 341), np.full(341, 160.0)])
     bridged = np.zeros(341, bool)
@@ -302,9 +319,10 @@ def test_open_line_has_both_ends_and_each_bridge_enlarged():
     sheet = checked(drawn_ends.shown_of(BLANK, line_of(points, bridged=bridged)))
     assert [box.words for box in insets(sheet, "")] == [
         *(f"{end} of the line{wider}" for end in ("Start", "End") for wider in ("", ", wider")),
-        "Bridge 1 of the line, 9 px",
-        *(f"Bridge 2 of the line, 89 px, part {k} of 3" for k in (1, 2, 3)),
+        "Bridge 1 of the line", *["Bridge 2 of the line"] * 3,
     ]  # fmt: skip
+    notes = {"orange: 9 px", *(f"orange: 89 px, part {k} of 3" for k in (1, 2, 3))}
+    assert notes <= set(words_of(sheet))
     covered = np.zeros(380, bool)
     for box in insets(sheet, "Bridge 2"):
         covered[box.window[0] : box.window[0] + box.window[2]] = True
@@ -342,7 +360,13 @@ def test_any_size_of_slice_fits(size):
     sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
-    assert "95 % band of markers and drawing, at true scale" in " ".join(words_of(sheet))
+    # The picture's legend names the band where it is drawn there; the last inset always has it.
+    *_, last = insets(sheet, "")
+    purple = [(np.abs(drawn_part(sheet, box).astype(int) - BAND_COLOUR).sum(axis=2) < 60).any()
+              for box in (picture_of(sheet), last)]  # fmt: skip
+    legend = "95 % band of markers and drawing, at true scale" in " ".join(words_of(sheet))
+    assert purple == [legend, True]
+    assert any(words.startswith("purple: 95 %") for words in words_of(sheet))
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():
@@ -369,7 +393,43 @@ def test_text_from_files_can_do_no_harm():
     places = drawn_ends.markers(rng, drawn.image.shape, len(names))
     given = tuple(replace(m, label=name) for m, name in zip(places, names, strict=True))
     finding = doubt("code" * 40, "plan", "word " * 200 + "y" * 400, answered_by="\x00" * 9)
-    checked(drawn_ends.shown(drawn, markers=given, findings=(finding,)))
+    shown = drawn_ends.shown(drawn, markers=given, findings=(finding,))
+    fixture = replace(shown.fixture, case="c" * 60)
+    words = words_of(checked(drawn_ends.with_values(shown, fixture=fixture)))
+    assert fixture.case in "".join(words)
+    # Names are shortened beside their numbers.
+    for marker in given:
+        number = f" {1e3 * marker.residual_m:.2f} mm" if marker.is_used else " left out"
+        assert any(line.endswith(number) for line in words), marker
+
+
+def test_a_name_from_right_to_left_leaves_the_number_beside_it():
+    name, seen = "علامة", []
+    for x, words in ((100, f"{isolated(name)} 1.23 mm"), (100 + BODY.width_of(name), " 1.23 mm")):
+        page = Paper()
+        page.text(x, 100.0, words)
+        seen.append(page.image()[:200, round(100 + BODY.width_of(name)) :])
+    assert (seen[0] < 255).any()
+    assert np.array_equal(*seen)
+
+
+def test_findings_and_the_list_name_ink_by_one_number_and_size():
+    rgb = vfplan.read_image(SLICE).rgb.copy()
+    rgb[548:588, 430:440] = 95
+    rgb[330:352, 225:250] = rgb[695:697, 790:804] = rgb[200:203, 500:512] = (237, 28, 36)
+    image = PlannedImage(rgb, None, "ab" * 32)
+    found = extract(image, vfplan.ExtractSettings(accept_width=True)).fixture
+    words = words_of(checked(Plan.of(found, "f.h5", image)))
+    rows = [re.match(r"(\d+): (longest side (\d+) px|bridge at)", line) for line in words]
+    rows = [row for row in rows if row]
+    assert [int(row[1]) for row in rows] == list(range(1, len(rows) + 1))
+    assert any(row[2] == "bridge at" for row in rows)
+    sides = {row[1]: row[3] for row in rows}
+    heads = [re.search(r": ink-.*, other ink (\d+)$", line) for line in words]
+    told = [(head[1], after) for head, after in zip(heads, words[1:], strict=False) if head]
+    assert len(told) >= 2
+    for number, text in told:
+        assert f"ink of {sides[number]} px" in text
 
 
 # ---- a bundle ----

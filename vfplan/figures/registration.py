@@ -26,6 +26,11 @@ Array = NDArray[np.float64]
 BAR_IN = 2.5 * MARGIN_IN
 
 
+# Height [pt] of a marker's label, and where one may stand: so many labels below its usual place.
+LABEL_PT = 11.0
+LINES_LOWER = (0, 1, -2, 2, -3, 3, -4, 4, -5, 5, -6, 6, -7, 7)
+
+
 def draw_registration(
     registration: Registration, curve: Fixture, path: Path, *, image: PlannedImage | None = None
 ) -> None:
@@ -147,6 +152,7 @@ def draw_markers(
     across_mm = residuals_mm @ normal
     whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]
+    taken = []
     for k, label in enumerate(registration.labels):
         place = markers[k]
         is_outlier = label in registration.outliers
@@ -159,4 +165,16 @@ def draw_markers(
         side, shift = ("right", -6) if place[0] > border else ("left", 6)
         box = {"fc": "white", "ec": "none", "alpha": 0.6, "pad": 0.8}
         where = {"xytext": (shift, -11), "textcoords": "offset points", "ha": side, "bbox": box}
-        axes.annotate(text, place, color=colour, fontsize="small", **where)
+        shown = axes.annotate(text, place, color=colour, fontsize="small", **where)
+        for lines in LINES_LOWER:
+            shown.xyann = (shift, -11 - LABEL_PT * lines)
+            extent = shown.get_window_extent()
+            is_inside = axes.bbox.y0 <= extent.y0 and extent.y1 <= axes.bbox.y1
+            if is_inside and not extent.count_overlaps(taken):
+                break
+        taken.append(extent)
+        # A label that stands farther off than the first place is led to its marker.
+        if lines:
+            corner = extent.x0 if side == "left" else extent.x1, (extent.y0 + extent.y1) / 2
+            leader = np.array([place, axes.transData.inverted().transform(corner)])
+            axes.plot(*leader.T, color=FORCE, lw=0.7)

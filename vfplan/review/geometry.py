@@ -167,6 +167,9 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
 # Least cosine of a turn with which a line goes straight on where ink forks.
 MIN_STRAIGHT = 0.7
 
+# Findings that ask about a piece of other ink.
+ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches")
+
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
     *("curve-on-border", "curve-straight", "curve-short", "ink-outweighs"),
@@ -291,13 +294,11 @@ class Geometry:
 
     def as_settled(self, finding: Finding) -> Finding:
         """The finding, as a note if it asks about ink that a person left out."""
-        asks_about_ink = finding.code in ("ink-at-end", "ink-joins", "ink-touches")
-        if not (self.excluded_ink and finding.is_open and asks_about_ink and finding.place_px):
+        asks_about_ink = finding.code in ASKS_ABOUT_INK and finding.place_px
+        if not (self.excluded_ink and finding.is_open and asks_about_ink):
             return finding
         for piece in self.leftover:
-            # The pen's width in a bundle differs a little, and so do the edges of its pieces.
-            places = np.vstack([piece.middle, piece.places])
-            is_of_piece = nearest_point(places, finding.place_px)[1] <= CLOSE_PX
+            is_of_piece = away_from(piece, finding) <= CLOSE_PX
             if is_of_piece and tuple(piece.middle.tolist()) in self.excluded_ink:
                 return replace(finding, severity="note")
         return finding
@@ -384,6 +385,14 @@ class Geometry:
         return replace(
             self, strokes=strokes, findings=findings, taken=taken, refusal=None, is_as_found=False
         )
+
+
+def away_from(piece: Leftover, finding: Finding) -> float:
+    """How far a finding is from a piece of ink [px], or from the middle of the piece.
+
+    The pen's width in a bundle differs a little, and so do the edges of its pieces.
+    """
+    return nearest_point(np.vstack([piece.middle, piece.places]), finding.place_px)[1]
 
 
 def ink_of(image: PlannedImage, settings: ExtractSettings) -> SliceInk:

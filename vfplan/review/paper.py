@@ -8,6 +8,7 @@ takes.
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from dataclasses import dataclass
 from functools import cache
@@ -56,6 +57,9 @@ BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
 BAND_COLOUR: Colour = colour_of(PROXY)
 WALL_COLOUR: Colour = colour_of(CONTACT)
 GUIDE_COLOUR: Colour = colour_of(HIP)
+
+# The marks around a name that is written by itself; see `vfplan.display.isolated`.
+ISOLATES = re.compile("[\u2068\u2069]")
 
 # Bits of a fraction in OpenCV's coordinates: they are whole numbers of 1/16 pixel.
 SHIFT = 4
@@ -112,7 +116,8 @@ class Style:
 
     def width_of(self, words: str) -> float:
         """How long a line of text is."""
-        return _font(self.points, self.bold).getlength(words)
+        font = _font(self.points, self.bold)
+        return sum(font.getlength(part) for part in ISOLATES.split(words))
 
 
 # Height of the letters [points] of all text but the headings; smaller was called too small.
@@ -194,10 +199,13 @@ class Paper:
         pages = [Image.fromarray(canvas) for canvas in self._pages]
         for box in self.boxes:
             if box.style is not None:
-                place = round(box.x), round(box.y) + box.style.baseline
+                x, y = round(box.x), round(box.y) + box.style.baseline
                 font = _font(box.style.points, box.style.bold)
                 draw = ImageDraw.Draw(pages[box.page])
-                draw.text(place, box.words, fill=box.colour, font=font, anchor="ls")
+                # Each isolated name by itself, as wide as it was taken to be.
+                for part in ISOLATES.split(box.words):
+                    draw.text((round(x), y), part, fill=box.colour, font=font, anchor="ls")
+                    x += font.getlength(part)
         return np.vstack([np.asarray(page) for page in pages])
 
 
@@ -229,8 +237,13 @@ def shortened(words: str, width: float, style: Style) -> str:
 
 
 def printable(words: str) -> str:
-    """The text in one line, without characters that cannot be seen: labels come from files."""
-    return "".join(" " if unicodedata.category(c)[0] in "CZ" else c for c in words)
+    """The text in one line, without characters that cannot be seen: labels come from files.
+
+    The marks around an isolated name are kept; they are not drawn.
+    """
+    return "".join(
+        " " if unicodedata.category(c)[0] in "CZ" and not ISOLATES.match(c) else c for c in words
+    )
 
 
 @cache
@@ -263,26 +276,18 @@ def draw_cased(
     draw_line(canvas, points, colour, thickness, closed)
 
 
-# Length of an arrow's head [px of the page]; it is as far from the canvas's edge.
+# Length of an arrow's head [px of the page].
 ARROW_HEAD = 14.0
 
 
-def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> Array:
-    """Draw a cased arrow; none that is shorter than a pixel.
-
-    One that begins on the canvas and whose head the edge would cut is moved inside as it is.
-    Returns where it lies.
-    """
-    arrow, last = np.array([start, tip]), np.array(canvas.shape[1::-1]) - 1
-    if (arrow[0] >= 0).all() and (arrow[0] <= last).all():
-        arrow += np.clip(tip, ARROW_HEAD, last - ARROW_HEAD) - tip
+def draw_arrow(canvas: Pixels, start: Array, tip: Array, colour: Colour) -> None:
+    """Draw a cased arrow; none that is shorter than a pixel."""
     length = float(np.hypot(*(tip - start)))
     if length >= 1:
         head = min(ARROW_HEAD, length) / length
         for shade, thickness in ((WHITE, 7), (colour, 3)):
-            ends = fixed_point(arrow).tolist()
+            ends = fixed_point(np.array([start, tip])).tolist()
             cv2.arrowedLine(canvas, *ends, shade, thickness, cv2.LINE_AA, SHIFT, head)
-    return arrow
 
 
 def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness: int = -1) -> None:
@@ -315,14 +320,6 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
             dash = outline[start : start + 14][inner[start : start + 14]]
             if len(dash) > 1:
                 draw_line(canvas, dash, BAND_COLOUR, 2)
-
-
-def blend(canvas: Pixels, cover: Pixels, colour: Colour) -> None:
-    """Lay a colour over a canvas as far as (H, W) `cover` says, from 0, none, to 255, wholly."""
-    # Most covers are empty but for a small part.
-    is_covered = cover > 0
-    share, under = cover[is_covered][:, None].astype(np.float32) / 255, canvas[is_covered]
-    canvas[is_covered] = np.rint(under + share * (np.array(colour) - under))
 
 
 # Distance [px of the page] from one try to the next: half a line of text.

@@ -12,13 +12,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vfplan.display import MAX_NUMBERED, MM, finding_name, millimetres, nice_length
+from vfplan.display import MAX_NUMBERED, MM, finding_name, isolated, millimetres, nice_length
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
+from vfplan.review.strokes import nearest_point
 
 
 def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
@@ -77,7 +78,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
-                draw_rendered(canvas, outline, lambda points: points, ())
+                draw_rendered(canvas, outline, lambda points: points)
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
@@ -191,18 +192,20 @@ def draw_picture(
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
     panel = Panel(box, sheet.canvas[box.y : box.bottom, box.x : box.right], zoom)
 
-    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     # The casings first: outline and line may lie close together.
     for outline in plan.outlines:
-        draw_rendered(panel.canvas, outline, panel.place, ends)
-    region = draw_ink_outline(plan, panel, ends)
+        draw_rendered(panel.canvas, outline, panel.place)
+    region = draw_ink_outline(plan, panel)
     for outline in plan.outlines:
-        draw_rendered(panel.canvas, outline, panel.place, ends, is_cased=False)
+        for line in outline.lines:
+            paper.draw_line(panel.canvas, panel.place(line), RENDERED[outline.kind][1], 2)
+    has_band = False
     for stroke, half_m in plan.bounds:
         # The 95 % band where it reaches beyond the outline.
         reach = half_m * panel.zoom / plan.metres_per_px
         if reach.max() > panel.outline_distance(stroke) + 3:
             paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
+            has_band = True
     # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
     keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
@@ -212,7 +215,7 @@ def draw_picture(
             if direction is not None:
                 paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 255)
     enlargement = draw_markers(plan, panel, keep)
-    draw_slicer_points(plan, panel, ends, keep)
+    draw_slicer_points(plan, panel, keep)
     draw_captions(sheet, plan, panel, keep)
 
     unit_px, unit = zoom, "px"
@@ -220,10 +223,10 @@ def draw_picture(
         unit_px, unit = zoom / (MM * plan.metres_per_px), "mm"
     draw_scale_bar(sheet, box.x + 2, box.bottom + 8, 0.2 * box.width, unit_px, unit)
     bottom = box.bottom + 8.0 + BODY.line_height
-    return bottom, draw_legend(sheet, plan, enlargement, y)
+    return bottom, draw_legend(sheet, plan, enlargement, has_band, y)
 
 
-def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper.Pixels:
+def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
     region, bridges = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(2))
     for stroke in plan.strokes:
@@ -236,15 +239,17 @@ def draw_ink_outline(plan: Plan, panel: Panel, ends: list[paper.Array]) -> paper
                 paper.draw_disc(region, point, distance, 255)
         for run in runs(stroke.bridged, stroke.closed):
             paper.draw_line(bridges, points[run], 255, thickness + 12)
-    contours = paper.contours_of(region)
-    for colour, thickness in ((WHITE, 4), (LINE_COLOUR, 2), (paper.BRIDGE_COLOUR, 2)):
-        layer = np.zeros_like(region)
-        cv2.drawContours(layer, contours, -1, 255, thickness, cv2.LINE_AA)
-        for end in ends:
-            paper.draw_disc(layer, end, FREE_RADIUS, 0)
-        if colour != WHITE:
-            layer[(bridges > 0) != (colour == paper.BRIDGE_COLOUR)] = 0
-        paper.blend(panel.canvas, layer, colour)
+    contours, before = paper.contours_of(region), panel.canvas.copy()
+    cv2.drawContours(panel.canvas, contours, -1, WHITE, 4, cv2.LINE_AA)
+    bridged = panel.canvas.copy()
+    cv2.drawContours(panel.canvas, contours, -1, LINE_COLOUR, 2, cv2.LINE_AA)
+    cv2.drawContours(bridged, contours, -1, paper.BRIDGE_COLOUR, 2, cv2.LINE_AA)
+    panel.canvas[bridges > 0] = bridged[bridges > 0]
+    # A closed line has no end that something could cover.
+    free = np.zeros_like(region)
+    for end in np.concatenate([np.empty((0, 2)), *(line.end_points for line in plan.strokes)]):
+        paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
+    panel.canvas[free > 127] = before[free > 127]
     return region
 
 
@@ -257,7 +262,7 @@ DASHED = ((0, 12), (17, 29), (34, 44))
 # held in a guide's tube.
 RENDERED: dict[str, LegendRow] = {
     "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR, SOLID),
-    "guide": ("Green line: the tip is held within it; arrow: its pull", paper.GUIDE_COLOUR, SOLID),
+    "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR, SOLID),
 }
 
 # Length of the tick at a point that was set in Slicer [px of the page].
@@ -269,40 +274,29 @@ PULL_LENGTH, PULL_GAP = 70.0, 21.0
 
 def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     """What the legend says of these outlines, once for each kind."""
-    return [RENDERED[kind] for kind in sorted({outline.kind for outline in outlines})]
+    drawn = [outline for outline in outlines if outline.lines]
+    rows = [RENDERED[kind] for kind in sorted({outline.kind for outline in drawn})]
+    if any(outline.pull is not None for outline in drawn):
+        rows.append(("Green arrow: the guide's pull", paper.GUIDE_COLOUR, SOLID))
+    return rows
 
 
-def draw_rendered(
-    canvas: paper.Pixels, outline: Outline, place: Any, ends: Iterable[paper.Array],
-    is_cased: bool = True,
-) -> None:  # fmt: skip
-    """Draw where the engine pushes, but for what lies close to an end of the line.
-
-    `place` takes pixels of the slice to the canvas, and `ends` are places on the canvas.
-    """
-    casing, drawn = (np.zeros(canvas.shape[:2], np.uint8) for _ in range(2))
-    for line in map(place, outline.lines):
-        paper.draw_line(casing, line, 255, 5)
-        paper.draw_line(drawn, line, 255, 2)
-    for end in ends:
-        nearest = min((np.hypot(*(place(line) - end).T).min() for line in outline.lines), default=0)
-        # A line along the rim of the free disc would leave a sliver.
-        radius = FREE_RADIUS + 4
-        if abs(nearest - radius) < 4:
-            radius = nearest + 4
-        for layer in (casing, drawn):
-            paper.draw_disc(layer, end, radius, 0)
+def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
+    """Draw where the engine pushes; `place` takes pixels of the slice to the canvas."""
     colour = RENDERED[outline.kind][1]
-    if is_cased:
-        paper.blend(canvas, casing, WHITE)
-    paper.blend(canvas, drawn, colour)
+    for shade, thickness in ((WHITE, 5), (colour, 2)):
+        for line in outline.lines:
+            paper.draw_line(canvas, place(line), shade, thickness)
     if outline.pull is not None and outline.lines:
         # Beside the tube, so that the ink stays free.
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
         middle = start + (np.hypot(*(line - start).T).min() + PULL_GAP) * across
-        half = PULL_LENGTH / 2 * along
+        half, size = PULL_LENGTH / 2 * along, np.array(canvas.shape[1::-1])
+        if ((middle >= 0) & (middle < size)).all():
+            # All of the arrow lies on the canvas, with its head.
+            middle = np.clip(middle, 0.6 * PULL_LENGTH, size - 0.6 * PULL_LENGTH)
         paper.draw_arrow(canvas, middle - half, middle + half, colour)
 
 
@@ -311,12 +305,20 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
-    moved = [marker.residual_px for marker in plan.markers if marker.residual_px is not None]
-    longest = max((np.hypot(*by) for by in moved), default=0.0)
-    arrow_px = max(plan.image.width_px, 300) / 10
-    enlargement = 1.0 if moved else None
+    known = [marker for marker in plan.markers if marker.residual_px is not None]
+    places = np.array([marker.place for marker in known]).reshape(-1, 2)
+    moved = np.array([marker.residual_px for marker in known]).reshape(-1, 2)
+    longest = np.hypot(*moved.T).max(initial=0.0)
+    size = np.array([plan.image.width_px, plan.image.height_px])
+    arrow_px = max(size[0], 300) / 10
+    enlargement = 1.0 if known else None
     if 0 < longest < arrow_px:
         enlargement = min(nice_length(arrow_px / longest), 500.0)
+        tips = places + enlargement * moved
+        is_cut = bool(((tips < 0) | (tips > size - 1)).any())
+        if is_cut and arrow_px * panel.zoom > 4 * paper.ARROW_HEAD:
+            # Half as long an arrow is still plain. What the border cuts then too has no head.
+            enlargement = nice_length(enlargement / 2)
     for marker in plan.markers:
         centre = panel.place(marker.place)
         paper.draw_disc(keep, centre, 24, 255)
@@ -330,26 +332,29 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
                 paper.draw_line(panel.canvas, tick, colour, thickness)
         if marker.residual_px is not None:
             tip = centre + np.asarray(marker.residual_px) * panel.zoom * enlargement
-            paper.draw_line(keep, paper.draw_arrow(panel.canvas, centre, tip, BLACK), 255, 20)
+            paper.draw_arrow(panel.canvas, centre, tip, BLACK)
+            paper.draw_line(keep, np.array([centre, tip]), 255, 20)
     return enlargement
 
 
-def draw_slicer_points(
-    plan: Plan, panel: Panel, ends: list[paper.Array], keep: paper.Pixels
-) -> None:
+def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
+    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for point in panel.place(plan.slicer_points):
-        lines = [panel.place(stroke.points) for stroke in plan.strokes]
-        away = [np.hypot(*(line - point).T) for line in lines]
-        number = int(np.argmin([distance.min() for distance in away]))
+        away = [nearest_point(panel.place(stroke.points), point) for stroke in plan.strokes]
+        number = int(np.argmin([distance for _, distance in away]))
         stroke = plan.strokes[number]
-        across = normals(stroke.points, stroke.closed)[away[number].argmin()]
+        across = normals(stroke.points, stroke.closed)[away[number][0]]
         gap = panel.outline_distance(stroke) + 3
         if min((np.hypot(*(end - point)) for end in ends), default=np.inf) < FREE_RADIUS:
             gap = FREE_RADIUS + 4  # An end is left free.
         tick = point + across * np.array([[gap], [gap + TICK_LENGTH]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
         paper.draw_line(keep, tick, 255, 8)
+
+
+# Width [px of the page] of a marker's caption at most.
+MARKER_WIDTH = 280
 
 
 def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
@@ -360,7 +365,6 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
 
     def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
         """Write a caption in a small plate of a colour, if there is room close to its place."""
-        words = paper.shortened(words, 220, STRONG)
         width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
         found = paper.place_for_caption(taken, panel.place(place), width, height)
         if found is None:
@@ -385,25 +389,30 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
             tag(finding.place_px, finding_name(number), ground=BLACK)
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
-        tag(marker.place, f"{marker.label} {residual}")
+        # The name is shortened and the number is not.
+        room = MARKER_WIDTH - STRONG.width_of(f" {residual}")
+        tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag((entry.u, entry.v), str(entry.number))
 
 
-def draw_legend(sheet: paper.Paper, plan: Plan, enlargement: float | None, y: float) -> float:
-    """What the lines on the picture mean."""
+def draw_legend(
+    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool, y: float
+) -> float:
+    """What the lines on the picture mean, those alone that are drawn there."""
     rows = [("Blue outline: beside the line that was taken", LINE_COLOUR, SOLID)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
         rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, SOLID))
     if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, SOLID))
-    if plan.tre95_m is not None:
+    if has_band:
         words = "Purple dashes: 95 % band of markers and drawing, at true scale"
-        rows.append((f"{words}; see also the last enlargement", paper.BAND_COLOUR, DASHED))
+        rows.append((words, paper.BAND_COLOUR, DASHED))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
-        rows.append((f"Circle: marker as given; arrow: residual, {length}", BLACK, SOLID))
+        words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
+        rows.append((f"{words}in the slice, {length}", BLACK, SOLID))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
     if plan.other_ink:
         words = "Plain numbers: other ink, listed below."

@@ -380,14 +380,18 @@ class Plan:
             "radius_px": radius_m / self.metres_per_px,
         }  # fmt: skip
 
+    @property
+    def spacing_mm(self) -> tuple[float, float] | None:
+        """The size of a pixel (along u, along v) that the image has or that was given."""
+        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
+        return next(filter(None, spacings), None)
+
     @cached_property
     def metres_per_px(self) -> float | None:
         """The size of a pixel, by the markers, else as the image says; `None` if unknown."""
         if self.plane is not None:
             return size_of(self.plane)
-        spacings = [image.pixel_spacing_mm for image in (self.image, self.fixture.image) if image]
-        spacing_mm = next(filter(None, spacings), None)
-        return spacing_mm and float(np.sqrt(np.prod(spacing_mm))) / MM
+        return self.spacing_mm and float(np.sqrt(np.prod(self.spacing_mm))) / MM
 
     @cached_property
     def tre95_m(self) -> Array | None:

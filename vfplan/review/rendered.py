@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
 from vfplan.bundle.content import digest_of_content, review_digest, to_content
-from vfplan.display import MM, coordinates, millimetres
+from vfplan.display import MM, coordinates, isolated, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
@@ -320,7 +320,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     record = fixture.registration
     if record is not None:
         places = zip(record.labels, MM * record.target, strict=True)
-        markers = [f"{label} {coordinates(place, 1, ' ')}" for label, place in places]
+        markers = [f"{isolated(label)} {coordinates(place, 1, ' ')}" for label, place in places]
         # A line breaks between two markers, not within one.
         markers = [marker.replace(" ", "\N{NO-BREAK SPACE}") for marker in markers]
         rows.append(("Markers in front of the robot [mm]", "; ".join(markers)))
@@ -342,7 +342,7 @@ def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
         words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
     stiffness = stiffness_in_words(rendering.stiffness)
     if fixture.region is None:
-        return "Wall", f"none; {millimetres(radius, 2)} and {stiffness} have no effect"
+        return "Wall", f"none; the wall's {millimetres(radius, 2)} and {stiffness} are not used"
     return "Wall", f"{words}; {stiffness}"
 
 
@@ -353,7 +353,7 @@ def guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
         return None
     what = "the line" if guidance.stroke is None else f"stroke {guidance.stroke}"
     words = f"holds the tip within {millimetres(guidance.radius, 2)} of {what}; "
-    words += f"{guidance.stiffness:g} N/m beyond"
+    words += f"the tube's own {guidance.stiffness:g} N/m beyond"
     if guidance.lead_force:
         goal = "end" if guidance.lead_force > 0 else "start"
         speed = MM * (guidance.lead_speed or LEAD_SPEED_M_S)

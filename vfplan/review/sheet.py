@@ -21,12 +21,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, millimetres
+from vfplan.display import (
+    MAX_NUMBERED,
+    MM,
+    coordinates,
+    count,
+    finding_name,
+    isolated,
+    millimetres,
+)
+from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper
+from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.picture import (
     COLUMN_WIDTH,
@@ -38,6 +48,7 @@ from vfplan.review.picture import (
 )
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
+from vfplan.review.strokes import CLOSE_PX
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -92,11 +103,9 @@ def verdict_of(plan: Plan) -> str:
 def facts_of(plan: Plan) -> list[tuple[str, str]]:
     """The numbers of a plan in words: (heading, text) as they stand beside the picture."""
     recipe, image = plan.fixture.provenance.settings, plan.image
-    slice_in_words, pixel = recipe.get(SLICE_IN_WORDS, ""), ""
+    slice_in_words = recipe.get(SLICE_IN_WORDS, "")
     if not slice_in_words and image is not None and image.T_patient_image is not None:
         slice_in_words = height_in_words(image)
-    if image is not None and plan.metres_per_px is not None:
-        pixel = f"{MM * plan.metres_per_px:.4g} mm"
     margin = "none" if plan.kind else ""
     if plan.margin_m is not None:
         margin = f"{millimetres(plan.margin_m, 2)} on every side"
@@ -105,7 +114,7 @@ def facts_of(plan: Plan) -> list[tuple[str, str]]:
     facts = [
         ("Line" if plan.strokes else "Geometry", geometry_in_words(plan)),
         ("Slice", slice_in_words),
-        ("Pixel", pixel),
+        ("Pixel", pixel_in_words(plan)),
         ("Markers", markers_in_words(plan.fixture)),
         ("Place of the line", error_in_words(plan)),
         ("Margin", margin),
@@ -116,20 +125,36 @@ def facts_of(plan: Plan) -> list[tuple[str, str]]:
 def geometry_in_words(plan: Plan) -> str:
     """The length of each line and the width of its pen, or how many points there are."""
     parts = []
-    for stroke in plan.strokes:
+    for number, stroke in enumerate(plan.strokes):
         if not stroke.is_ordered:
             parts.append(f"{len(stroke.points)} pixels in no order")
             continue
-        length = length_of(stroke.points, stroke.closed)
-        words = f"{'closed' if stroke.closed else 'open'}, {length:.0f} px"
-        if plan.metres_per_px is not None:
-            words += f" = {length * plan.metres_per_px * 1e3:.1f} mm"
+        words = "closed, " if stroke.closed else "open, "
+        if plan.fixture.frame == "image":
+            words += f"{length_of(stroke.points, stroke.closed):.1f} px"
+            if plan.spacing_mm is not None:
+                length_mm = length_of(stroke.points * plan.spacing_mm, stroke.closed)
+                words += f" = {length_mm:.1f} mm"
+        else:
+            # As long as it is in front of the robot: a pixel need not be a square there.
+            words += millimetres(plan.fixture.strokes[number].length, 1)
         if stroke.width is not None:
             words += f"; the pen is {stroke.width:.1f} px wide"
         parts.append(words)
     if not plan.strokes:
         parts = [f"{len(plan.fixture.points)} points"]
     return ". ".join(parts)
+
+
+def pixel_in_words(plan: Plan) -> str:
+    """The size of a pixel by the markers, and as it is given; empty without a slice."""
+    parts = []
+    if plan.image is not None and plan.fixture.registration is not None:
+        parts.append(f"{MM * plan.metres_per_px:.4g} mm as registered")
+    if plan.image is not None and plan.spacing_mm is not None:
+        sides = dict.fromkeys(f"{side:.4g}" for side in plan.spacing_mm)
+        parts.append(f"{' x '.join(sides)} mm as given")
+    return ", ".join(parts)
 
 
 def markers_in_words(fixture: Fixture) -> str:
@@ -143,7 +168,7 @@ def markers_in_words(fixture: Fixture) -> str:
     rms, largest = registration.fre_rms_m, registration.residuals_m[worst]
     return (
         f"{len(used)} of {len(labels)}, {registration.model}; residual {millimetres(rms, 2)} rms, "
-        f"largest {millimetres(largest, 2)} at {labels[worst]}"
+        f"largest {millimetres(largest, 2)} at {isolated(labels[worst])}"
     )
 
 
@@ -196,18 +221,23 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
             head += f", at ({coordinates(finding.place_px)})"
+            head += "".join(f", other ink {number}" for number in ink_at(plan, finding))
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
     lists = [("Findings" if findings else "Findings: none", findings)]
     if plan.image is not None:
-        words = []
-        for entry in plan.other_ink[:MAX_NUMBERED]:
-            what = f"{entry.pixels} px ({entry.share:.1%}) at ({coordinates((entry.u, entry.v))})"
+        # Each has its number of the account, in which bridges stand too.
+        words, account = [], plan.account if plan.other_ink else ()
+        for entry in account[:MAX_NUMBERED]:
+            what = f"longest side {entry.size_px:.0f} px, area {entry.pixels} px"
             if entry.what != "ink":
-                what = f"{GAP}, {what}"
-            words.append(f"{entry.number}: {what}")
-        smaller = plan.other_ink[MAX_NUMBERED:]
+                what = f"{GAP}, {entry.pixels} px"
+            what += f" ({entry.share:.1%})"
+            if entry not in plan.other_ink:
+                what = "bridge"
+            words.append(f"{entry.number}: {what} at ({coordinates(entry.middle)})")
+        smaller = account[MAX_NUMBERED:]
         if smaller:
             pixels = sum(entry.pixels for entry in smaller)
             words.append(f"and {len(smaller)} smaller, {pixels} px together")
@@ -217,6 +247,16 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
         rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(plan.fixture)]
         lists.append((f"The robot renders a {plan.kind}", rows))
     return lists
+
+
+def ink_at(plan: Plan, finding: Finding) -> list[int]:
+    """The number of the other ink that a finding asks about; none for another finding."""
+    pieces = [entry for entry in plan.other_ink if entry.piece is not None]
+    if finding.code not in ASKS_ABOUT_INK or not pieces:
+        return []
+    away = [away_from(entry.piece, finding) for entry in pieces]
+    nearest = int(np.argmin(away))
+    return [pieces[nearest].number] if away[nearest] <= CLOSE_PX else []
 
 
 def draw_lists(
@@ -348,10 +388,10 @@ def insets_of(plan: Plan) -> list[Inset]:
             parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
             for part in range(parts):
                 place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-                caption = f"Bridge {k} of {name}, {along[-1]:.0f} px"
+                note = f"orange: {along[-1]:.0f} px"
                 if parts > 1:
-                    caption += f", part {part + 1} of {parts}"
-                insets.append(Inset(caption, place, "orange: the bridge", bridge=points))
+                    note += f", part {part + 1} of {parts}"
+                insets.append(Inset(f"Bridge {k} of {name}", place, note, bridge=points))
     others = [
         (f"{entry.number}: {GAP}", (entry.u, entry.v))
         for entry in plan.other_ink if entry.what != "ink"
@@ -370,7 +410,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         points = np.concatenate([stroke.points for stroke in plan.strokes])
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
-            bound_m, note = plan.tre95_m, f"95 %: ±{MM * plan.bound95_m:.2f} mm"
+            bound_m, note = plan.tre95_m, f"purple: 95 %, ±{MM * plan.bound95_m:.2f} mm"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
@@ -397,7 +437,7 @@ def draw_insets(
             last_row = sheet.space_for(y, ROW_HEIGHT)
             y = last_row + ROW_HEIGHT
         x = round(MARGIN + column * INSET_STEP)
-        where = f"enlarged {inset.zoom} times, at ({coordinates(inset.place)})"
+        where = f"enlarged {inset.zoom}x at ({coordinates(inset.place)})"
         for line, words in enumerate((inset.caption, where, inset.note)):
             style = BODY if line else STRONG
             words = paper.shortened(words, INSET_PX, style)
@@ -456,7 +496,7 @@ def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
     for outline in plan.outlines:
-        draw_rendered(enlarged, outline, inset.within, ())
+        draw_rendered(enlarged, outline, inset.within)
     for stroke, half_m in plan.bounds:
         points = inset.within(stroke.points)
         paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
@@ -496,7 +536,9 @@ def draw_sheet(plan: Plan) -> Sheet:
     if is_more:
         bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
-    words = f"Review sheet of {plan.source.path.name}."
+    words = f"Review sheet of {isolated(plan.source.path.name)}."
+    if plan.fixture.case:
+        words += f" Case {isolated(plan.fixture.case)}."
     if plan.side is not None:
         words += f" The slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
