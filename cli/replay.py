@@ -15,12 +15,7 @@ from vfplan.cli.options import FILE, DecimalNumber, Number, WholeNumber, option,
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import (
-    command_of,
-    count,
-    millimetres,
-    wrote,
-)
+from vfplan.display import command_of, count, millimetres, wrote
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
 from vfplan.settings import settings_from_options
@@ -296,26 +291,23 @@ FIGURES = {
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
-    from vfplan.replaying.findings import check_text, untested_reason
-    from vfplan.replaying.link import Link
+    from vfplan.replaying.findings import check_text, guides_alone, untested_reason
+    from vfplan.replaying.link import Link, apart_text
     from vfplan.replaying.metrics import episode_count
 
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     untested = untested_reason(report)
     lines = [f"NOT TESTED: {untested}"] if untested else []
+    rule = "guide" if guides_alone(report) else f"rule {report['rule']}{engine}"
     lines.append(
-        f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
+        f"{rule}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
         f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
     )
     lines += figure_lines(report)
     if "paper" in report:
-        apart = report["apart"]
         lines += ["rule paper, side by side:", *figure_lines(report["paper"], "  ")]
-        lines.append(
-            f"the rules part {count(apart['span_count'], 'time')}, by at most "
-            f"{millimetres(apart['proxy_max_m'])} and {apart['force_max_n']:.3f} N"
-        )
+        lines.append(apart_text(report["apart"]))
     if "link" in report:
         names = (*Link.__dataclass_fields__, "lost", "lost_longest")
         told = [f"{name} {report['link'][name]:g}" for name in names if name in report["link"]]
@@ -349,11 +341,9 @@ def failed_line(report: dict[str, Any]) -> str:
 
     checks = report.get("checks", [])
     broken = [check_text(check) for check in checks if not check["pass"]]
-    if broken:
-        return "; ".join(broken)
     if checks and report["verdict"] == "not-tested":
         return f"not tested: {untested_reason(report)}"
-    return ""
+    return "; ".join(broken)
 
 
 def next_step(
@@ -367,9 +357,7 @@ def next_step(
     """
     from vfplan.replaying.findings import has_touched
 
-    again = command_line()
-    if wrote_files and "--overwrite" not in again:
-        again += " --overwrite"
+    again = command_line(overwrite=wrote_files)
     if "start_depth_m" in report:
         return "replay a session that begins outside the mesh; check --units and the registration"
     if not has_touched(report):
