@@ -15,13 +15,7 @@ from vfplan.cli.options import FILE, DecimalNumber, WholeNumber, number_of, opti
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import (
-    command_of,
-    count,
-    in_singular,
-    millimetres,
-    wrote,
-)
+from vfplan.display import command_of, count, in_singular, millimetres, wrote
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
 from vfplan.settings import settings_from_options
@@ -297,26 +291,23 @@ FIGURES = {
 
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
-    from vfplan.replaying.findings import check_text, untested_reason
-    from vfplan.replaying.link import Link
+    from vfplan.replaying.findings import check_text, guides_alone, untested_reason
+    from vfplan.replaying.link import Link, apart_text
     from vfplan.replaying.metrics import episode_count
 
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
     untested = untested_reason(report)
     lines = [f"NOT TESTED: {untested}"] if untested else []
+    rule = "guide" if guides_alone(report) else f"rule {report['rule']}{engine}"
     lines.append(
-        f"rule {report['rule']}{engine}: {report['ticks']} ticks at "
+        f"{rule}: {report['ticks']} ticks at "
         f"{report['session']['rate_hz']:.6g} Hz, {report['duration_s']:.3f} s, "
-        f"{report['contact_ticks']} in contact, {episode_count(report)} episodes"
+        f"{report['contact_ticks']} in contact, {count(episode_count(report), 'episode')}"
     )
     lines += figure_lines(report)
     if "paper" in report:
-        apart = report["apart"]
         lines += ["rule paper, side by side:", *figure_lines(report["paper"], "  ")]
-        lines.append(
-            f"the rules part {apart['span_count']} times, by at most "
-            f"{millimetres(apart['proxy_max_m'])} and {apart['force_max_n']:.3f} N"
-        )
+        lines.append(apart_text(report["apart"]))
     if "link" in report:
         names = (*Link.__dataclass_fields__, "lost", "lost_longest")
         told = [f"{name} {value:g}" for name, value in report["link"].items() if name in names]
@@ -365,9 +356,7 @@ def next_step(
     """
     from vfplan.replaying.findings import has_touched
 
-    again = command_line()
-    if wrote_files and "--overwrite" not in again:
-        again += " --overwrite"
+    again = command_line(overwrite=wrote_files)
     if "start_depth_m" in report:
         return "replay a session that begins outside the mesh; check --units and the registration"
     if not has_touched(report):

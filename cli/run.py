@@ -344,9 +344,12 @@ COMMON_OPTIONS = (
 )  # fmt: skip
 
 
-def command_line() -> str:
-    """The running command as it was typed."""
-    return shlex.join(["vfplan", *sys.argv[1:]])
+def command_line(*, overwrite: bool = False) -> str:
+    """The running command as it was typed; `overwrite`: to be given again over its own files."""
+    words = ["vfplan", *sys.argv[1:]]
+    if overwrite and "--overwrite" not in words:
+        words.append("--overwrite")
+    return shlex.join(words)
 
 
 def command(

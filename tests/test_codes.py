@@ -51,6 +51,7 @@ from vfplan.registration.registration import fit_registration
 from vfplan.registration.touch import refine_by_touch
 from vfplan.replaying.changing import ChangingFixture, load_exchange
 from vfplan.replaying.findings import run_findings
+from vfplan.replaying.guiding import make_engine
 from vfplan.review import markers, rendered, strokes
 from vfplan.review.geometry import route_over
 from vfplan.review.server import Draft
@@ -171,6 +172,7 @@ CALLS = {
         as_is(frame="robot_base", hip=[SMALL.points[0]], name="s.csv"), SMALL),
     # Replays, live views, burrs.
     "changes-guide": lambda d: ChangingFixture(bundles.guided(), "robust", None, None, {}, None),
+    "rule-without-region": lambda d: make_engine(as_is(guidance=1, region=None), "paper"),
     "exchange-guides": lambda d: load_exchange(Event(0, bundles.guided()), "robust", None),
     "nothing-to-burr": lambda d: burr(bundles.guided(), probing(), 1e-3),
     "address-unusable": lambda d: stream_udp("udp://192.0.2.1:5005"),

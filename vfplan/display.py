@@ -59,6 +59,11 @@ def three_digits(value: float) -> str:
     return f"{value:.{decimals}f}"
 
 
+def resolved(value: float, digits: int = 6) -> str:
+    """A number of a report in its SI unit, as finely as a quantity is known: to 1e-9, e.g. 1 nm."""
+    return f"{round(value, 9):z.{digits}g}"
+
+
 def _in_units(value: float, units: tuple[tuple[float, str], ...]) -> str:
     factor, name = next((unit for unit in units if abs(value) >= unit[0]), units[-1])
     return f"{three_digits(value / factor)} {name}"

@@ -39,24 +39,32 @@ def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_pat
         assert key in found
     assert (found["reachable"], found["reflexes"]) == (True, [])
     assert "resampled to the arm's 1000 Hz" in done.stderr
-    about = (page / "index.html").read_text().split("What the arm said")[0]
+    text = (page / "index.html").read_text()
+    about = text.split("What the arm said")[0]
     assert re.search(r"fixture&#x27;s SHA-256</td><td><code class=\"digest\">[0-9a-f]{64}", about)
     assert "vfplan rehearse" in about
     result, attrs = vfplan.read_result(out)
     assert len(result.time) == found["ticks"] == 791
     held = attrs["rehearsal"]
     assert (json.loads(held) if isinstance(held, str) else held)["arm"] == "panda"
-    text = (page / "index.html").read_text()
     assert "PASS" in text
+    assert re.search("reachable</td><td[^>]*>yes<", text)
     assert text.count("data:image/png") == 2
 
 
-def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path):
+def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path, root):
     page = tmp_path / "page"
     done = vfplan_cli("rehearse", *scene, "--base=-0.6,0,0", "--arm", "fr3", "--report",
                       page).fails(1)  # fmt: skip
     assert "NOT every place reached" in done.stdout
     assert "FAIL: fr3 does not reach" in (page / "index.html").read_text()
+    weak = tmp_path / "weak.toml"
+    shipped = (root / "schemas" / "robots" / "franka.toml").read_text()
+    weak.write_text(shipped.replace("force_limit_n = 20.0", "force_limit_n = 2.0"))
+    for output, more in (("-o", " --overwrite --report DIR"), ("--report", " less there")):
+        run = vfplan_cli("rehearse", *scene, "--robot", weak, output, tmp_path / f"r{output}.h5")
+        assert " N, 2 N allowed" in run.fails(1).stderr
+        assert run.stdout.endswith(f"{more}\n")
 
 
 def test_bad_calls(scene, vfplan_cli, tmp_path):

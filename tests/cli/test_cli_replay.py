@@ -118,10 +118,6 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert vfplan_cli("plan", image, *markers, "--pixel-spacing", "0.5", "-o", fixture).sound
     call = ("replay", fixture, root / "samples" / "elbow_session.csv", "--report")
     run = vfplan_cli(*call, tmp_path / "one", "--image", image, "--json").sound
-    rendering = vfplan.read_fixture(fixture).rendering
-    robust = vfplan_cli(*call[:-1], "--rule", "robust", "--json").json["scene"]
-    assert robust["band_m"] == rendering.band
-    assert robust["max_iterations"] == rendering.max_iterations
     assert not {"band_m", "max_iterations"} & set(run.json["scene"])
     assert run.json["scene"]["lines_and_arcs"] == vfplan.read_fixture(fixture).pieces.count
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
@@ -144,10 +140,9 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
 def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict, tmp_path):
     report = "--report", tmp_path / "rep"
     run = vfplan_cli("replay", *files, *limits, "-o", tmp_path / "r.h5", *report, "--json")
-    assert (run.json["verdict"], (tmp_path / "r.h5").exists()) == (verdict, True)
+    assert (run.code, run.json["verdict"], (tmp_path / "r.h5").exists()) == (code, verdict, True)
     assert run.json["next"].endswith(str(report[1] / "index.html")) == bool(code)
     run = vfplan_cli("replay", *files, *limits, "--json")
-    assert (run.code, run.json["verdict"]) == (code, verdict)
     told = vfplan_cli("replay", *files, *limits).stdout.splitlines()[-2:]
     following = run.json["next"].replace(" --json", "")
     assert told[0].startswith(f"verdict: {verdict}, never beyond the drawn line; ")
@@ -168,14 +163,10 @@ def test_a_session_that_begins_inside_is_told_to_begin_outside(vfplan_cli, limit
 def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, tmp_path):
     session, far = probing(), tmp_path / "far.csv"
     write_session(far, vfplan.Session(session.time, session.hip + np.array([0, 1.0, 0])))
-    free = vfplan_cli("replay", files[0], far, "--json")
-    assert (free.code, free.json["verdict"]) == (0, "not-tested")
     limits = "--robot", "franka", "--at-most", "force_max_n=5"
     run = vfplan_cli("replay", files[0], far, *limits, "--report", tmp_path / "page", "--json")
     assert (run.code, run.json["verdict"]) == (1, "not-tested")
-    page = (tmp_path / "page" / "index.html").read_text()
-    assert '<p class="verdict none">NOT TESTED' in page
-    assert "verdict pass" not in page
+    assert '<p class="verdict none">NOT TESTED' in (tmp_path / "page" / "index.html").read_text()
     text = vfplan_cli("replay", files[0], far, *limits)
     assert text.stdout.startswith("NOT TESTED")
     run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")

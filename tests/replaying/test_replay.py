@@ -19,7 +19,7 @@ from replays import codes_of, fixture_of, line, meshed, probing
 import vfplan
 from vfplan.errors import InputError, SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.replaying.findings import open_words
+from vfplan.replaying.findings import open_words, verdict_sentence
 from vfplan.replaying.metrics import NUMBERS
 from vfplan.replaying.replay import replay
 from vfplan.session.events import Event, Poses
@@ -190,7 +190,7 @@ def test_a_pass_says_for_how_long_nothing_is_known(rate_hz):
     assert seen["gap_s"] == pytest.approx(0.501 + 0.008)
     assert [gap["length_s"] for gap in seen["gap_list"]] == pytest.approx([0.501, 0.008])
     assert "session-gap" in codes_of(found)
-    assert "0.509 s" in open_words(found.metrics)
+    assert "but nothing is known of 0.509 s without samples" in verdict_sentence(found.metrics)
     name = "session.gaps" if rate_hz is None else "session.recorded.gaps"
     gapless = [(name, "at_most", 0)]
     assert replay(fixture_of(line()), recorded, **PAPER, limits=gapless).verdict == "fail"

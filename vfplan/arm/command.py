@@ -89,7 +89,9 @@ def vfplan_rehearse(fixture, session, output, report, **arguments) -> CommandRes
         next_step = "rehearse with --arm and --base as the robot really stands, then sign"
     else:
         failed = objections(metrics)[0]
-        next_step = f"move more slowly or press less there; draw it: {command_line()} --report DIR"
+        next_step = "move more slowly or press less there"
+        if index_path is None:
+            next_step += f"; draw it: {command_line(overwrite=bool(written))} --report DIR"
         if not metrics["reachable"]:
             next_step = "move the arm with --base, or bring the fixture closer"
     return CommandResult(

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.arm.rehearsal import Rehearsal, objections
-from vfplan.display import MAX_DRAWN
+from vfplan.display import MAX_DRAWN, resolved
 from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import row_norms
-from vfplan.report.page import document, facts_table, picture, section, table
+from vfplan.report.page import document, facts_table, picture, plain, section, table
 
 Array = NDArray[np.float64]
 
@@ -114,7 +114,7 @@ def numbers_table(metrics: dict[str, Any]) -> str:
     governor = metrics.get("governor", {})
     flat = metrics | {f"governor.{name}": value for name, value in governor.items()}
     rows = [
-        [escape(name), f"{value:.6g}" if isinstance(value, float) else escape(str(value))]
+        [escape(name), resolved(value) if isinstance(value, float) else escape(plain(value))]
         for name, value in flat.items() if isinstance(value, (float, int, str))
     ]  # fmt: skip
     return table(["number", "value"], rows)

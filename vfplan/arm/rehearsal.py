@@ -155,6 +155,12 @@ def run_loop(
 
 SafetyStop = dict[str, Any]
 
+# The unit of what stops an arm, by its kind.
+STOP_UNITS = {
+    "controller_torque_discontinuity": "N·m", "joint_torque": "N·m", "joint_velocity": "rad/s",
+    "joint_position": "rad", "cartesian_reflex": "N", "cartesian_velocity": "m/s",
+}  # fmt: skip
+
 
 def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
     """The limits of the arm that the motion crossed, in the order in which it would have stopped.
@@ -442,6 +448,7 @@ def objections(metrics: dict[str, Any]) -> list[str]:
         if "s_m" in stop:
             line += f", {millimetres(stop['s_m'], 1)} along stroke {stop['stroke']}"
         if "value" in stop:
-            line += f": {stop['value']:.4g}, {stop['limit']:.4g} allowed"
+            unit = STOP_UNITS[stop["kind"]]
+            line += f": {stop['value']:.4g} {unit}, {stop['limit']:.4g} {unit} allowed"
         lines.append(line)
     return lines

@@ -14,6 +14,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import normals, ring_of
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
+from vfplan.replaying.findings import beyond, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
 
@@ -37,9 +38,9 @@ def timeline(replayed: Replay) -> Figure:
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
     middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
-    if ticks.overlap.any():
-        overlap_mm = MM * ticks.overlap
-        middle.plot(ticks.time, overlap_mm, color=CONTACT, lw=1.1, label="beyond its surface")
+    drawn, beyond_m = beyond(replayed.metrics, ticks.overlap)
+    if beyond_m.any():
+        middle.plot(ticks.time, MM * beyond_m, color=CONTACT, lw=1.1, label=f"beyond {drawn}")
     middle.set_ylabel("depth [mm]")
     bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
     bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
@@ -51,7 +52,8 @@ def timeline(replayed: Replay) -> Figure:
     for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
-    top.set_title(f"{episodes}, rule {replayed.record['rule']}", loc="left")
+    rule = "guide" if guides_alone(replayed.metrics) else f"rule {replayed.record['rule']}"
+    top.set_title(f"{episodes}, {rule}", loc="left")
     return figure
 
 
@@ -62,7 +64,7 @@ def scene(replayed: Replay) -> Figure:
     """
     ticks, fixture = replayed.ticks, replayed.fixture
     axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
-    basis = np.eye(3) if axis is None else plane_basis(axis)
+    basis = plane_basis(axis)
     cloud, hip, proxy = (MM * places @ basis for places in (fixture.points, ticks.hip, ticks.proxy))
     names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
@@ -118,11 +120,14 @@ def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: fl
     return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
-def plane_basis(axis: Array) -> Array:
+def plane_basis(axis: Array | None) -> Array:
     """(3, 2) orthonormal right-handed basis of the plane across `axis`, near x, y or z.
 
     The first vector is the frame's x axis brought into the plane (y where x is the ignored one).
+    Without an axis: (3, 3) the frame's own.
     """
+    if axis is None:
+        return np.eye(3)
     start = np.eye(3)[0 if abs(axis[0]) < 0.9 else 1]
     first = start - (start @ axis) * axis
     first /= np.linalg.norm(first)

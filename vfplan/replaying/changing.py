@@ -50,7 +50,7 @@ class ChangingFixture:
         self._has_edits = any(event.kind != "exchange" for event in self._events)
 
         # The fixture of each exchange, with its rule; all are read before the first tick.
-        self._exchanges: list[tuple[Fixture, str] | None] = []
+        self._exchanges = []
         for i, event in enumerate(self._events):
             with naming_place(self._place_of_event(i)):
                 self._exchanges.append(load_exchange(event, rule, trust))
@@ -58,8 +58,7 @@ class ChangingFixture:
         changes = zip(self._events, self._exchanges, strict=True)
         self._fixtures = [(0, fixture), *((e.tick, pair[0]) for e, pair in changes if pair)]
         self._engine = self._make_engine(fixture, rule)
-        later = [pair[0].stiffness for pair in self._exchanges if pair]
-        self.stiffness = np.max([self._engine.parameters.stiffness, *later], axis=0)
+        self.stiffness = np.max([each.stiffness for _, each in self._fixtures], axis=0)
         self._frame = None if poses is None else MovingFrame(**moving)
 
         # The tick that runs next, and how many poses and events have been applied.
@@ -68,7 +67,7 @@ class ChangingFixture:
         # Of the ticks that are run next [s].
         self.times = np.empty(0)
         # What is found, by its name in the report.
-        self._found: dict[str, Any] = {"exchanges": 0, "edits": 0}
+        self._found = {"exchanges": 0, "edits": 0}
         if poses is not None:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
@@ -173,8 +172,9 @@ class ChangingFixture:
             outside = trace.status & Status.INSIDE == 0
             proxies = to_frame(frames[outside], trace.proxy[outside] - frames[outside, :3])
             clearances = self._engine.distance(proxies) - self._engine.parameters.R
-            least = self._found.get("clearance_min_m", np.inf)
-            self._found["clearance_min_m"] = float(clearances.min(initial=least))
+            if len(clearances):
+                least = self._found.get("clearance_min_m", np.inf)
+                self._found["clearance_min_m"] = float(clearances.min(initial=least))
         return trace, micros, frames
 
     def _raise(self, name: str, value: float) -> None:
@@ -217,8 +217,6 @@ class ChangingFixture:
             report |= {"stale_ticks": status["stale"], "poses_refused": self._frame.refused}
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
-        if report.get("clearance_min_m") == np.inf:
-            del report["clearance_min_m"]
         return report
 
 

@@ -9,7 +9,9 @@ import difflib
 from collections.abc import Iterator
 from typing import Any
 
-from vfplan.display import count, in_singular, length, millimetres
+import numpy as np
+
+from vfplan.display import count, in_singular, length, millimetres, resolved
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
@@ -218,7 +220,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
     """
     checks = []
     for name, sense, limit in limits:
-        value: Any = report
+        value = report
         for part in name.split("."):
             value = value.get(part) if isinstance(value, dict) else None
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -303,12 +305,15 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
 def verdict_sentence(metrics: dict[str, Any]) -> str:
     """How far the tool went beyond the line, then the limits that were asked, and what is open."""
     limits = metrics.get("checks", [])
-    asked = ", ".join(f"{limit['name']} {bound_text(limit)}" for limit in limits)
+    texts = {False: [], True: []}
+    for limit in limits:
+        texts[limit["pass"]].append(f"{limit['name']} {bound_text(limit)}")
+    broken, held = texts[False], ", ".join(texts[True])
     if metrics["verdict"] == "fail":
-        failed = sum(not limit["pass"] for limit in limits)
-        words = f"{failed} of {len(limits)} limits broken: {asked}"
+        words = f"{len(broken)} of {count(len(limits), 'limit')} broken: {', '.join(broken)}"
+        words += f"; held: {held}" if held else ""
     elif metrics["verdict"] == "pass":
-        words = f"{len(limits)} limits asked and held: {asked}{open_words(metrics)}"
+        words = f"{count(len(limits), 'limit')} asked and held: {held}{open_words(metrics)}"
     else:
         words = untested_reason(metrics) or "no limits were given"
     return in_singular(f"{beyond_words(metrics)}; {words}")
@@ -316,18 +321,33 @@ def verdict_sentence(metrics: dict[str, Any]) -> str:
 
 def beyond_words(metrics: dict[str, Any]) -> str:
     """How far the tool went beyond what was drawn, or from a guide's line."""
-    scene = metrics["scene"]
-    if "guide" in metrics and "region_force_max_n" not in metrics["guide"]:
+    if guides_alone(metrics):
         return f"up to {millimetres(metrics['lateral_max_m'], 2)} from the guide's line"
+    drawn, farthest_m = beyond(metrics, metrics.get("overlap_max_m", 0.0))
+    if "start_depth_m" in metrics:
+        return f"began {millimetres(metrics['start_depth_m'], 2)} inside {drawn}"
+    if farthest_m == 0.0:
+        return f"never beyond {drawn}"
+    return f"up to {millimetres(farthest_m, 2)} beyond {drawn}"
+
+
+def guides_alone(metrics: dict[str, Any]) -> bool:
+    """Whether nothing but a guide was rendered, which has no rule and no contact."""
+    return "guide" in metrics and "region_force_max_n" not in metrics["guide"]
+
+
+def beyond(metrics: dict[str, Any], overlap_m: Any) -> tuple[str, Any]:
+    """What was drawn, and how far the tool is beyond it [m], of the overlap.
+
+    The overlap begins at the margin around it. A fixture given in exchange may have another margin.
+    """
+    scene = metrics["scene"]
     drawn = "the drawn line" if scene["planar"] else "the points"
     if "triangles" in scene:
         drawn = "the surface"
-    if "start_depth_m" in metrics:
-        return f"began {millimetres(metrics['start_depth_m'], 2)} inside {drawn}"
-    beyond_m = metrics.get("overlap_max_m", 0.0)
-    if beyond_m == 0.0:
-        return f"never beyond {drawn}"
-    return f"up to {millimetres(beyond_m, 2)} beyond {drawn}"
+    if metrics.get("exchanges"):
+        return f"{drawn} with the margin", overlap_m
+    return drawn, np.maximum(0.0, overlap_m - scene["point_radius_m"])
 
 
 def bound_text(check: dict[str, Any]) -> str:
@@ -339,7 +359,12 @@ def bound_text(check: dict[str, Any]) -> str:
 def check_text(check: dict[str, Any]) -> str:
     """A limit and the value that was measured."""
     name = check["name"]
-    return f"{name} is {check['value']:.6g}{unit_beside(name)}, {bound_text(check)} is allowed"
+    value, bound = check["value"], check.get("at_most", check.get("at_least"))
+    found = resolved(value)
+    # Digits that are not shown may decide.
+    if np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound):
+        found = f"just {'above' if value > bound else 'below'} {bound:g}"
+    return f"{name} is {found}{unit_beside(name)}, {bound_text(check)} is allowed"
 
 
 def unit_beside(name: str) -> str:

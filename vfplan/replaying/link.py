@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import millimetres
+from vfplan.display import count, millimetres
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
@@ -124,7 +124,7 @@ class LossyLink:
         if self._link.drop is None:
             return {}
         longest = self._longest_loss
-        data: dict[str, Any] = {"lost": self._lost, "lost_longest": longest.length}
+        data = {"lost": self._lost, "lost_longest": longest.length}
         if longest.length:
             data["lost_longest_tick"] = longest.tick
         if lost_limit is not None:
@@ -191,6 +191,14 @@ def approach_sessions(
     return sessions
 
 
+def apart_text(apart: dict[str, Any]) -> str:
+    """How far two rules are apart, as `Comparison.report` has it."""
+    return (
+        f"the rules part {count(apart['span_count'], 'time')}, by at most "
+        f"{millimetres(apart['proxy_max_m'])} and {apart['force_max_n']:.3f} N"
+    )
+
+
 # Proxies farther apart than this [m] have parted; below it rules differ by their bands alone.
 PART_M = 5e-5
 # How many stretches apart are listed one by one.
@@ -204,7 +212,7 @@ class Comparison:
         self._ticks = self._parted_ticks = 0
         self._first_difference = None
         self._proxy_max_m = self._force_max_n = 0.0
-        self._spans: list[dict[str, Any]] = []
+        self._spans = []
 
     def update(self, a: TickBlock, b: TickBlock) -> None:
         """Take in the same ticks of both runs."""
@@ -233,7 +241,7 @@ class Comparison:
 
     def report(self) -> dict[str, Any]:
         """Where they part; the spans listed are the first 50."""
-        data: dict[str, Any] = {
+        data = {
             "ticks": self._parted_ticks,
             "proxy_max_m": self._proxy_max_m,
             "force_max_n": self._force_max_n,

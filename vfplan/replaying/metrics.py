@@ -25,7 +25,7 @@ from vfplan.display import MM
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import flattened, runs
+from vfplan.geometry.lines import arc_lengths, flattened, runs
 from vfplan.io.files import to_json_types
 from vfplan.robot import Robot
 from vfplan.session.result import STATES, TickBlock, concatenate_ticks
@@ -120,7 +120,7 @@ class Steps:
     def speed(self) -> Array:
         """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
         step = row_norms(self.dhip)
-        return np.divide(step, self.dt, out=np.zeros_like(step), where=self.dt > 0)
+        return step / np.where(self.dt > 0, self.dt, 1.0)
 
     @cached_property
     def sliding(self) -> tuple[Array, Array, Array, Array]:
@@ -216,7 +216,7 @@ NUMBERS = (
     Number("dwell_s", "s", 3, column="dwell"),
     Number("penetration_max_m", "mm", 3, "penetration |proxy − HIP|, largest", "deepest"),
     Number("penetration_rms_m", "mm", 3, "penetration, RMS over the session"),
-    Number("overlap_max_m", "mm", 3, "overlap beyond the fixture's surface, largest", "overlap"),
+    Number("overlap_max_m", "mm", 3, "overlap beyond the edge of the margin, largest", "overlap"),
     Number("force_max_n", "N", 3, "force, largest", "force"),
     Number("force_rms_n", "N", 3, "force, RMS over the session"),
     Number("force_step_max_n", "N", 3, "change of force in one tick, largest"),
@@ -276,7 +276,7 @@ class Episodes:
         self._speed = None
         self._hold_j = 0.0
         # The latest episode, which the next ticks may continue.
-        self._latest: dict[str, Any] = {}
+        self._latest = {}
         # A heap of (depth, minus the number, episode): the least deep, latest, first.
         self._deepest = []
         self._unlisted = {"count": 0, "penetration_max_m": 0.0, "active": 0}
@@ -299,9 +299,8 @@ class Episodes:
         self._finish_latest()
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
-            described: dict[str, Any] = {"index": -minus_number}
-            told = episode.keys() - UNREPORTED
-            described |= {n: v for n, v in episode.items() if n in told and v is not None}
+            described = {"index": -minus_number}
+            described |= {n: v for n, v in episode.items() if n not in UNREPORTED and v is not None}
             described["passive"] = self._is_passive(episode)
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
@@ -399,11 +398,8 @@ class CurveRuler:
         self.points = flattened(fixture.points, fixture.ignore_axis)
         self._axis = fixture.ignore_axis
         self.stroke = fixture.curve.stroke
-        step = np.linalg.norm(np.diff(fixture.points, axis=0), axis=1)
-        step[np.diff(self.stroke) != 0] = 0.0
-        along_all = np.concatenate(([0.0], np.cumsum(step)))
-        first_of_stroke = np.searchsorted(self.stroke, self.stroke)
-        self.arclength = along_all - along_all[first_of_stroke]
+        lengths = [arc_lengths(stroke.points, closed=False) for stroke in fixture.strokes]
+        self.arclength = np.concatenate(lengths)
 
     @staticmethod
     def of(fixture: Fixture) -> CurveRuler | None:
@@ -441,7 +437,7 @@ class Metrics:
 
     def __init__(self, fixture: Fixture, engine: Any, robot: Robot | None = None) -> None:
         # As reported; a limit that the robot does not have is absent.
-        self._robot: dict[str, Any] = {}
+        self._robot = {}
         if robot is not None:
             self._robot = {"name": robot.name, "rate_hz": robot.rate_hz}
             for name, (key, _) in LIMITS.items():
@@ -458,8 +454,8 @@ class Metrics:
         self._episodes = Episodes(fixture.pieces.error if has_pieces else parameters.band)
         self._states = np.zeros(len(STATES), dtype=np.int64)
         self._state_s = np.zeros(len(STATES))
-        self._sums: defaultdict[str, float] = defaultdict(float)
-        self._peaks: defaultdict[str, float] = defaultdict(float)
+        self._sums = defaultdict(float)
+        self._peaks = defaultdict(float)
         self._start_s = self._end_s = 0.0
         self._force_step = Largest()
         # In how many ticks the engine said each of its words.
@@ -478,7 +474,14 @@ class Metrics:
         self._end_s = float(ticks.time[-1] + steps.dt[-1])
         if self._measure is not None:
             self._distance = min(self._distance, float(self._measure(ticks.proxy).min()))
-        self._count_over_limits(steps)
+        # The ticks in which the robot would have objected. A Franka arm refuses a change of torque
+        # above 1 N·m from one tick to the next (about 1.2 N at the tip at a reach of 0.85 m) and
+        # stops at its reflex threshold.
+        limited = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
+        for name, (key, _) in LIMITS.items():
+            if key in self._robot:
+                is_over = limited[name] > self._robot[key]
+                self._robot[f"{name}_over_ticks"] += int(np.count_nonzero(is_over))
         self._episodes.update(steps)
         self._states += np.bincount(ticks.state + 1, minlength=len(STATES))
         self._state_s += np.bincount(ticks.state + 1, steps.dt, minlength=len(STATES))
@@ -498,18 +501,6 @@ class Metrics:
         for name, values in summands.items():
             self._sums[name] += float(values.sum())
 
-    def _count_over_limits(self, steps: Steps) -> None:
-        """Count the ticks in which the robot would have objected.
-
-        A Franka arm refuses a change of torque above 1 N·m from one tick to the next (about 1.2 N
-        at the tip at a reach of 0.85 m) and stops at its reflex threshold.
-        """
-        values = {"force": steps.force_n, "force_step": steps.force_step_n, "speed": steps.speed}
-        for name, (key, _) in LIMITS.items():
-            if key in self._robot:
-                is_over = values[name] > self._robot[key]
-                self._robot[f"{name}_over_ticks"] += int(np.count_nonzero(is_over))
-
     def report(self) -> dict[str, Any]:
         """The contract's keys, and this project's own."""
         sums, peaks = self._sums, self._peaks
@@ -522,7 +513,7 @@ class Metrics:
         # The paper's proxy moves at most r1 a tick (eq. 5); the robust rule says when its
         # iterations ran out.
         is_paper = self._parameters.rule == "paper"
-        data: dict[str, Any] = {
+        data = {
             "ticks": ticks,
             "duration_s": self._end_s - self._start_s,
             "contact_ticks": int(sums["contact_ticks"]),
@@ -541,8 +532,8 @@ class Metrics:
             "too_fast_ticks": int(sums["fast"]) if is_paper else self.status["limit"],
             "energy_j": sums["energy_j"],
             "energy_hold_j": sums["energy_hold_j"],
-            "states": {str(s): int(n) for s, n in zip(STATES, self._states, strict=True)},
-            "states_s": {str(s): float(t) for s, t in zip(STATES, self._state_s, strict=True)},
+            "states": dict(zip(map(str, STATES), self._states.tolist(), strict=True)),
+            "states_s": dict(zip(map(str, STATES), self._state_s.tolist(), strict=True)),
         }
         if self._measure is not None:
             data |= {
@@ -602,9 +593,8 @@ def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.floa
     if hasattr(engine, "run_timed"):
         return engine.run_timed(hip)
     steps = []
-    times = np.empty(len(hip))
-    for i, place in enumerate(hip):
-        began = time.perf_counter_ns()
+    clock = [time.perf_counter_ns()]
+    for place in hip:
         steps.append(engine.step(place))
-        times[i] = (time.perf_counter_ns() - began) / 1e3
-    return Trace.of(steps), times
+        clock.append(time.perf_counter_ns())
+    return Trace.of(steps), np.diff(clock) / 1e3

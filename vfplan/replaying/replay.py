@@ -71,24 +71,19 @@ class ThinnedTicks:
 
     def __init__(self, capacity: int | None) -> None:
         self._capacity = np.inf if capacity is None else capacity
-        self._blocks: list[TickBlock] = []
+        # What was kept, in order.
+        self.ticks = None
         self.stride = 1
 
     def update(self, block: TickBlock) -> None:
         """Take in the next ticks."""
         if self._capacity == 0:
             block = block[:0]
-        self._blocks.append(thinned(block, self.stride))
+        block = thinned(block, self.stride)
+        self.ticks = block if self.ticks is None else concatenate_ticks([self.ticks, block])
         while len(self.ticks) > self._capacity:
-            self._blocks = [thinned(self.ticks, 2)]
+            self.ticks = thinned(self.ticks, 2)
             self.stride *= 2
-
-    @property
-    def ticks(self) -> TickBlock:
-        """What was kept, in order."""
-        if len(self._blocks) > 1:
-            self._blocks = [concatenate_ticks(self._blocks)]
-        return self._blocks[0]
 
 
 def thinned(block: TickBlock, stride: int) -> TickBlock:
@@ -129,7 +124,7 @@ class EngineRun:
     ) -> None:  # fmt: skip
         self.rule = rule
         self.changing = changing
-        self.engine: Any = changing or make_engine(fixture, rule, engine)
+        self.engine = changing or make_engine(fixture, rule, engine)
         self.link = None if link is None else LossyLink(link)
         self.kept = ThinnedTicks(keep)
         self._governor = None
@@ -142,7 +137,7 @@ class EngineRun:
         self._metrics = Metrics(fixture, self.engine, robot)
         self._times = StepTimes()
         # HIP of the last packet that arrived, and the engine's answer to it.
-        self._last_packet: tuple[Array, Trace] | None = None
+        self._last_packet = None
 
     def feed(self, time: Array, hand: Array) -> TickBlock:
         """Run the engine over the next samples, measure them, and give them back as ticks.

@@ -9,11 +9,11 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from html import escape
 from importlib.metadata import version
 from importlib.resources import files
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +21,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MAX_LISTED, MM, millimetres
+from vfplan.display import MAX_DRAWN, MAX_LISTED, MM, resolved
 from vfplan.engine.browser import bodies_of, module, packed
-from vfplan.figures.replay import (
-    axis_names,
-    guide_plot,
-    plane_basis,
-    scene,
-    slice_depth,
-    timeline,
-)
+from vfplan.figures.replay import axis_names, guide_plot, plane_basis, scene, slice_depth, timeline
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
 from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
-from vfplan.replaying.findings import check_text, verdict_sentence
+from vfplan.replaying.findings import beyond, check_text, guides_alone, verdict_sentence
+from vfplan.replaying.link import apart_text
 from vfplan.replaying.metrics import NUMBERS, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.session.result import TickBlock
@@ -58,10 +52,7 @@ MORE_THAN_THE_ENGINE = {"link", "governor", "exchanges"}
 
 def placing(fixture: Fixture) -> tuple[Array, Array]:
     """The picture's axes as columns, (3, 2) in a plane or (3, 3), and the point that is 0 [m]."""
-    basis = np.eye(3)
-    if fixture.ignore_axis is not None:
-        basis = plane_basis(fixture.ignore_axis)
-    return basis, fixture.points.mean(axis=0)
+    return plane_basis(fixture.ignore_axis), fixture.points.mean(axis=0)
 
 
 def scene_data(fixture: Fixture) -> dict[str, Any]:
@@ -75,6 +66,7 @@ def scene_data(fixture: Fixture) -> dict[str, Any]:
         "centre": centre.tolist(),
         "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
+        "forbids": fixture.region is not None,
         "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
     }
 
@@ -88,29 +80,30 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
     basis, centre = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
+    drawn, beyond_m = beyond(replayed.metrics, replayed.ticks.overlap)
+    every = replace(replayed.ticks, overlap=beyond_m)
     # An envelope of each episode with what is around it, and one of the whole session.
     zooms = []
     for episode in episodes[:MAX_ZOOMS]:
         start, end = episode["start_s"], episode["end_s"]
         margin = max(0.05, 0.2 * (end - start))
-        zooms.append(envelope(replayed.ticks, (start - margin, end + margin), ZOOM_COLUMNS))
-    whole = (float(replayed.ticks.time[0]), float(replayed.ticks.time[-1]))
-    zooms.append(envelope(replayed.ticks, whole, COLUMNS))
+        zooms.append(envelope(every, (start - margin, end + margin), ZOOM_COLUMNS))
+    zooms.append(envelope(every, every.time[[0, -1]].tolist(), COLUMNS))
     return {
         **scene_data(replayed.fixture),
         "played": played_data(replayed),
-        "time": np.round(ticks.time, 6).tolist(),
+        "time": _flat(ticks.time, 6),
         "hip": _flat(MM * (ticks.hip - centre) @ basis, 3),
         "proxy": _flat(MM * (ticks.proxy - centre) @ basis, 3),
         "normal": _flat(ticks.normal @ basis, 3),
         "force": _flat(ticks.force @ basis, 4),
-        "depth": np.round(MM * ticks.penetration, 4).tolist(),
+        "depth": _flat(MM * ticks.penetration, 4),
         "state": ticks.state.tolist(),
         "episodes": [
             [episode[name] for name in ("start_s", "end_s", "index")] for episode in episodes
         ],
         "zooms": zooms,
-        "deep": shown_depth(replayed.ticks)[0],
+        "deep": f"beyond {drawn}" if beyond_m.any() else "|proxy − HIP|",
     }
 
 
@@ -132,24 +125,20 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
     }
 
 
-def shown_depth(ticks: TickBlock) -> tuple[str, Array]:
-    """The name of what is shown as depth, and (n,) of it [m]: beyond the line, if it was there."""
-    if ticks.overlap.any():
-        return "beyond the line", ticks.overlap
-    return "|proxy − HIP|", ticks.penetration
+def envelope(ticks: TickBlock, span: Sequence[float], columns: int) -> dict[str, Any]:
+    """Smallest and largest force [N] and depth [mm] of stretches of equal length.
 
-
-def envelope(ticks: TickBlock, span: tuple[float, float], columns: int) -> dict[str, Any]:
-    """Smallest and largest force [N] and depth [mm] of stretches of equal length."""
-    depth = shown_depth(ticks)[1]
+    The depth is the overlap, where there is any.
+    """
+    depth = ticks.overlap if ticks.overlap.any() else ticks.penetration
     first = np.searchsorted(ticks.time, span[0])
     last = np.searchsorted(ticks.time, span[1], "right")
     starts = np.unique(np.linspace(first, last, columns, endpoint=False).astype(int))
-    data: dict[str, Any] = {"span": list(span), "time": np.round(ticks.time[starts], 6).tolist()}
+    data = {"span": list(span), "time": _flat(ticks.time[starts], 6)}
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * depth)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
             parts = extreme.reduceat(values[:last], starts)
-            data[f"{name}_{end}"] = (np.round(parts, 4) + 0.0).tolist()
+            data[f"{name}_{end}"] = _flat(parts, 4)
     return data
 
 
@@ -162,7 +151,7 @@ def tick_row(fixture: Fixture) -> Callable[[NDArray[np.void]], list[float]]:
 
     def row(tick: NDArray[np.void]) -> list[float]:
         parts = [
-            np.array([tick["t"], tick["state"], tick["status"]], float),
+            [tick["t"], tick["state"], tick["status"]],
             MM * (tick["hip"] - centre) @ basis,
             MM * (tick["proxy"] - centre) @ basis,
             tick["normal"] @ basis,
@@ -210,7 +199,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>", identity(replayed.fixture)]
 
     # What a reader wants first: where it happened, and with what force.
-    words = "fixture, HIP and proxy path, contact circles and normals at 10 Hz"
+    words = "fixture, path of HIP and proxy, and where they were in contact"
     in_space = section("In space", picture(scene(replayed), words, "tall"))
     planned_slice = None if image is None else read_slice_of(replayed.fixture, image)
     is_on_slice = (
@@ -258,9 +247,8 @@ def scrubber(replayed: Replay) -> str:
 
 def facts_table(facts: dict[str, str]) -> str:
     """When the page was made, by which program, and the facts given; empty ones are left out."""
-    rows = {"made": now_utc(), "program": f"vfplan {version('vfplan')}", **facts}
-    lines = [[escape(name), code(value)] for name, value in rows.items() if value]
-    return section("About this page", table([], lines, "settings"))
+    made = {"made": now_utc(), "program": f"vfplan {version('vfplan')}"}
+    return section("About this page", settings_table(made | facts))
 
 
 def part(name: str, package: str = "vfplan.report") -> str:
@@ -297,7 +285,7 @@ def verdict_line(metrics: dict[str, Any]) -> str:
     """The first line of the page: green, red, grey if nothing was tested, amber beyond the line."""
     verdict = metrics["verdict"]
     kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
-    if verdict == "pass" and metrics.get("overlap_max_m"):
+    if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
         kind = "beyond"
     words = escape(verdict_sentence(metrics))
     return f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
@@ -344,9 +332,9 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     text = "".join(f'<th scope="col">{cell}</th>' for cell in head)
     if head:
         text = f"<thead><tr>{text}</tr></thead>"
-    names = [f' data-name="{name}"' if name else "" for name in head]
+    names = [f' data-name="{name}"' for name in head] or ("", "")
     lines = [
-        "".join(f"<td{name}>{cell}</td>" for name, cell in zip_longest(names, row, fillvalue=""))
+        "".join(f"<td{name}>{cell}</td>" for name, cell in zip(names, row, strict=True))
         for row in rows
     ]
     body = "".join(f"<tr>{line}</tr>" for line in lines)
@@ -368,17 +356,18 @@ def identity(fixture: Fixture) -> str:
 
 def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
-    text = _text(value)
+    text = plain(value)
     kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
     return f'<code class="{kind}">{escape(text)}</code>'
 
 
-def _text(value: Any) -> str:
+def plain(value: Any) -> str:
+    """A value of a report in plain words: yes or no, rounded numbers, lists without brackets."""
     if isinstance(value, list):
-        return ", ".join(map(_text, value))
+        return ", ".join(map(plain, value))
     if isinstance(value, bool):
         return ("no", "yes")[value]
-    return f"{value:z.9g}" if isinstance(value, float) else str(value)
+    return resolved(value, 9) if isinstance(value, float) else str(value)
 
 
 def summary(metrics: dict[str, Any]) -> str:
@@ -391,6 +380,9 @@ def summary(metrics: dict[str, Any]) -> str:
         for rule in rules.values()
     ]
     head = ["number", *(f"rule {name}" for name in rules), "unit"]
+    if guides_alone(metrics):
+        head[1] = "guide"
+        del columns[0]["band_m"]
     rows = []
     # How far beyond the line comes first.
     for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
@@ -400,11 +392,7 @@ def summary(metrics: dict[str, Any]) -> str:
         rows.append([escape(number.label), *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
-        apart = metrics["apart"]
-        text += (
-            f"<p>The proxies of the two rules are at most {millimetres(apart['proxy_max_m'])} "
-            f"apart, their forces {apart['force_max_n']:.3f} N.</p>"
-        )
+        text += f"<p>Side by side, {apart_text(metrics['apart'])}.</p>"
     return text
 
 
@@ -414,7 +402,7 @@ def checks(metrics: dict[str, Any]) -> str:
     for check in metrics.get("checks", []):
         word = "pass" if check["pass"] else "fail"
         rows.append([f'<b class="{word}">{word.upper()}</b>', escape(check_text(check))])
-    return table(["verdict", "limit"], rows) if rows else ""
+    return table(["verdict", "limit"], rows, "group") if rows else ""
 
 
 def findings(metrics: dict[str, Any]) -> str:
@@ -425,7 +413,7 @@ def findings(metrics: dict[str, Any]) -> str:
         for finding in metrics["findings"]
     ]  # fmt: skip
     if not rows:
-        return "<p>Nothing to remark.</p>"
+        return "<p>No findings on the recording or on the run.</p>"
     return table(["severity", "finding", "what it says"], rows)
 
 
@@ -455,6 +443,17 @@ def episodes(metrics: dict[str, Any]) -> str:
     return f"{text}<p>and {more} more</p>" if more else text
 
 
+def settings_table(values: dict[str, Any]) -> str:
+    """Values by their names; empty ones, parts of their own and long lists are left out."""
+    rows = [
+        [escape(name), code(value)]
+        for name, value in values.items()
+        if value not in (None, "") and not isinstance(value, dict)
+        if not (isinstance(value, list) and len(value) > 3)
+    ]
+    return table([], rows, "settings")
+
+
 def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
     names = ("fixture", "scene", "session", "link", "robot", "left_out")
@@ -468,13 +467,8 @@ def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
     }
     text = ""
     for group, values in groups.items():
-        rows = [
-            [escape(str(name)), code(value)]
-            for name, value in values.items()
-            if value is not None and not (isinstance(value, (dict, list)) and len(value) > 3)
-        ]
         # A long group takes the whole width of the page.
-        kind = "long" if len(rows) > MAX_LISTED else "group"
+        kind = "long" if len(values) > MAX_LISTED else "group"
         heading = escape(group.replace("_", " "))
-        text += f'<div class="{kind}"><h3>{heading}</h3>{table([], rows, "settings")}</div>'
+        text += f'<div class="{kind}"><h3>{heading}</h3>{settings_table(values)}</div>'
     return text

@@ -5,6 +5,10 @@ const NEWTONS_A_RADIUS = 10; // force whose arrow is as long as the contact circ
 function makeScene(data) {
   const dims = data.dims, view = document.getElementById("view");
   const follow = document.getElementById("follow");
+  if (!data.forbids) { // a guide has no contact and no normal
+    view.setAttribute("aria-label", "fixture, HIP, proxy and force");
+    for (const part of document.querySelectorAll(".forbids")) part.hidden = true;
+  }
   const row = (list, k) => list.slice(k * dims, k * dims + dims);
   const size = (v) => Math.hypot(...v);
   let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
@@ -52,11 +56,12 @@ function makeScene(data) {
   function arrow(from, to, name) {
     const [a, b] = toScreen(from), [c, d] = toScreen(to), length = Math.hypot(c - a, d - b);
     if (length < 2) return;
-    const x = (c - a) / length, y = (d - b) / length;
+    // The head ends at the tip, and is no longer than the arrow.
+    const head = Math.min(11, length), x = head * (c - a) / length, y = head * (d - b) / length;
     pen.strokeStyle = pen.fillStyle = colour(name); pen.lineWidth = 2.5;
-    pen.beginPath(); pen.moveTo(a, b); pen.lineTo(c, d); pen.stroke();
-    pen.beginPath(); pen.moveTo(c + 6 * x, d + 6 * y);
-    pen.lineTo(c - 5 * x - 5 * y, d - 5 * y + 5 * x); pen.lineTo(c - 5 * x + 5 * y, d - 5 * y - 5 * x); pen.fill();
+    pen.beginPath(); pen.moveTo(a, b); pen.lineTo(c - x, d - y); pen.stroke();
+    pen.beginPath(); pen.moveTo(c, d);
+    pen.lineTo(c - x - y / 2, d - y + x / 2); pen.lineTo(c - x + y / 2, d - y - x / 2); pen.fill();
   }
   function disc(at, radius, name) {
     const [x, y] = toScreen(at);
@@ -82,6 +87,7 @@ function makeScene(data) {
   }
   function draw() {
     ({ pen, width, height } = fitted(view));
+    document.getElementById("long").textContent = shownRound(data.radius);
     if (!chosen && (fittedTo !== width + " " + height || (tick && outside(tick.hip)))) whole();
     if (tick && follow.checked) {
       const p = flat(tick.proxy);
@@ -91,9 +97,11 @@ function makeScene(data) {
     if (tick) {
       pen.globalAlpha = 0.6; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
       const [x, y] = toScreen(tick.proxy);
-      pen.strokeStyle = colour("contact"); pen.lineWidth = 2; pen.beginPath();
-      pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
-      arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
+      if (data.forbids) {
+        pen.strokeStyle = colour("contact"); pen.lineWidth = 2; pen.beginPath();
+        pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
+        arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
+      }
       if (size(tick.force) > 0)
         arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / NEWTONS_A_RADIUS), "force");
       disc(tick.proxy, 5, "proxy"); disc(tick.hip, 5, "hip");
