@@ -118,3 +118,6 @@ def test_overview_keeps_the_deepest_of_each_stretch(pressed):
     assert 250 < len(kept) <= 500
     assert kept.penetration.max() == ticks.penetration.max()
     assert (np.diff(kept.time) > 0).all()
+    none = ThinnedTicks(0)
+    none.update(ticks)
+    assert len(none.ticks) == 0

@@ -146,6 +146,7 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_text("t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n0.02,1e-3,0,0,0.6,0.8,0,0\n")
     poses = read_poses(path)
+    assert poses.pose.shape == (2, 7)
     assert np.array_equal(poses.arrived, [0, 0.02])
     assert read_poses(path, "mm").pose[1].tolist() == [1e-6, 0, 0, 0.6, 0.8, 0, 0]
     head = "t,x,y,z,qw,qx,qy,qz\n"
@@ -153,7 +154,8 @@ def test_poses_and_events_are_read_strictly(tmp_path):
     rounded = read_poses(path)
     assert rounded.rounded == 1
     assert np.linalg.norm(rounded.pose[:, 3:], axis=1) == pytest.approx([1, 1], abs=1e-15)
-    assert "poses-rounded" in codes_of(vfplan.replay(fixture(), SESSION, poses=rounded))
+    findings = vfplan.replay(fixture(), SESSION, poses=rounded).metrics["findings"]
+    assert "poses-rounded" in [finding["code"] for finding in findings]
     for text, code in (("t,x,y,z\n0,0,0,0\n", "column-missing"), (head, "poses-empty"),
                        (head + "0,0,0,0,2,0,0,0\n", "pose-invalid"),
                        (head + "1,0,0,0,1,0,0,0\n0,0,0,0,1,0,0,0\n", "pose-invalid"),
@@ -193,6 +195,7 @@ def test_the_command_replays_poses_and_events(vfplan_cli, tmp_path):
     assert done.json["stale_ticks"] == np.count_nonzero(poses.arrived[0] > TIMES)
     assert "gave the hand" in vfplan_cli("replay", *where, cwd=tmp_path).stdout
     for code, says, *words in (
+        (2, "one rule", *where, "--drop", "0.1"),
         (2, "--poses", *where[:2], "--events", "e.csv", "--pivot", "0,0,1"),
         (2, "--poses", *where[:2], "--pose-limits", "1,1,1"),
         (3, "again.csv, line 4: remove: each a point", *where[:2], "--events", "again.csv"),
@@ -291,6 +294,7 @@ def test_a_release_is_held_back_and_only_the_force_changes():
     assert held.metrics["energy_j"] == pytest.approx(raw.metrics["energy_j"] + work)
     assert report["energy_given_j"] <= 1.01 * report["energy_stored_j"]
     assert report["overdrawn_ticks"] == 0
+    assert "governor" not in raw.metrics
     assert held.record["governor"]["force_step_n"] == 1.2
 
 
@@ -316,6 +320,7 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     write_session(table, session)
     held = vfplan_cli("replay", bundle, table, "--governor", "--robot", "fr3", "--json").json
     assert (held["governor"]["force_step_n"], held["governor"]["force_max_n"]) == (1.2, 20.0)
+    assert next(c for c in held["checks"] if c["name"] == "force_step_max_n")["pass"]
     own = vfplan_cli("replay", bundle, table, "--governor", "0.4,15", "--rule", "both")
     assert own.stdout.count("governor     0.4 N a tick, 15 N at most") == 2
     vfplan_cli("replay", bundle, table, "--governor",

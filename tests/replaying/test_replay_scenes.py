@@ -99,9 +99,15 @@ def test_real_recordings_on_a_planned_curve(shared_data, pelvis, number):
     moved = across(recorded, pelvis)
     both = replay(pelvis, moved, rule="both", robot=vfplan.read_robot("franka"))
     m = both.metrics
+    assert m["session"]["rate_hz"] == pytest.approx(1000)
+    assert m["session"]["speed_max_m_s"] < 1
     assert len(m["episodes"]) > 0
     assert m["clearance_min_m"] >= -pelvis.band - 1e-12
     assert m["inside_ticks"] == 0
     assert m["too_fast_ticks"] < 0.2 * m["contact_ticks"]
     # The proxy never left the side it came from: the hand crossed the curve, the proxy did not.
     assert m["overlap_max_m"] > 1e-3
+    assert sum(e["ticks"] for e in m["episodes"]) == m["contact_ticks"]
+    ends = [e["end_along"]["s_m"] for e in m["episodes"]]
+    length = np.linalg.norm(np.diff(pelvis.points, axis=0), axis=1).sum()
+    assert 0 <= min(ends) <= max(ends) <= length + 1e-9
