@@ -254,7 +254,7 @@ class CurveMotion {
     bool is_spent() const noexcept { return curve_.budget().is_spent(); }
 
     /// Whether a proxy that may be anywhere is outside. The distance is kept for `contact`.
-    bool is_outside(const Vec2& proxy) noexcept {
+    bool is_outside(const Vec2& proxy, bool = false) noexcept {
         distance_ = curve_.distance(proxy);
         return distance_ >= R_ - band_;
     }

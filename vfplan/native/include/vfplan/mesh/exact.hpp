@@ -63,8 +63,9 @@ class MeshMotion {
     /// Whether the tick may look once more through what is around the proxy, and not twice.
     bool is_overdrawn() const noexcept { return query_.budget().is_overdrawn(); }
 
-    bool is_outside(const Vec3& proxy) noexcept {
-        distance_ = list_reach * R_;
+    /// `before`: before a motion, where nobody asks how far away the mesh is.
+    bool is_outside(const Vec3& proxy, bool before = false) noexcept {
+        distance_ = before ? R_ - band_ : list_reach * R_;
         query_.nearest(proxy, distance_, planes_);
         return distance_ >= R_ - band_;
     }

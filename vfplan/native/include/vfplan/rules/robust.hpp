@@ -90,7 +90,7 @@ class RobustMotion {
 
     /// Whether no point is nearer than R - b, or than R - b + lent in a thinned cloud (R6). The
     /// distance that it measures is kept for `contact`.
-    bool is_outside(const Vec<D>& proxy) noexcept {
+    bool is_outside(const Vec<D>& proxy, bool = false) noexcept {
         nearest2_ = nearest2(neighbours_, proxy, surfaces_.touch_radius());
         return nearest2_ >= safe2_;
     }

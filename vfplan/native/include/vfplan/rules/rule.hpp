@@ -118,7 +118,7 @@ class StallTest {
 ///     iterations                      of the last motion
 ///     is_spent                        whether this tick may look no further
 ///     is_overdrawn                    where a tick may look at its end only once: whether it is so
-///     is_outside                      of a proxy not known to be outside, or after a motion
+///     is_outside(proxy, before)       of a proxy not known to be outside before a motion, or after
 ///     contact(proxy, hip)             what it touches, as a RuleAnswer
 ///     from_nearest, exit_distance, is_in_body   what a way out asks (WayOut)
 ///     move_within(ball, proxy, hip)   where a path has no corners to record: no further than to
@@ -161,7 +161,7 @@ class GuardedRule {
     /// One servo tick.
     RuleAnswer<D> step(Vec<D>& proxy, const Vec<D>& hip) noexcept {
         motion_.begin_tick();
-        if (!is_outside_ && !way_out_.is_active() && motion_.is_outside(proxy)) {
+        if (!is_outside_ && !way_out_.is_active() && motion_.is_outside(proxy, true)) {
             way_out_.stop();
             is_outside_ = true;
         }
