@@ -186,6 +186,18 @@ def test_an_approval_names_its_state_and_a_person_who_looked_at_it(wish, code, s
     assert sorted(codes) == sorted([code, "step-malformed"])
 
 
+def test_an_older_tab_does_not_approve_the_plan_of_a_newer_one(served):
+    with Tab(served) as one, Tab(served) as other:
+        one.approvable()
+        other.approvable()
+        other.send(**REVERSE)
+        # Messages of what was looked at may come first.
+        while not other.heard("quick")["quick"]["steps"]:
+            pass
+        one.approve()
+        assert one.leave(served) == ([], ["stale-approval"])
+
+
 def test_what_somebody_looked_at_counts_for_that_name_and_that_session(begun, served, draft):
     with Tab(served) as one, Tab(served) as other:
         one.heard("quick")
