@@ -13,6 +13,7 @@ from vfplan.figures import slice as picture
 from vfplan.figures import style
 from vfplan.findings import doubt
 from vfplan.fixture import Stroke
+from vfplan.images.read import side_of_patient
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
 
@@ -58,7 +59,7 @@ def test_sides_are_the_patients(drawn):
     sides = {(0.98, 0.5): "P", (0.02, 0.5): "A", (0.5, 0.03): "F", (0.5, 0.97): "H"}
     assert sides.items() <= places.items()
     for way, name in (((1.0, 0, 0.2), "L"), ((0.5, -0.8, 0), "AL"), ((-0.5, 0.8, 0), "PR")):
-        assert picture.side(np.array(way)) == name
+        assert side_of_patient(np.array(way)) == name
 
 
 def test_candidates_have_the_numbers_that_stroke_takes(drawn):

@@ -12,7 +12,7 @@ from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
-from vfplan.geometry.lines import normals, plane_normal, ring_of
+from vfplan.geometry.lines import normals, ring_of, unit_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -146,10 +146,8 @@ def draw_markers(
         axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
     label = f"residual (in brackets: across the slice), drawn {factor:g}x"
     axes.plot([], [], color=CONTACT, lw=1.4, label=label)
-    normal = plane_normal(linear)
-    normal /= np.linalg.norm(normal)
     residuals_mm = registration.vectors * MM
-    across_mm = residuals_mm @ normal
+    across_mm = residuals_mm @ unit_normal(linear)
     whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]
     taken = []

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vfplan.display import MM
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import unit_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
 from vfplan.planning.settings import FixtureSettings
@@ -312,9 +312,3 @@ def fit_of_files(
         )
     )  # fmt: skip
     return Fit(markers, settings, image.pixel_spacing_mm), {"markers": side.sha256}
-
-
-def unit_normal(axes: NDArray) -> NDArray[np.float64]:
-    """The direction of length 1 across the first two columns of a plane."""
-    normal = plane_normal(axes)
-    return normal / np.linalg.norm(normal)

@@ -21,15 +21,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import (
-    MAX_NUMBERED,
-    MM,
-    coordinates,
-    count,
-    finding_name,
-    isolated,
-    millimetres,
-)
+from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
@@ -221,7 +213,7 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
             head += f", at ({coordinates(finding.place_px)})"
-            head += "".join(f", other ink {number}" for number in ink_at(plan, finding))
+            head += ink_at(plan, finding)
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
@@ -249,14 +241,14 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
     return lists
 
 
-def ink_at(plan: Plan, finding: Finding) -> list[int]:
-    """The number of the other ink that a finding asks about; none for another finding."""
+def ink_at(plan: Plan, finding: Finding) -> str:
+    """The other ink that a finding asks about, by its number; empty for another finding."""
+    if finding.code not in ASKS_ABOUT_INK:
+        return ""
     pieces = [entry for entry in plan.other_ink if entry.piece is not None]
-    if finding.code not in ASKS_ABOUT_INK or not pieces:
-        return []
-    away = [away_from(entry.piece, finding) for entry in pieces]
-    nearest = int(np.argmin(away))
-    return [pieces[nearest].number] if away[nearest] <= CLOSE_PX else []
+    away = [(away_from(entry.piece, finding), entry.number) for entry in pieces]
+    away_px, number = min(away, default=(np.inf, 0))
+    return f", other ink {number}" if away_px <= CLOSE_PX else ""
 
 
 def draw_lists(

@@ -6,7 +6,7 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -512,7 +512,7 @@ def points_in_view(plan: Plan, step: Step) -> np.ndarray:
     return stroke.points[is_in]
 
 
-STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
+STEPS = {
     step.__name__: step
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,
