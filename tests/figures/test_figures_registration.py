@@ -101,7 +101,9 @@ def in_space():
 
 
 def tips_of(made):
-    arrows = [text for text in made.axes[0].texts if getattr(text, "arrow_patch", None) is not None]
+    """How far each arrow with a head goes; a leader has none."""
+    looks = [(text, getattr(text, "arrowprops", None) or {}) for text in made.axes[0].texts]
+    arrows = [text for text, look in looks if look.get("arrowstyle") == "-|>"]
     return [np.array(text.xy) - text.xyann for text in arrows]
 
 

@@ -12,7 +12,7 @@ from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
-from vfplan.geometry.lines import normals, ring_of, unit_normal
+from vfplan.geometry.lines import normals, plane_normal, ring_of, unit_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def draw_registration(
 
     # A step of one pixel of the view, in the robot's frame.
     linear = registration.T_target_source[:3, : len(plane)] @ plane[:, :2]
-    m_per_px = float(np.exp(np.log(np.linalg.svd(linear, compute_uv=False)).mean()))
+    m_per_px = float(np.sqrt(np.linalg.norm(plane_normal(linear))))
     residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * width)
 
@@ -173,6 +173,5 @@ def draw_markers(
         taken.append(extent)
         # A label that stands farther off than the first place is led to its marker.
         if lines:
-            corner = extent.x0 if side == "left" else extent.x1, (extent.y0 + extent.y1) / 2
-            leader = np.array([place, axes.transData.inverted().transform(corner)])
-            axes.plot(*leader.T, color=FORCE, lw=0.7)
+            leader = {"arrowstyle": "-", "color": FORCE, "lw": 0.7}
+            axes.annotate("", place, shown.xyann, textcoords="offset points", arrowprops=leader)

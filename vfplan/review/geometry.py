@@ -366,15 +366,14 @@ class Geometry:
 
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
-        before, strokes = self.strokes[number], list(self.strokes)
-        strokes[number] = stroke
+        before = self.strokes[number]
+        strokes = (*self.strokes[:number], stroke, *self.strokes[number + 1 :])
         # Points of either line that are not on the other.
         changed = [
             one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)
-        strokes = tuple(strokes)
         return replace(self, strokes=strokes, findings=findings, taken=(), is_as_found=False)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
@@ -422,7 +421,7 @@ def geometry_of_extraction(
 ) -> Geometry:
     """What `vfplan extract` makes of a slice, in place of what was there; raises as it does."""
     extracted = extract(image, settings)
-    strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
+    strokes = tuple(map(MendedStroke.of, extracted.extraction.strokes))
     return replace(
         before, strokes=strokes, findings=extracted.findings, taken=(), refusal=None,
         is_as_found=True,

@@ -291,7 +291,7 @@ def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
-        middle = start + (np.hypot(*(line - start).T).min() + PULL_GAP) * across
+        middle = start + (nearest_point(line, start)[1] + PULL_GAP) * across
         half, size = PULL_LENGTH / 2 * along, np.array(canvas.shape[1::-1])
         if ((middle >= 0) & (middle < size)).all():
             # All of the arrow lies on the canvas, with its head.
@@ -390,7 +390,7 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         room = MARKER_WIDTH - STRONG.width_of(f" {residual}")
         tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
-        tag((entry.u, entry.v), str(entry.number))
+        tag(entry.middle, str(entry.number))
 
 
 def draw_legend(

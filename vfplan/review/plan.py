@@ -702,10 +702,8 @@ def source_of_slice(
     if curve_path is None:
         geometry = geometry_of_slice(image, extraction)
     else:
-        drawn = extract(
-            image, extraction, curve=curve_path, contact_radius=planning.contact_radius
-        )  # fmt: skip
-        strokes = tuple(MendedStroke.of(stroke) for stroke in drawn.extraction.strokes)
+        drawn = extract(image, extraction, curve=curve_path, contact_radius=planning.contact_radius)
+        strokes = tuple(map(MendedStroke.of, drawn.extraction.strokes))
         geometry = Geometry(strokes, None, drawn.findings)
         inputs, recipe = drawn.fixture.provenance.inputs, drawn.fixture.provenance.settings
         sha256["curve"] = inputs["curve"]

@@ -40,7 +40,7 @@ from vfplan.review.picture import (
 )
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
-from vfplan.review.strokes import CLOSE_PX
+from vfplan.review.strokes import CLOSE_PX, nearest_point
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -123,7 +123,7 @@ def geometry_in_words(plan: Plan) -> str:
             continue
         words = "closed, " if stroke.closed else "open, "
         if plan.fixture.frame == "image":
-            words += f"{length_of(stroke.points, stroke.closed):.1f} px"
+            words += f"{stroke.length:.1f} px"
             if plan.spacing_mm is not None:
                 length_mm = length_of(stroke.points * plan.spacing_mm, stroke.closed)
                 words += f" = {length_mm:.1f} mm"
@@ -385,7 +385,7 @@ def insets_of(plan: Plan) -> list[Inset]:
                     note += f", part {part + 1} of {parts}"
                 insets.append(Inset(f"Bridge {k} of {name}", place, note, bridge=points))
     others = [
-        (f"{entry.number}: {GAP}", (entry.u, entry.v))
+        (f"{entry.number}: {GAP}", entry.middle)
         for entry in plan.other_ink if entry.what != "ink"
     ]  # fmt: skip
     others += [
@@ -407,7 +407,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
         if lines:
-            half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
+            half_px = max(half_px, nearest_point(np.vstack(lines), points[worst])[1])
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         caption = "Error and outline, true scale"

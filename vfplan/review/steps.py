@@ -121,10 +121,8 @@ def knot_of(stroke: MendedStroke, step: Step) -> int:
     """The number of the knot that a step names."""
     knot = whole_number(step, "knot")
     if not 0 <= knot < len(stroke.knots):
-        raise SettingError(
-            f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0.",
-            code="no-such-knot",
-        )
+        text = f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0."
+        raise SettingError(text, code="no-such-knot")
     return knot
 
 
