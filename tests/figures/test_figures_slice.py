@@ -67,9 +67,8 @@ def test_candidates_have_the_numbers_that_stroke_takes(drawn):
     axes = drawn(sagittal(), lines=lines, forked=(2,))
     legend = [text.get_text() for text in axes.figure.legends[0].get_texts()]
     assert legend[:3] == ["--stroke 1", "2: vfplan review", "--stroke 3"]
-    numbers = {t.get_text(): t.xy for t in axes.texts if t.get_text().isdigit()}
-    assert {k: tuple(v) for k, v in numbers.items()} == {
-        str(k + 1): tuple(line[0]) for k, line in enumerate(lines)}  # fmt: skip
+    numbers = {t.get_text(): tuple(t.xy) for t in axes.texts if t.get_text().isdigit()}
+    assert numbers == {str(k): tuple(line[0]) for k, line in enumerate(lines, 1)}
 
 
 def test_overlay_leaves_the_ink_as_it_is(tmp_path):

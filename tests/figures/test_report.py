@@ -75,9 +75,8 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
 
 def test_verdict_and_numbers_are_the_replays_with_rules_compared_and_units(pressed, written):
     text = written.read_text()
-    assert "FAIL: never beyond the drawn line; 1 of 4 limits broken: force_max_n at most 3 N" in (
-        text
-    )
+    told = "FAIL: never beyond the drawn line; 1 of 4 limits broken: force_max_n at most 3 N"
+    assert told in text
     assert f"{pressed.metrics['force_max_n']:.3f}" in text
     assert text.count('class="go"') == len(pressed.metrics["episodes"]) == 4
     row = re.search(r"<tr><td[^>]*>force, largest</td>(.*?)</tr>", text)[1]

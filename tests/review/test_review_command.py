@@ -277,9 +277,8 @@ def test_next_steps_without_a_slice_take_the_same_files(vfplan_cli, tmp_path):
     places = RING_MM[::4] + np.random.default_rng(1).normal(0, 4, (6, 3))
     labels = [f"M{k}" for k in range(len(places))]
     markers = marker_files(folder, labels, places, 1e-3 * places + (0.4, 0.1, 0.2))
-    accept = following(
-        vfplan_cli("plan", curve, *markers, "--model", "rigid", "-o", folder / "p.h5")
-    )
+    run = vfplan_cli("plan", curve, *markers, "--model", "rigid", "-o", folder / "p.h5")
+    accept = following(run)
     assert accept[:2] == ["accept", str(folder / "p.h5")]
     accept = ["A. Planner" if word == "NAME" else word for word in accept]
     assert vfplan_cli(*accept, "--answer-all").code == 0

@@ -125,8 +125,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
         (np.add(truth[:200:20], (0, 150)), "add-stroke", 2),
     ):
         browser.key("d")
-        browser.press(*hand.at(places[0]), "mouseMoved", "none")
-        browser.press(*hand.at(places[0]))
+        browser.press_at(*hand.at(places[0]))
         for place in places:
             browser.press(*hand.at(place), "mouseMoved")
         browser.press(*hand.at(places[-1]), "mouseReleased")
@@ -212,9 +211,7 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opene
         "document.getElementById('bound'), {childList: true, characterData: true, subtree: true});"
     )
     start = (home[0] + 4, home[1])
-    at = hand.at(start)
-    browser.press(*at, "mouseMoved", "none")
-    browser.press(*at)
+    browser.press_at(*hand.at(start))
     for share in np.linspace(0, 1, 12)[1:]:
         place = hand.at((start[0] + share * (home[0] - start[0]), start[1]))
         browser.press(*place, "mouseMoved")
@@ -354,8 +351,7 @@ RENEW = "review.receive({state: review.state, version: review.version})"
 def press_while_the_page_is_renewed(browser, hand, button):
     """Press a button, let the whole state arrive three times, and release it."""
     place = hand.place_of(button)
-    browser.press(*place, "mouseMoved", "none")
-    browser.press(*place)
+    browser.press_at(*place)
     for _ in range(3):
         browser.run(RENEW)
     browser.press(*place, "mouseReleased")
@@ -535,8 +531,7 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
 def frames(browser, hand, place):
     """Frames a second that the browser draws while something is dragged."""
     start = hand.at(place)
-    browser.press(*start, "mouseMoved", "none")
-    browser.press(*start)
+    browser.press_at(*start)
     browser.run(
         "window.frames_ = []; (function next(t) { window.frames_.push(t);"
         " if (window.frames_.length < 400) requestAnimationFrame(next); })(performance.now())"
@@ -666,9 +661,8 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     image = vfplan.read_image(chosen)
     assert known.inputs["image"] == image.sha256
     z_mm = 1e3 * image.T_patient_image[2, 2]
-    assert known.settings["slice_in_words"] == (
-        f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
-    )
+    words = f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
+    assert known.settings["slice_in_words"] == words
     # The folder is searched for the bundle's slice.
     again = Session.open(tmp_path / "o.h5", slice=tmp_path / "ct")
     assert again.source.slice_path == chosen

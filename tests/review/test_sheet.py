@@ -175,12 +175,9 @@ def test_ink_and_covers_of_ends_stay_visible_and_no_captions_overlap_on_random_s
         for k in range(int(rng.integers(0, 9)))
     ]  # fmt: skip
     markers = drawn_ends.markers(rng, shape, int(rng.integers(4, 41)))
+    account = drawn_ends.account(rng, shape, int(rng.integers(0, 30)))
     more = {"findings": tuple(findings), "metres_per_px": 5e-4, "side": "above (robot +z)"}
-    shown = drawn_ends.shown(drawn, markers=markers, **more)
-    shown = drawn_ends.with_values(
-        shown, account=drawn_ends.account(rng, shape, int(rng.integers(0, 30)))
-    )
-    sheet = checked(shown)
+    sheet = checked(drawn_ends.shown(drawn, markers=markers, account=account, **more))
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
     picture = picture_of(sheet)
@@ -242,8 +239,8 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
 def test_no_line_stands_alone_on_a_page(count, pieces):
     finding = doubt("width-changes", "extract", "Is all of it the curve?", place_px=(300.0, 300.0))
     ink = tuple(AccountEntry(k + 1, 200.0, 296.0, 12, 0.1, 30.0, "ink") for k in range(pieces))
-    shown = drawn_ends.shown(drawn_ends.draw(2, covered=""), metres_per_px=5e-4)
-    sheet = checked(drawn_ends.with_values(shown, findings=(finding,) * count, account=ink))
+    more = {"metres_per_px": 5e-4, "findings": (finding,) * count, "account": ink}
+    sheet = checked(drawn_ends.shown(drawn_ends.draw(2, covered=""), **more))
     lines = [box for box in sheet.boxes if box.kind == "text" and box.y < FOOT]
     for box, after in pairwise(lines):
         if box.style == HEADING and not box.words.endswith("none"):
@@ -366,8 +363,8 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
                      for k, place in enumerate(places))  # fmt: skip
     markers = drawn_ends.markers(rng, drawn.image.shape, 40)
     ink = tuple(AccountEntry(k, *places[k], 500 + k, 0.01, 9.0, "ink") for k in range(1, 31))
-    shown = drawn_ends.shown(drawn, findings=findings, markers=markers)
-    on_sheet = words_of(checked(drawn_ends.with_values(shown, account=ink)))
+    shown = drawn_ends.shown(drawn, findings=findings, markers=markers, account=ink)
+    on_sheet = words_of(checked(shown))
     assert {word for word in on_sheet if word.isdecimal()} <= {str(k) for k in range(1, 13)}
     words = " ".join(on_sheet)
     for number in range(1, 101):

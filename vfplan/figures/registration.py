@@ -67,7 +67,7 @@ def draw_registration(
 
     # A step of one pixel of the view, in the robot's frame.
     linear = registration.T_target_source[:3, : len(plane)] @ plane[:, :2]
-    m_per_px = float(np.sqrt(np.linalg.norm(plane_normal(linear))))
+    m_per_px = np.sqrt(np.linalg.norm(plane_normal(linear)))
     residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * width)
 
@@ -153,10 +153,10 @@ def draw_markers(
     taken = []
     for k, label in enumerate(registration.labels):
         place = markers[k]
-        is_outlier = label in registration.outliers
-        word = "  outlier" if is_outlier else ""
-        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f}){word}"
-        colour, width = (CONTACT, 2.4) if is_outlier else (FORCE, 1.4)
+        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f})"
+        colour, width = FORCE, 1.4
+        if label in registration.outliers:
+            text, colour, width = f"{text}  outlier", CONTACT, 2.4
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
         # On the right the label would leave the slice.

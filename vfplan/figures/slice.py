@@ -48,9 +48,8 @@ def outline_along(points: Array, distance: float, *, closed: bool = False) -> li
     region = np.zeros((height, width), np.uint8)
     # OpenCV takes coordinates as whole numbers of 1/16 pixel.
     vertices = np.rint((points - corner) * FINE * 16).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(
-        region, [vertices], closed, 255, max(1, round(2 * distance * FINE)), cv2.LINE_8, 4
-    )
+    thickness = max(1, round(2 * distance * FINE))
+    cv2.polylines(region, [vertices], closed, 255, thickness, cv2.LINE_8, 4)
     contours, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     return [ring_of(contour[:, 0] / FINE + corner, closed=True) for contour in contours]
 

@@ -154,9 +154,8 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     """The one route around the largest hole in the ink, if that is larger than a letter's."""
-    contours, relations = cv2.findContours(
-        mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
-    )
+    ink = mask.view(np.uint8)
+    contours, relations = cv2.findContours(ink, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     # The ink at a hole has the outline of a piece as its parent.
     inner = np.flatnonzero(relations[0, :, 3] >= 0)
     holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= MIN_RING_PX]
@@ -172,10 +171,9 @@ ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches")
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
-    *("curve-on-border", "curve-straight", "curve-short", "ink-outweighs"),
-    *("ink-joins", "ink-touches", "leaves-picture"),
-    *("bridge", "bridge-long", "bridge-near-end", "stretch-hidden"),
-}
+    "curve-on-border", "curve-straight", "curve-short", "ink-outweighs", "ink-joins", "ink-touches",
+    "leaves-picture", "bridge", "bridge-long", "bridge-near-end", "stretch-hidden",
+}  # fmt: skip
 MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may

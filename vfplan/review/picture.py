@@ -83,7 +83,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
-    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
+    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_PX + 60
     rows = rendered_legend(outlines)
     if rows:
         heading = "In the middle of each view"
@@ -91,7 +91,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         if plan.kind == "guide" and axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
             free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
-    return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
+    return free_x, free_y, y + 2 * (VIEW_PX + 60)
 
 
 def draw_scale_bar(
@@ -104,7 +104,7 @@ def draw_scale_bar(
     right = round(end + 18 + BODY.width_of(words))
     sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
     paper.draw_line(sheet.canvas, np.array([[x, middle], [end, middle]]), BLACK, 4)
-    sheet.text(end + 14, y, words, BODY)
+    sheet.text(end + 14, y, words)
 
 
 def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
@@ -412,8 +412,7 @@ def draw_legend(
         rows.append((f"{words}in the slice, {length}", BLACK, SOLID))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
     if plan.other_ink:
-        words = "Plain numbers: other ink, listed below."
-        y = sheet.paragraph(COLUMN_X, y, words, COLUMN_WIDTH)
+        y = sheet.paragraph(COLUMN_X, y, "Plain numbers: other ink, listed below.", COLUMN_WIDTH)
     return y + 10
 
 
@@ -428,5 +427,5 @@ def draw_legend_rows(
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
-        y = sheet.paragraph(x + 56, y, words, width - 56, BODY) + 6
+        y = sheet.paragraph(x + 56, y, words, width - 56) + 6
     return y

@@ -446,13 +446,11 @@ class Plan:
         residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
         if record.source_frame != "image":
             places = onto_plane(self.image.T_patient_image[:3])(places)
+        rows = zip(record.labels, places, record.residuals_m, residuals_px, strict=True)
         return tuple(
-            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
-                   residual_px=residual_px)
-            for label, place, residual_m, residual_px in zip(
-                record.labels, places, record.residuals_m, residuals_px, strict=True
-            )
-        )  # fmt: skip
+            Marker(label, place, is_used=label not in left_out, residual_m=float(m), residual_px=px)
+            for label, place, m, px in rows
+        )
 
     @property
     def bounds(self) -> Iterator[tuple[Stroke, Array]]:
@@ -466,9 +464,9 @@ class Plan:
         if not self.geometry.strokes:
             return Outcome(None, of_curve)
         # What no step changed is approved as it is in the bundle.
-        before = [stroke.points for stroke in source.geometry.strokes]
-        after = [stroke.points for stroke in self.geometry.strokes]
-        is_same = self.fit is source.fit and list(map(id, before)) == list(map(id, after))
+        before = [id(stroke.points) for stroke in source.geometry.strokes]
+        after = [id(stroke.points) for stroke in self.geometry.strokes]
+        is_same = self.fit is source.fit and before == after
         if source.as_opened is not None and is_same:
             findings = tuple(map(self.geometry.as_settled, source.as_opened.findings))
             return Outcome(source.as_opened, findings)

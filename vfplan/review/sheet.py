@@ -27,17 +27,9 @@ from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
-from vfplan.review import paper
+from vfplan.review import paper, picture
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
-from vfplan.review.picture import (
-    COLUMN_WIDTH,
-    COLUMN_X,
-    draw_picture,
-    draw_rendered,
-    draw_views,
-    ends_of,
-)
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
 from vfplan.review.strokes import CLOSE_PX, nearest_point
@@ -362,7 +354,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         name = f"line {number}"
         if len(plan.strokes) == 1:
             name = "the line"
-        for which, end, direction in ends_of(stroke):
+        for which, end, direction in picture.ends_of(stroke):
             caption = f"{which.capitalize()} of {name}"
             note = width
             if is_even_ahead(rgb, stroke, end, direction):
@@ -371,8 +363,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
-            wider = f"{caption}, wider"
-            insets.append(Inset(wider, end, note, WIDER_ZOOM, True, has_line))
+            insets.append(Inset(f"{caption}, wider", end, note, WIDER_ZOOM, True, has_line))
         # One inset a bridge, or several along a long one.
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -488,7 +479,7 @@ def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
     for outline in plan.outlines:
-        draw_rendered(enlarged, outline, inset.within)
+        picture.draw_rendered(enlarged, outline, inset.within)
     for stroke, half_m in plan.bounds:
         points = inset.within(stroke.points)
         paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
@@ -521,7 +512,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
-    is_more = bool(plan.fixture.open_findings) or plan.is_slice_missing
+    is_more = plan.fixture.open_findings or plan.is_slice_missing
     if is_more:
         x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
     y = sheet.paragraph(x, float(MARGIN), verdict_of(plan), width, paper.TITLE, colour)
@@ -535,13 +526,13 @@ def draw_sheet(plan: Plan) -> Sheet:
         words += f" The slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
     if plan.image is None:
-        free_x, free_y, y = draw_views(sheet, plan, y)
+        free_x, free_y, y = picture.draw_views(sheet, plan, y)
         draw_facts(sheet, plan, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
         draw_lists(sheet, plan, y)
     else:
         rgb = as_uint8(plan.image.rgb)
-        bottom, column_y = draw_picture(sheet, plan, rgb, y)
-        column_y = draw_facts(sheet, plan, COLUMN_X, column_y + 10, COLUMN_WIDTH)
+        bottom, column_y = picture.draw_picture(sheet, plan, rgb, y)
+        column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 10, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
         last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
         in_last_row = len(insets) % INSETS_IN_A_ROW
@@ -550,7 +541,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"
-        sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", BODY, page=page)
+        sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
     return Sheet(sheet.image(), tuple(sheet.boxes))
