@@ -38,12 +38,8 @@ def struct(tmp_path):
 @pytest.fixture
 def markers(tmp_path):
     """(Slicer's file, the robot's) of five markers around the bone."""
-    points = [(f"m{k}", place.tolist(), "defined") for k, place in enumerate(MARKS)]
-    units = {"coordinateSystem": "LPS", "coordinateUnits": "mm"}
-    (tmp_path / "m.mrk.json").write_text(slicer_files.mrk(points, **units))
-    rows = [f"m{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(moved(MARKS).tolist())]
-    (tmp_path / "m.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]) + "\n")
-    return tmp_path / "m.mrk.json", tmp_path / "m.csv"
+    labels = [f"m{k}" for k in range(len(MARKS))]
+    return slicer_files.marker_files(tmp_path, labels, MARKS, moved(MARKS))
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.fixture import Guidance, RegistrationRecord
+from vfplan.replaying.metrics import CurveRuler
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
 from vfplan.session.session import Session
 
@@ -80,7 +81,7 @@ def test_plane_basis_is_right_handed_and_not_mirrored(axis):
 
 
 def test_depth_along_the_curve(pressed):
-    ruler, depth = depth_along(pressed)
+    ruler, depth = CurveRuler(pressed.fixture), depth_along(pressed)
     t = pressed.ticks
     for where in (0.0275, 0.0425):
         k = np.searchsorted(ruler.arclength, where)

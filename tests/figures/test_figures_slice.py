@@ -13,6 +13,7 @@ from vfplan.figures import slice as picture
 from vfplan.figures import style
 from vfplan.findings import doubt
 from vfplan.fixture import Stroke
+from vfplan.images.read import side_of_patient
 
 WAY = np.column_stack([np.linspace(50, 350, 60), np.full(60, 200.0)])
 
@@ -58,7 +59,7 @@ def test_sides_are_the_patients(drawn):
     sides = {(0.98, 0.5): "P", (0.02, 0.5): "A", (0.5, 0.03): "F", (0.5, 0.97): "H"}
     assert sides.items() <= places.items()
     for way, name in (((1.0, 0, 0.2), "L"), ((0.5, -0.8, 0), "AL"), ((-0.5, 0.8, 0), "PR")):
-        assert picture.side(np.array(way)) == name
+        assert side_of_patient(np.array(way)) == name
 
 
 def test_candidates_have_the_numbers_that_stroke_takes(drawn):
@@ -66,9 +67,8 @@ def test_candidates_have_the_numbers_that_stroke_takes(drawn):
     axes = drawn(sagittal(), lines=lines, forked=(2,))
     legend = [text.get_text() for text in axes.figure.legends[0].get_texts()]
     assert legend[:3] == ["--stroke 1", "2: vfplan review", "--stroke 3"]
-    numbers = {t.get_text(): t.xy for t in axes.texts if t.get_text().isdigit()}
-    assert {k: tuple(v) for k, v in numbers.items()} == {
-        str(k + 1): tuple(line[0]) for k, line in enumerate(lines)}  # fmt: skip
+    numbers = {t.get_text(): tuple(t.xy) for t in axes.texts if t.get_text().isdigit()}
+    assert numbers == {str(k): tuple(line[0]) for k, line in enumerate(lines, 1)}
 
 
 def test_overlay_leaves_the_ink_as_it_is(tmp_path):

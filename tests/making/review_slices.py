@@ -128,6 +128,15 @@ def shifted(path, off_px):
     return path, (float(u), float(v))
 
 
+def marker_table(path, places_px, robot_m, labels=None):
+    """One file with both positions of each marker; without labels they are m0, m1 and so on."""
+    labels = labels or [f"m{k}" for k in range(len(places_px))]
+    table = zip(labels, np.c_[places_px, robot_m].tolist(), strict=True)
+    rows = [",".join(map(str, (label, *row))) for label, row in table]
+    path.write_text("\n".join(["label,u_px,v_px,x_m,y_m,z_m", *rows]) + "\n")
+    return path
+
+
 def photographed(folder, seed=0, tilt=1.0):
     """The sample seen by a camera beside it, its markers' pixels there, and the homography."""
     picture = cv2.imread(str(SLICE))

@@ -1,7 +1,5 @@
 """A slice that knows its place in the patient is registered by the patient's markers."""
 
-import json
-
 import numpy as np
 import pytest
 from captures import CURVE, capture
@@ -9,6 +7,7 @@ from conftest import ELBOW
 from drawing import normal_errors
 from PIL import Image
 from refusals import refuses
+from slicer_files import marker_files
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
@@ -35,15 +34,9 @@ def robot(points_mm):
 
 @pytest.fixture
 def markers(tmp_path):
-    points = [{"id": str(k), "label": f"m{k}", "position": p.tolist()} for k, p in enumerate(MARKS)]
-    markup = {"type": "Fiducial", "coordinateSystem": "LPS", "controlPoints": points}
-    schema = "https://x/Schema/markups-schema-v1.0.3.json#"
-    (tmp_path / "m.mrk.json").write_text(json.dumps({"@schema": schema, "markups": [markup]}))
     rng = np.random.default_rng(1)
     touched = robot(MARKS) + rng.normal(0, 1e-9, MARKS.shape)
-    rows = [f"m{k},{x!r},{y!r},{z!r}" for k, (x, y, z) in enumerate(touched.tolist())]
-    (tmp_path / "m.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]))
-    return tmp_path / "m.mrk.json", tmp_path / "m.csv"
+    return marker_files(tmp_path, [f"m{k}" for k in range(len(MARKS))], MARKS, touched)
 
 
 def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from refusals import refuses
 from review_slices import MARKERS, SLICE, fork, two_candidates
-from slicer_files import mrk
+from slicer_files import marker_files
 from tab import Tab
 from vector_files import RING_MM, slicer
 
@@ -275,14 +275,10 @@ def test_next_steps_without_a_slice_take_the_same_files(vfplan_cli, tmp_path):
     folder.mkdir()
     curve = slicer(folder, RING_MM, "ClosedCurve")
     places = RING_MM[::4] + np.random.default_rng(1).normal(0, 4, (6, 3))
-    points = [(f"M{k}", place, "defined") for k, place in enumerate(places.tolist())]
-    (folder / "patient.mrk.json").write_text(mrk(points, coordinateSystem="LPS"))
-    rows = [f"M{k},{x},{y},{z}" for k, (x, y, z) in enumerate(1e-3 * places + (0.4, 0.1, 0.2))]
-    (folder / "robot.csv").write_text("\n".join(["label,x_m,y_m,z_m", *rows]))
-    markers = folder / "patient.mrk.json", folder / "robot.csv"
-    accept = following(
-        vfplan_cli("plan", curve, *markers, "--model", "rigid", "-o", folder / "p.h5")
-    )
+    labels = [f"M{k}" for k in range(len(places))]
+    markers = marker_files(folder, labels, places, 1e-3 * places + (0.4, 0.1, 0.2))
+    run = vfplan_cli("plan", curve, *markers, "--model", "rigid", "-o", folder / "p.h5")
+    accept = following(run)
     assert accept[:2] == ["accept", str(folder / "p.h5")]
     accept = ["A. Planner" if word == "NAME" else word for word in accept]
     assert vfplan_cli(*accept, "--answer-all").code == 0

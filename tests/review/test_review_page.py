@@ -22,6 +22,7 @@ from review_slices import (
     fork,
     half_double,
     hidden_end,
+    marker_table,
     miss,
     photographed,
     shifted,
@@ -31,6 +32,7 @@ from review_slices import (
 import vfplan
 from vfplan.errors import ImageError
 from vfplan.findings import doubt
+from vfplan.markers.correspondences import read_markers
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
 
@@ -92,8 +94,6 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     fixture = vfplan.read_fixture(output)
     assert fixture.reviewed.by == "A. Planner"
     assert not fixture.open_findings
-    planned = vfplan.plan(SLICE, *MARKERS).fixture
-    assert np.allclose(fixture.points, planned.points, atol=1e-9)
     assert not output.with_name("o.h5.draft.json").exists()
 
 
@@ -125,8 +125,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
         (np.add(truth[:200:20], (0, 150)), "add-stroke", 2),
     ):
         browser.key("d")
-        browser.press(*hand.at(places[0]), "mouseMoved", "none")
-        browser.press(*hand.at(places[0]))
+        browser.press_at(*hand.at(places[0]))
         for place in places:
             browser.press(*hand.at(place), "mouseMoved")
         browser.press(*hand.at(places[-1]), "mouseReleased")
@@ -212,9 +211,7 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opene
         "document.getElementById('bound'), {childList: true, characterData: true, subtree: true});"
     )
     start = (home[0] + 4, home[1])
-    at = hand.at(start)
-    browser.press(*at, "mouseMoved", "none")
-    browser.press(*at)
+    browser.press_at(*hand.at(start))
     for share in np.linspace(0, 1, 12)[1:]:
         place = hand.at((start[0] + share * (home[0] - start[0]), start[1]))
         browser.press(*place, "mouseMoved")
@@ -253,20 +250,14 @@ def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, opened
     _, hand = opened(deep_slice(tmp_path / "deep.png"))
     browser.until("document.getElementById('slice').complete")
     assert grey_at(browser, 120, 120) == grey_at(browser, 10, 10) == round(20_000 / 257)
-    browser.run(
-        "for (const [id, value] of [['low', 20000], ['high', 20002]]) {"
-        " const slider = document.getElementById(id); slider.value = value;"
-        " slider.dispatchEvent(new Event('input')); }"
-    )
+    hand.fill("#low", 20_000, "input")
+    hand.fill("#high", 20_002, "input")
     browser.until("document.getElementById('slice').src.includes('high=20002')")
     browser.until("document.getElementById('slice').complete")
     assert grey_at(browser, 10, 10) == 0
     assert grey_at(browser, 120, 120) == 128
     # Black stays below white, whichever slider moves.
-    browser.run(
-        "document.getElementById('low').value = 60000;"
-        " document.getElementById('low').dispatchEvent(new Event('input'))"
-    )
+    hand.fill("#low", 60_000, "input")
     assert browser.run("Number(document.getElementById('high').value)") == 60_001
     # A drag with the right button: to the right for a wider window, down for a brighter slice.
     browser.run("document.getElementById('high').value = 60100")
@@ -295,19 +286,15 @@ def test_presets_set_the_window_of_a_ct(button, window, browser, opened, tmp_pat
 
 @pytest.mark.slow
 def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path):
-    image = [line.split(",") for line in MARKERS[0].read_text().split()[1:]]
-    robot = {line.split(",")[0]: line for line in MARKERS[1].read_text().split()[1:]}
-    header = MARKERS[1].read_text().split()[0].removeprefix("label,")
-    lines = [f"label,u_px,v_px,{header}"]
-    lines += [f"{a},{float(u) + 1.5},{v},{robot[a].split(',', 1)[1]}" for a, u, v in image]
-    (tmp_path / "m.csv").write_text("\n".join(lines))
-    _, hand = opened(SLICE, tmp_path / "m.csv", "--pixel-spacing", 0.5)
+    pairs = read_markers(*MARKERS)
+    beside = pairs.source + np.array([1.5, 0.0])
+    markers = marker_table(tmp_path / "m.csv", beside, pairs.target, pairs.labels)
+    _, hand = opened(SLICE, markers, "--pixel-spacing", 0.5)
     # The marks on the slice are found, a pixel and a half beside.
     hand.press("find-marks")
     browser.until("review.state.steps.length === 1", seconds=60)
     places = np.array(hand.state("review.state.markers.map((m) => m.place_px)"))
-    truth = np.array([[float(u), float(v)] for _, u, v in image])
-    assert np.abs(places - truth).max() < 0.6
+    assert np.abs(places - pairs.source).max() < 0.6
     hand.fill("#marker-table input[maxlength]", "first")
     browser.until("review.state.markers[0].label === 'first'")
     bound = hand.state("review.state.tre95_m")
@@ -364,8 +351,7 @@ RENEW = "review.receive({state: review.state, version: review.version})"
 def press_while_the_page_is_renewed(browser, hand, button):
     """Press a button, let the whole state arrive three times, and release it."""
     place = hand.place_of(button)
-    browser.press(*place, "mouseMoved", "none")
-    browser.press(*place)
+    browser.press_at(*place)
     for _ in range(3):
         browser.run(RENEW)
     browser.press(*place, "mouseReleased")
@@ -517,10 +503,8 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
     cv2.polylines(picture, [line], False, (0, 0, 255), 5, cv2.LINE_AA, shift=4)
     path = tmp_path / "large.png"
     cv2.imwrite(str(path), picture)
-    rows = ["label,u_px,v_px,x_m,y_m,z_m"]
-    for k, (u, v) in enumerate(rng.uniform(100, 4000, (40, 2))):
-        rows.append(f"m{k},{u},{v},{u * 1e-4},{-v * 1e-4},0.01")
-    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    places = rng.uniform(100, 4000, (40, 2))
+    markers = marker_table(tmp_path / "m.csv", places, np.insert(1e-4 * places, 2, 0.01, axis=1))
     # Every state has the findings: the page gets a new one whenever it has looked at the line.
     places = [(200 + 37 * k, 300 + 31 * k) for k in range(100)]
     found = [doubt("x", "extract", f"F {k}", place_px=p) for k, p in enumerate(places)]
@@ -528,7 +512,7 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
     state = Session.state
     with_findings = lambda self, by: {**state(self, by), "findings": findings}  # noqa: E731
     monkeypatch.setattr(Session, "state", with_findings)
-    session = Session.open(path, tmp_path / "m.csv")
+    session = Session.open(path, markers)
     server = ReviewServer(session, Draft(tmp_path / "d.json", session.source.sha256, {}))
     try:
         hand = Hand(browser, server.address)
@@ -547,8 +531,7 @@ def test_a_large_slice_with_many_findings_and_markers_stays_fluent(browser, tmp_
 def frames(browser, hand, place):
     """Frames a second that the browser draws while something is dragged."""
     start = hand.at(place)
-    browser.press(*start, "mouseMoved", "none")
-    browser.press(*start)
+    browser.press_at(*start)
     browser.run(
         "window.frames_ = []; (function next(t) { window.frames_.push(t);"
         " if (window.frames_.length < 400) requestAnimationFrame(next); })(performance.now())"
@@ -678,9 +661,8 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     image = vfplan.read_image(chosen)
     assert known.inputs["image"] == image.sha256
     z_mm = 1e3 * image.T_patient_image[2, 2]
-    assert known.settings["slice_in_words"] == (
-        f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
-    )
+    words = f"{chosen.name}, slice 3 of 5, its middle at patient z = {z_mm:.2f} mm"
+    assert known.settings["slice_in_words"] == words
     # The folder is searched for the bundle's slice.
     again = Session.open(tmp_path / "o.h5", slice=tmp_path / "ct")
     assert again.source.slice_path == chosen

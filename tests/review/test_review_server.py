@@ -95,10 +95,13 @@ def test_no_step_without_the_token(served, token):
         connect(f"ws://127.0.0.1:{served.port}/steps", origin=f"http://127.0.0.1:{served.port}")
 
 
-@pytest.mark.parametrize("text", ["", "{", "3", "[]", '"x"', "[" * 30000, b"\x00\xff"])
-def test_what_is_no_message_ends_the_connection(served, text):
+NO_MESSAGE = [(text, 1008) for text in ("", "{", "3", "[]", '"x"', "[" * 30000, b"\x00\xff")]
+
+
+@pytest.mark.parametrize(("text", "code"), [*NO_MESSAGE, ("x" * (MAX_MESSAGE_BYTES + 1), 1009)])
+def test_what_is_no_message_or_too_large_ends_the_connection(served, text, code):
     with Tab(served) as client:
-        assert client.ends_by(text) == 1008
+        assert client.ends_by(text) == code
     assert served.session.steps == ()
 
 
@@ -116,12 +119,6 @@ def test_a_step_that_does_not_fit_is_answered_and_changes_nothing(served, messag
         assert client.heard("error")["error"]["code"]
     assert served.session.steps == ()
     assert not served._draft.path.exists()
-
-
-def test_too_large_a_message_ends_the_connection(served):
-    with Tab(served) as client:
-        assert client.ends_by("x" * (MAX_MESSAGE_BYTES + 1)) == 1009
-    assert served.session.steps == ()
 
 
 def test_a_second_tab_shows_the_same_and_an_old_state_takes_no_step(served):
@@ -186,6 +183,18 @@ def test_an_approval_names_its_state_and_a_person_who_looked_at_it(wish, code, s
     assert sorted(codes) == sorted([code, "step-malformed"])
 
 
+def test_an_older_tab_does_not_approve_the_plan_of_a_newer_one(served):
+    with Tab(served) as one, Tab(served) as other:
+        one.approvable()
+        other.approvable()
+        other.send(**REVERSE)
+        # Messages of what was looked at may come first.
+        while not other.heard("quick")["quick"]["steps"]:
+            pass
+        one.approve()
+        assert one.leave(served) == ([], ["stale-approval"])
+
+
 def test_what_somebody_looked_at_counts_for_that_name_and_that_session(begun, served, draft):
     with Tab(served) as one, Tab(served) as other:
         one.heard("quick")
@@ -230,10 +239,8 @@ def test_a_draft_belongs_to_one_process_and_to_its_own_user(begun, draft):
 
 
 def test_no_number_of_connections_ends_the_server(served):
-    used, (soft, hard) = (
-        len(os.listdir("/proc/self/fd")),
-        resource.getrlimit(resource.RLIMIT_NOFILE),
-    )
+    used = len(os.listdir("/proc/self/fd"))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     opened = []
     with Tab(served) as first:
         resource.setrlimit(resource.RLIMIT_NOFILE, (used + 400, hard))

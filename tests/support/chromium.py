@@ -80,15 +80,18 @@ class Page:
         self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button, clickCount=clicks,
                 modifiers=modifiers)  # fmt: skip
 
-    def click(self, x, y):
+    def press_at(self, x, y):
+        """Move to a place and press there."""
         self.press(x, y, "mouseMoved", "none")
         self.press(x, y)
+
+    def click(self, x, y):
+        self.press_at(x, y)
         self.press(x, y, "mouseReleased")
 
     def drag(self, start, stop, steps=8, release=True):
         """Press at one place, move to another in steps, and let go there."""
-        self.press(*start, "mouseMoved", "none")
-        self.press(*start)
+        self.press_at(*start)
         for k in range(1, steps + 1):
             at = [a + (b - a) * k / steps for a, b in zip(start, stop, strict=True)]
             self.press(*at, "mouseMoved")

@@ -104,12 +104,12 @@ class Hand:
             self.press("Accept")
             self.browser.until(f"{READY} && {open_doubts} === {left - 1}")
 
-    def fill(self, field, value):
+    def fill(self, field, value, event="change"):
         """Write into a field, or choose in a list, and leave it."""
         self.browser.run(
             f"(() => {{ const field = document.querySelector({json.dumps(field)});"
             " if (field.closest('details')) field.closest('details').open = true;"
-            f" field.value = {json.dumps(value)}; field.dispatchEvent(new Event('change')); }})()"
+            f" field.value = {json.dumps(value)}; field.dispatchEvent(new Event('{event}')); }})()"
         )
 
     def finish(self):

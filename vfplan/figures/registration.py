@@ -12,7 +12,7 @@ from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
-from vfplan.geometry.lines import normals, plane_normal, ring_of
+from vfplan.geometry.lines import normals, plane_normal, ring_of, unit_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def draw_registration(
 
     # A step of one pixel of the view, in the robot's frame.
     linear = registration.T_target_source[:3, : len(plane)] @ plane[:, :2]
-    m_per_px = float(np.exp(np.log(np.linalg.svd(linear, compute_uv=False)).mean()))
+    m_per_px = np.sqrt(np.linalg.norm(plane_normal(linear)))
     residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * width)
 
@@ -146,19 +146,17 @@ def draw_markers(
         axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
     label = f"residual (in brackets: across the slice), drawn {factor:g}x"
     axes.plot([], [], color=CONTACT, lw=1.4, label=label)
-    normal = plane_normal(linear)
-    normal /= np.linalg.norm(normal)
     residuals_mm = registration.vectors * MM
-    across_mm = residuals_mm @ normal
+    across_mm = residuals_mm @ unit_normal(linear)
     whole_mm = np.linalg.norm(residuals_mm, axis=1)
     border = 0.7 * axes.get_xlim()[1]
     taken = []
     for k, label in enumerate(registration.labels):
         place = markers[k]
-        is_outlier = label in registration.outliers
-        word = "  outlier" if is_outlier else ""
-        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f}){word}"
-        colour, width = (CONTACT, 2.4) if is_outlier else (FORCE, 1.4)
+        text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f})"
+        colour, width = FORCE, 1.4
+        if label in registration.outliers:
+            text, colour, width = f"{text}  outlier", CONTACT, 2.4
         look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
         # On the right the label would leave the slice.
@@ -175,6 +173,5 @@ def draw_markers(
         taken.append(extent)
         # A label that stands farther off than the first place is led to its marker.
         if lines:
-            corner = extent.x0 if side == "left" else extent.x1, (extent.y0 + extent.y1) / 2
-            leader = np.array([place, axes.transData.inverted().transform(corner)])
-            axes.plot(*leader.T, color=FORCE, lw=0.7)
+            leader = {"arrowstyle": "-", "color": FORCE, "lw": 0.7}
+            axes.annotate("", place, shown.xyann, textcoords="offset points", arrowprops=leader)

@@ -182,8 +182,8 @@ def guide_plot(replayed: Replay) -> Figure:
     return figure
 
 
-def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
-    """The curve's ruler and (N,) the deepest penetration at each planned point [m].
+def depth_along(replayed: Replay) -> Array:
+    """(N,) the deepest penetration at each planned point of the curve [m].
 
     A tick counts for the planned point nearest to its proxy. The depth is 0 where the hand never
     pressed. The fixture was drawn as a curve.
@@ -193,7 +193,7 @@ def depth_along(replayed: Replay) -> tuple[CurveRuler, Array]:
     in_contact = ticks.penetration > CONTACT_M
     depth = np.zeros(len(ruler.points))
     np.maximum.at(depth, ruler.nearest(ticks.proxy[in_contact]), ticks.penetration[in_contact])
-    return ruler, depth
+    return depth
 
 
 def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
@@ -206,7 +206,7 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     if plane is None:
         message = "The fixture holds no registration from an image's pixels. Leave --image out."
         raise InputError(message, code="no-image-registration")
-    _, depth = depth_along(replayed)
+    depth = depth_along(replayed)
     places = pixels_on(plane, replayed.fixture.points)
     height, width = image.rgb.shape[:2]
     figure, axes = subplots(7.0, max(3.0, 7.0 * height / width - 0.4))

@@ -18,6 +18,7 @@ from scipy.spatial import cKDTree
 from vfplan.display import MAX_NUMBERED, finding_name
 from vfplan.figures.style import DPI, HALO, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
 from vfplan.geometry.lines import normals, ring_of
+from vfplan.images.read import side_of_patient
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
@@ -47,9 +48,8 @@ def outline_along(points: Array, distance: float, *, closed: bool = False) -> li
     region = np.zeros((height, width), np.uint8)
     # OpenCV takes coordinates as whole numbers of 1/16 pixel.
     vertices = np.rint((points - corner) * FINE * 16).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(
-        region, [vertices], closed, 255, max(1, round(2 * distance * FINE)), cv2.LINE_8, 4
-    )
+    thickness = max(1, round(2 * distance * FINE))
+    cv2.polylines(region, [vertices], closed, 255, thickness, cv2.LINE_8, 4)
     contours, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     return [ring_of(contour[:, 0] / FINE + corner, closed=True) for contour in contours]
 
@@ -74,9 +74,6 @@ RING_PT = 3 * TEXT_PT
 
 # Distance [pt] of a word from the place that it speaks of: clear of the ring.
 WORD_DISTANCE_PT = RING_PT / 2 + 1
-
-# Share of a direction from which on its side is named too: less is nearer to the main one.
-OBLIQUE = np.sin(np.pi / 8)
 
 
 def draw_mask(extraction: Extraction, path: Path) -> None:
@@ -178,14 +175,7 @@ def draw_sides(axes: Any, image: PlannedImage) -> None:
     look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE}
     look |= {"transform": axes.transAxes, "path_effects": HALO, "zorder": 8}
     for x, y, direction in directions:
-        axes.text(x, y, side(direction), **look)
-
-
-def side(direction: NDArray) -> str:
-    """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
-    share = np.abs(direction) / np.linalg.norm(direction)
-    axes = [axis for axis in np.argsort(-share, kind="stable")[:2] if share[axis] > OBLIQUE]
-    return "".join(("LPH" if direction[axis] > 0 else "RAF")[axis] for axis in axes)
+        axes.text(x, y, side_of_patient(direction), **look)
 
 
 def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:

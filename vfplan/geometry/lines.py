@@ -264,6 +264,12 @@ def plane_normal(axes: Array) -> Array:
     return np.cross(axes[:, 0], axes[:, 1])
 
 
+def unit_normal(axes: Array) -> Array:
+    """The same, of length 1."""
+    normal = plane_normal(axes)
+    return normal / np.linalg.norm(normal)
+
+
 # Number of places on the spline, from one measured point to the next, where its error is taken.
 PLACES_A_STEP = 8
 # Smallest turn of a corner over that of its neighbours. A smooth bend is shared with them.

@@ -337,6 +337,17 @@ def height_in_words(image: PlannedImage) -> str:
     return f"its middle at patient z = {MM * (image.T_patient_image @ middle)[2]:z.2f} mm"
 
 
+# Share of a direction from which on its side is named too: less is nearer to the main one.
+OBLIQUE = np.sin(np.pi / 8)
+
+
+def side_of_patient(direction: NDArray[np.float64]) -> str:
+    """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
+    share = np.abs(direction) / np.linalg.norm(direction)
+    axes = [axis for axis in np.argsort(-share, kind="stable")[:2] if share[axis] > OBLIQUE]
+    return "".join(("LPH" if direction[axis] > 0 else "RAF")[axis] for axis in axes)
+
+
 def slice_file(fixture: Fixture, path: Path) -> Path:
     """The file of a bundle's slice, which a folder is searched for by its SHA-256."""
     if not path.is_dir():

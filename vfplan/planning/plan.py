@@ -28,7 +28,7 @@ from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import unit_normal
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import (
@@ -489,8 +489,7 @@ def ignored_axis(
             )
         return check_axis(choice)
     columns = T[:3, :3] @ slice_axes if slice_axes is not None else T[:3, :2]
-    normal = plane_normal(columns)
-    normal /= np.linalg.norm(normal)
+    normal = unit_normal(columns)
     if choice == "normal":
         return normal
     axis = check_axis(choice)

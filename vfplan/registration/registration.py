@@ -49,7 +49,7 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
-from vfplan.geometry.lines import Array, Flags, plane_normal
+from vfplan.geometry.lines import Array, Flags, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     Fit,
@@ -463,8 +463,7 @@ class Registration(Fit):
         """
         if self.source.shape[1] == 3:
             return None
-        normal = plane_normal(self.T_target_source[:3])
-        return -normal / np.linalg.norm(normal)
+        return -unit_normal(self.T_target_source[:3])
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""

@@ -154,9 +154,8 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
 
 def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
     """The one route around the largest hole in the ink, if that is larger than a letter's."""
-    contours, relations = cv2.findContours(
-        mask.view(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
-    )
+    ink = mask.view(np.uint8)
+    contours, relations = cv2.findContours(ink, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     # The ink at a hole has the outline of a piece as its parent.
     inner = np.flatnonzero(relations[0, :, 3] >= 0)
     holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= MIN_RING_PX]
@@ -172,10 +171,9 @@ ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches")
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
-    *("curve-on-border", "curve-straight", "curve-short", "ink-outweighs"),
-    *("ink-joins", "ink-touches", "leaves-picture"),
-    *("bridge", "bridge-long", "bridge-near-end", "stretch-hidden"),
-}
+    "curve-on-border", "curve-straight", "curve-short", "ink-outweighs", "ink-joins", "ink-touches",
+    "leaves-picture", "bridge", "bridge-long", "bridge-near-end", "stretch-hidden",
+}  # fmt: skip
 MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
 
 # Distance [px] from the points of its old line from which a point counts as changed: half of it may
@@ -366,15 +364,14 @@ class Geometry:
 
     def with_stroke(self, number: int, stroke: MendedStroke) -> Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
-        before, strokes = self.strokes[number], list(self.strokes)
-        strokes[number] = stroke
+        before = self.strokes[number]
+        strokes = (*self.strokes[:number], stroke, *self.strokes[number + 1 :])
         # Points of either line that are not on the other.
         changed = [
             one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)
-        strokes = tuple(strokes)
         return replace(self, strokes=strokes, findings=findings, taken=(), is_as_found=False)
 
     def with_strokes(self, strokes: tuple[MendedStroke, ...]) -> Geometry:
@@ -422,7 +419,7 @@ def geometry_of_extraction(
 ) -> Geometry:
     """What `vfplan extract` makes of a slice, in place of what was there; raises as it does."""
     extracted = extract(image, settings)
-    strokes = tuple(MendedStroke.of(stroke) for stroke in extracted.extraction.strokes)
+    strokes = tuple(map(MendedStroke.of, extracted.extraction.strokes))
     return replace(
         before, strokes=strokes, findings=extracted.findings, taken=(), refusal=None,
         is_as_found=True,

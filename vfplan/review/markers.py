@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vfplan.display import MM
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import unit_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
 from vfplan.planning.settings import FixtureSettings
@@ -133,8 +133,7 @@ class Fit:
         count, in_space = len(self.used), self.T_patient_image is not None
         needed, _ = fewest_markers(self.settings.model, 3 if in_space else 2)
         if count < needed:
-            text = f"{count} markers are whole and in use. At least {needed} are needed."
-            return None, text
+            return None, f"{count} markers are whole and in use. At least {needed} are needed."
         spacing_m = None
         if self.pixel_spacing_mm is not None and self.T_patient_image is None:
             spacing_m = tuple(size / MM for size in self.pixel_spacing_mm)
@@ -305,16 +304,9 @@ def fit_of_files(
     else:
         return fit_of(pairs, image, settings), pairs.inputs
     spreads = [()] * len(side.labels) if side.sigma is None else np.atleast_2d(side.sigma.T).T
+    rows = zip(side.labels, side.positions.tolist(), spreads, strict=True)
     markers = tuple(
         Marker(label, sigma_m=tuple(spread), **{name: tuple(position)})
-        for label, position, spread in zip(
-            side.labels, side.positions.tolist(), spreads, strict=True
-        )
-    )  # fmt: skip
+        for label, position, spread in rows
+    )
     return Fit(markers, settings, image.pixel_spacing_mm), {"markers": side.sha256}
-
-
-def unit_normal(axes: NDArray) -> NDArray[np.float64]:
-    """The direction of length 1 across the first two columns of a plane."""
-    normal = plane_normal(axes)
-    return normal / np.linalg.norm(normal)

@@ -47,16 +47,16 @@ MARGIN = 60
 
 CONTENT_WIDTH = PAGE_WIDTH - 2 * MARGIN
 
-WHITE: Colour = colour_of("#ffffff")
-BLACK: Colour = colour_of("#141414")
-GREY: Colour = colour_of("#464646")
+WHITE = colour_of("#ffffff")
+BLACK = colour_of("#141414")
+GREY = colour_of("#464646")
 
 # What each colour means on every sheet.
-LINE_COLOUR: Colour = colour_of(CLOUD)
-BRIDGE_COLOUR: Colour = colour_of(BRIDGED)
-BAND_COLOUR: Colour = colour_of(PROXY)
-WALL_COLOUR: Colour = colour_of(CONTACT)
-GUIDE_COLOUR: Colour = colour_of(HIP)
+LINE_COLOUR = colour_of(CLOUD)
+BRIDGE_COLOUR = colour_of(BRIDGED)
+BAND_COLOUR = colour_of(PROXY)
+WALL_COLOUR = colour_of(CONTACT)
+GUIDE_COLOUR = colour_of(HIP)
 
 # The marks around a name that is written by itself; see `vfplan.display.isolated`.
 ISOLATES = re.compile("[\u2068\u2069]")

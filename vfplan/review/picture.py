@@ -83,7 +83,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
-    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, float(y + VIEW_PX + 60)
+    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_PX + 60
     rows = rendered_legend(outlines)
     if rows:
         heading = "In the middle of each view"
@@ -91,7 +91,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         if plan.kind == "guide" and axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
             free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
-    return free_x, free_y, float(y + 2 * (VIEW_PX + 60))
+    return free_x, free_y, y + 2 * (VIEW_PX + 60)
 
 
 def draw_scale_bar(
@@ -104,7 +104,7 @@ def draw_scale_bar(
     right = round(end + 18 + BODY.width_of(words))
     sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
     paper.draw_line(sheet.canvas, np.array([[x, middle], [end, middle]]), BLACK, 4)
-    sheet.text(end + 14, y, words, BODY)
+    sheet.text(end + 14, y, words)
 
 
 def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
@@ -228,8 +228,11 @@ def draw_picture(
 
 def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
-    region, bridges = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(2))
+    region, bridges, free = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(3))
     for stroke in plan.strokes:
+        # A closed line has no end that something could cover.
+        for end in stroke.end_points:
+            paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
         distance, points = panel.outline_distance(stroke), panel.place(stroke.points)
         thickness = max(1, round(2 * distance))
         if stroke.is_ordered:
@@ -245,10 +248,6 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
     cv2.drawContours(panel.canvas, contours, -1, LINE_COLOUR, 2, cv2.LINE_AA)
     cv2.drawContours(bridged, contours, -1, paper.BRIDGE_COLOUR, 2, cv2.LINE_AA)
     panel.canvas[bridges > 0] = bridged[bridges > 0]
-    # A closed line has no end that something could cover.
-    free = np.zeros_like(region)
-    for end in np.concatenate([np.empty((0, 2)), *(line.end_points for line in plan.strokes)]):
-        paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
     panel.canvas[free > 127] = before[free > 127]
     return region
 
@@ -260,7 +259,7 @@ DASHED = ((0, 12), (17, 29), (34, 44))
 
 # What the legend says of what the robot renders, and its colour. The tool is kept off a wall, and
 # held in a guide's tube.
-RENDERED: dict[str, LegendRow] = {
+RENDERED = {
     "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR, SOLID),
     "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR, SOLID),
 }
@@ -292,7 +291,7 @@ def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
-        middle = start + (np.hypot(*(line - start).T).min() + PULL_GAP) * across
+        middle = start + (nearest_point(line, start)[1] + PULL_GAP) * across
         half, size = PULL_LENGTH / 2 * along, np.array(canvas.shape[1::-1])
         if ((middle >= 0) & (middle < size)).all():
             # All of the arrow lies on the canvas, with its head.
@@ -305,9 +304,8 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
-    known = [marker for marker in plan.markers if marker.residual_px is not None]
-    places = np.array([marker.place for marker in known]).reshape(-1, 2)
-    moved = np.array([marker.residual_px for marker in known]).reshape(-1, 2)
+    known = [(*m.place, *m.residual_px) for m in plan.markers if m.residual_px is not None]
+    places, moved = np.hsplit(np.reshape(known, (-1, 4)), 2)
     longest = np.hypot(*moved.T).max(initial=0.0)
     size = np.array([plan.image.width_px, plan.image.height_px])
     arrow_px = max(size[0], 300) / 10
@@ -315,7 +313,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     if 0 < longest < arrow_px:
         enlargement = min(nice_length(arrow_px / longest), 500.0)
         tips = places + enlargement * moved
-        is_cut = bool(((tips < 0) | (tips > size - 1)).any())
+        is_cut = not np.array_equal(tips, tips.clip(0, size - 1))
         if is_cut and arrow_px * panel.zoom > 4 * paper.ARROW_HEAD:
             # Half as long an arrow is still plain. What the border cuts then too has no head.
             enlargement = nice_length(enlargement / 2)
@@ -340,13 +338,12 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
 def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
-    for point in panel.place(plan.slicer_points):
-        away = [nearest_point(panel.place(stroke.points), point) for stroke in plan.strokes]
-        number = int(np.argmin([distance for _, distance in away]))
-        stroke = plan.strokes[number]
-        across = normals(stroke.points, stroke.closed)[away[number][0]]
+    for place in plan.slicer_points:
+        stroke = min(plan.strokes, key=lambda line, at=place: nearest_point(line.points, at)[1])
+        nearest, _ = nearest_point(stroke.points, place)
+        across, point = normals(stroke.points, stroke.closed)[nearest], panel.place(place)
         gap = panel.outline_distance(stroke) + 3
-        if min((np.hypot(*(end - point)) for end in ends), default=np.inf) < FREE_RADIUS:
+        if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):
             gap = FREE_RADIUS + 4  # An end is left free.
         tick = point + across * np.array([[gap], [gap + TICK_LENGTH]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
@@ -393,7 +390,7 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         room = MARKER_WIDTH - STRONG.width_of(f" {residual}")
         tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
-        tag((entry.u, entry.v), str(entry.number))
+        tag(entry.middle, str(entry.number))
 
 
 def draw_legend(
@@ -415,8 +412,7 @@ def draw_legend(
         rows.append((f"{words}in the slice, {length}", BLACK, SOLID))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
     if plan.other_ink:
-        words = "Plain numbers: other ink, listed below."
-        y = sheet.paragraph(COLUMN_X, y, words, COLUMN_WIDTH)
+        y = sheet.paragraph(COLUMN_X, y, "Plain numbers: other ink, listed below.", COLUMN_WIDTH)
     return y + 10
 
 
@@ -431,5 +427,5 @@ def draw_legend_rows(
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
-        y = sheet.paragraph(x + 56, y, words, width - 56, BODY) + 6
+        y = sheet.paragraph(x + 56, y, words, width - 56) + 6
     return y

@@ -39,18 +39,14 @@ from vfplan.images.read import (
     made_flat,
     plane_of_slice,
     read_stack,
+    side_of_patient,
     slice_file,
 )
 from vfplan.io.files import naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
-from vfplan.planning.settings import (
-    CURVE95,
-    ExtractSettings,
-    FixtureSettings,
-    overridden,
-)
+from vfplan.planning.settings import CURVE95, ExtractSettings, FixtureSettings, overridden
 from vfplan.registration.checks import perspective_test
 from vfplan.registration.registration import describe_side
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice, ink_of
@@ -136,7 +132,7 @@ class Source:
         if self.image.T_patient_image is not None:
             right, down, _ = self.image.T_patient_image[:3].T
             directions = {"left": -right, "right": right, "top": -down, "bottom": down}
-            sides = {name: side_of_patient(towards) for name, towards in directions.items()}
+            sides = {name: side_of_patient(towards)[0] for name, towards in directions.items()}
         return {
             "name": self.path.name, "width_px": self.image.width_px,
             "height_px": self.image.height_px, "pixel_spacing_mm": self.image.pixel_spacing_mm,
@@ -406,14 +402,12 @@ class Plan:
     @cached_property
     def other_ink(self) -> tuple[AccountEntry, ...]:
         """The account without the gaps that a bridge of the line crosses."""
-        bridged = [stroke.points[stroke.bridged] for stroke in self.strokes]
-        places = np.vstack([np.full((1, 2), np.inf), *bridged])
-
-        def is_listed(entry: AccountEntry) -> bool:
-            away = np.hypot(*(places - (entry.u, entry.v)).T).min()
-            return entry.what == "ink" or away > max(1.0, entry.pixels / 2)
-
-        return tuple(filter(is_listed, self.account))
+        bridged = {
+            tuple(place) for line in self.strokes for place in line.points[line.bridged].tolist()
+        }
+        return tuple(
+            entry for entry in self.account if entry.what == "ink" or entry.middle not in bridged
+        )
 
     @property
     def slicer_points(self) -> Array:
@@ -452,13 +446,11 @@ class Plan:
         residuals_px = residuals @ np.linalg.pinv(self.plane[:, :2]).T
         if record.source_frame != "image":
             places = onto_plane(self.image.T_patient_image[:3])(places)
+        rows = zip(record.labels, places, record.residuals_m, residuals_px, strict=True)
         return tuple(
-            Marker(label, place, is_used=label not in left_out, residual_m=float(residual_m),
-                   residual_px=residual_px)
-            for label, place, residual_m, residual_px in zip(
-                record.labels, places, record.residuals_m, residuals_px, strict=True
-            )
-        )  # fmt: skip
+            Marker(label, place, is_used=label not in left_out, residual_m=float(m), residual_px=px)
+            for label, place, m, px in rows
+        )
 
     @property
     def bounds(self) -> Iterator[tuple[Stroke, Array]]:
@@ -472,9 +464,9 @@ class Plan:
         if not self.geometry.strokes:
             return Outcome(None, of_curve)
         # What no step changed is approved as it is in the bundle.
-        before = [stroke.points for stroke in source.geometry.strokes]
-        after = [stroke.points for stroke in self.geometry.strokes]
-        is_same = self.fit is source.fit and list(map(id, before)) == list(map(id, after))
+        before = [id(stroke.points) for stroke in source.geometry.strokes]
+        after = [id(stroke.points) for stroke in self.geometry.strokes]
+        is_same = self.fit is source.fit and before == after
         if source.as_opened is not None and is_same:
             findings = tuple(map(self.geometry.as_settled, source.as_opened.findings))
             return Outcome(source.as_opened, findings)
@@ -708,10 +700,8 @@ def source_of_slice(
     if curve_path is None:
         geometry = geometry_of_slice(image, extraction)
     else:
-        drawn = extract(
-            image, extraction, curve=curve_path, contact_radius=planning.contact_radius
-        )  # fmt: skip
-        strokes = tuple(MendedStroke.of(stroke) for stroke in drawn.extraction.strokes)
+        drawn = extract(image, extraction, curve=curve_path, contact_radius=planning.contact_radius)
+        strokes = tuple(map(MendedStroke.of, drawn.extraction.strokes))
         geometry = Geometry(strokes, None, drawn.findings)
         inputs, recipe = drawn.fixture.provenance.inputs, drawn.fixture.provenance.settings
         sha256["curve"] = inputs["curve"]
@@ -807,10 +797,3 @@ def geometry_of_bundle(
     return Geometry(
         strokes, ink, of_curve, max_gap_px=extraction.max_gap_px, is_as_found=ink is None
     )
-
-
-def side_of_patient(direction: np.ndarray) -> str:
-    """The letter of the patient's side to which a direction of LPS leads most."""
-    # Each pair of letters stands for the negative and the positive direction of an axis.
-    axis = int(np.abs(direction).argmax())
-    return ("RL", "AP", "FH")[axis][int(direction[axis] > 0)]

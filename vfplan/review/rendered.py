@@ -31,12 +31,12 @@ from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Rendering, Review, Stroke
-from vfplan.geometry.lines import plane_normal, runs
+from vfplan.geometry.lines import plane_normal, runs, unit_normal
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
 from vfplan.registration.registration import Registration, fit_registration
-from vfplan.review.markers import size_of, unit_normal
+from vfplan.review.markers import size_of
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 Array = NDArray[np.float64]

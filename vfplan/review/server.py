@@ -299,8 +299,7 @@ class ReviewServer:
             shown = np.interp(np.arange(grey_max + 1), (int(low), int(high)), (0, 255))
             rgb = np.rint(shown).astype(np.uint8)[rgb]
             # A low compression: the bytes do not leave this computer.
-            how = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-            _, data = cv2.imencode(".png", rgb[..., ::-1], how)
+            _, data = cv2.imencode(".png", rgb[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 1])
             return reply(connection, data.tobytes(), "image/png", HEADERS)
         page = _pages().get(name)
         if page is None:
@@ -451,7 +450,7 @@ def _pages() -> dict[str, tuple[bytes, str]]:
     """Path -> (body, media type) of all that is served without a token: no word of the slice."""
     pages = {}
     for file in files("vfplan.review").joinpath("page").iterdir():
-        suffix = file.name[file.name.rfind(".") :]
+        suffix = Path(file.name).suffix
         if suffix in MEDIA_TYPES:
             pages[f"/{file.name}"] = (file.read_bytes(), f"{MEDIA_TYPES[suffix]}; charset=utf-8")
     pages["/"] = pages.pop("/index.html")

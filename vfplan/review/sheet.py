@@ -21,34 +21,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import (
-    MAX_NUMBERED,
-    MM,
-    coordinates,
-    count,
-    finding_name,
-    isolated,
-    millimetres,
-)
+from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, length_of, runs
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
-from vfplan.review import paper
+from vfplan.review import paper, picture
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
-from vfplan.review.picture import (
-    COLUMN_WIDTH,
-    COLUMN_X,
-    draw_picture,
-    draw_rendered,
-    draw_views,
-    ends_of,
-)
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
-from vfplan.review.strokes import CLOSE_PX
+from vfplan.review.strokes import CLOSE_PX, nearest_point
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -131,7 +115,7 @@ def geometry_in_words(plan: Plan) -> str:
             continue
         words = "closed, " if stroke.closed else "open, "
         if plan.fixture.frame == "image":
-            words += f"{length_of(stroke.points, stroke.closed):.1f} px"
+            words += f"{stroke.length:.1f} px"
             if plan.spacing_mm is not None:
                 length_mm = length_of(stroke.points * plan.spacing_mm, stroke.closed)
                 words += f" = {length_mm:.1f} mm"
@@ -221,7 +205,7 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
             head += f", at ({coordinates(finding.place_px)})"
-            head += "".join(f", other ink {number}" for number in ink_at(plan, finding))
+            head += ink_at(plan, finding)
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
@@ -249,14 +233,14 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
     return lists
 
 
-def ink_at(plan: Plan, finding: Finding) -> list[int]:
-    """The number of the other ink that a finding asks about; none for another finding."""
+def ink_at(plan: Plan, finding: Finding) -> str:
+    """The other ink that a finding asks about, by its number; empty for another finding."""
+    if finding.code not in ASKS_ABOUT_INK:
+        return ""
     pieces = [entry for entry in plan.other_ink if entry.piece is not None]
-    if finding.code not in ASKS_ABOUT_INK or not pieces:
-        return []
-    away = [away_from(entry.piece, finding) for entry in pieces]
-    nearest = int(np.argmin(away))
-    return [pieces[nearest].number] if away[nearest] <= CLOSE_PX else []
+    away = [(away_from(entry.piece, finding), entry.number) for entry in pieces]
+    away_px, number = min(away, default=(np.inf, 0))
+    return f", other ink {number}" if away_px <= CLOSE_PX else ""
 
 
 def draw_lists(
@@ -370,7 +354,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         name = f"line {number}"
         if len(plan.strokes) == 1:
             name = "the line"
-        for which, end, direction in ends_of(stroke):
+        for which, end, direction in picture.ends_of(stroke):
             caption = f"{which.capitalize()} of {name}"
             note = width
             if is_even_ahead(rgb, stroke, end, direction):
@@ -379,8 +363,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
-            wider = f"{caption}, wider"
-            insets.append(Inset(wider, end, note, WIDER_ZOOM, True, has_line))
+            insets.append(Inset(f"{caption}, wider", end, note, WIDER_ZOOM, True, has_line))
         # One inset a bridge, or several along a long one.
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]
@@ -393,7 +376,7 @@ def insets_of(plan: Plan) -> list[Inset]:
                     note += f", part {part + 1} of {parts}"
                 insets.append(Inset(f"Bridge {k} of {name}", place, note, bridge=points))
     others = [
-        (f"{entry.number}: {GAP}", (entry.u, entry.v))
+        (f"{entry.number}: {GAP}", entry.middle)
         for entry in plan.other_ink if entry.what != "ink"
     ]  # fmt: skip
     others += [
@@ -415,7 +398,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
         if lines:
-            half_px = max(half_px, np.hypot(*(np.vstack(lines) - points[worst]).T).min())
+            half_px = max(half_px, nearest_point(np.vstack(lines), points[worst])[1])
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         caption = "Error and outline, true scale"
@@ -496,7 +479,7 @@ def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
     for outline in plan.outlines:
-        draw_rendered(enlarged, outline, inset.within)
+        picture.draw_rendered(enlarged, outline, inset.within)
     for stroke, half_m in plan.bounds:
         points = inset.within(stroke.points)
         paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
@@ -529,7 +512,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
-    is_more = bool(plan.fixture.open_findings) or plan.is_slice_missing
+    is_more = plan.fixture.open_findings or plan.is_slice_missing
     if is_more:
         x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
     y = sheet.paragraph(x, float(MARGIN), verdict_of(plan), width, paper.TITLE, colour)
@@ -543,13 +526,13 @@ def draw_sheet(plan: Plan) -> Sheet:
         words += f" The slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
     if plan.image is None:
-        free_x, free_y, y = draw_views(sheet, plan, y)
+        free_x, free_y, y = picture.draw_views(sheet, plan, y)
         draw_facts(sheet, plan, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
         draw_lists(sheet, plan, y)
     else:
         rgb = as_uint8(plan.image.rgb)
-        bottom, column_y = draw_picture(sheet, plan, rgb, y)
-        column_y = draw_facts(sheet, plan, COLUMN_X, column_y + 10, COLUMN_WIDTH)
+        bottom, column_y = picture.draw_picture(sheet, plan, rgb, y)
+        column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 10, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
         last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
         in_last_row = len(insets) % INSETS_IN_A_ROW
@@ -558,7 +541,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     # The digest on every page, and which page of how many it is.
     for page in range(sheet.page + 1):
         number = f"page {page + 1} of {sheet.page + 1}"
-        sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", BODY, page=page)
+        sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
     return Sheet(sheet.image(), tuple(sheet.boxes))

@@ -6,7 +6,7 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -121,10 +121,8 @@ def knot_of(stroke: MendedStroke, step: Step) -> int:
     """The number of the knot that a step names."""
     knot = whole_number(step, "knot")
     if not 0 <= knot < len(stroke.knots):
-        raise SettingError(
-            f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0.",
-            code="no-such-knot",
-        )
+        text = f"There is no knot {knot}. The stroke has {len(stroke.knots)}, from 0."
+        raise SettingError(text, code="no-such-knot")
     return knot
 
 
@@ -512,7 +510,7 @@ def points_in_view(plan: Plan, step: Step) -> np.ndarray:
     return stroke.points[is_in]
 
 
-STEPS: dict[str, Callable[[Plan, Step], Plan]] = {
+STEPS = {
     step.__name__: step
     for step in (
         move_knot, insert_knot, delete_knot, draw, cut, join, delete_stroke, reverse, choose,

@@ -528,10 +528,8 @@ class MendedStroke(Stroke):
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
-            raise SettingError(
-                "The drawn stretch leaves a closed curve at one end. Let both ends lie on it.",
-                code="stretch-off-curve",
-            )
+            text = "The drawn stretch leaves a closed curve at one end. Let both ends lie on it."
+            raise SettingError(text, code="stretch-off-curve")
         if not near[0] and not near[-1]:
             # It comes from elsewhere, runs along the stroke and goes on: it is the stroke now.
             return self._with_stretch(0, count - 1, drawn, ink, free=(True, True))

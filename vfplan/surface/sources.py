@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import unit_normal
 from vfplan.images.dicom import (
     begins_like_dicom,
     group_value,
@@ -245,8 +245,7 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, list[in
     names = "SegmentIdentificationSequence", "ReferencedSegmentNumber"
     numbers = [group_value(dataset, *names, k) for k in range(count)]
     members = [k for k, number in enumerate(numbers) if number is None or int(number) == segment]
-    normal = plane_normal(axes)
-    normal /= np.linalg.norm(normal)
+    normal = unit_normal(axes)
 
     heights = np.sort(corners[members] @ normal)
     doubled = np.flatnonzero(np.diff(heights) < SAME_M)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import unit_normal
 from vfplan.images.raster import chosen_index
 from vfplan.io.files import (
     GZIP_OR_ZLIB,
@@ -166,8 +166,7 @@ def contours_of_slices(
             f"structure {chosen} has no pixels. Choose another with --structure.",
             code="structure-empty", numbers={"structure": chosen},
         )  # fmt: skip
-    normal = plane_normal(axes)
-    normal /= np.linalg.norm(normal)
+    normal = unit_normal(axes)
     heights = corners @ normal
     is_empty = np.abs(heights[drawn] - heights[:, None]).min(axis=1) > SAME_M
     remarks: tuple[str, ...] = ()
