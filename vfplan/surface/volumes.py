@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 import re
 import warnings
 import zlib
@@ -32,7 +31,7 @@ from vfplan.io.files import (
     OpenedFile,
     decompress,
 )  # fmt: skip
-from vfplan.io.sandbox import raise_limits, run_in_sandbox
+from vfplan.io.sandbox import raise_limits, raise_limits_for, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
@@ -233,9 +232,7 @@ def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
 
 def outlines(file: BinaryIO, kind: str, structure: str | None) -> Iterator[Any]:
     """What `read_label_map` returns, in the sandbox: a head with all but the rings, then these."""
-    size = file.seek(0, os.SEEK_END)
-    raise_limits(2 * size, 0)
-    file.seek(0)
+    raise_limits_for(file)
     read = read_nrrd if kind == "nrrd" else read_nifti
     found = contours_of_volume(read(file.read()), structure)
     structures = [(each.number, each.name) for each in found.structures]
@@ -251,8 +248,7 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     Yields how many there are, (4, 3) T_patient_image [m] and the range of the volume, then the
     (H, W) greys, uint16.
     """
-    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
-    file.seek(0)
+    raise_limits_for(file)
     data = file.read()
     read = read_nrrd if data.startswith(NRRD) else read_nifti
     layers, _, place = read(data, has_labels=False)
