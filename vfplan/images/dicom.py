@@ -261,8 +261,7 @@ def decode(
             raise ImageError(
                 f"the DICOM file holds no pixels ({modality}). Export the slice itself."
             )
-        frames = int(dataset.get("NumberOfFrames") or 1)
-        index = chosen_index("frame", frame, frames)
+        index = chosen_index("frame", frame, int(dataset.get("NumberOfFrames") or 1))
         rgb, grey_range = read_pixels(dataset, index, max_pixels)
         patient_spacing_mm = read_spacing(dataset, "PixelSpacing", index)
         spacing_mm = patient_spacing_mm

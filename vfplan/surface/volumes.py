@@ -86,20 +86,18 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     Where smoothing would lose or join parts or holes, that slice keeps its stairs and `smoothed`
     is false.
     """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter
+    from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter
 
-    rows = np.flatnonzero(inside.any(axis=1))
-    columns = np.flatnonzero(inside.any(axis=0))
-    if not len(rows):
+    boxes = find_objects(inside.astype(np.uint8))
+    if not boxes:
         return [], True
-    cut_out = inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    mask = np.pad(cut_out != 0, PAD_PX)
+    mask = np.pad(inside[boxes[0]], PAD_PX)
     distance = distance_transform_edt(~mask) - distance_transform_edt(mask)
     distance -= np.where(mask, -0.5, 0.5)
     borders = zero_rings(distance)
     smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
     keeps_parts = len(smooth_borders) == len(borders)
-    first = np.array([rows[0], columns[0]])
+    first = np.array([side.start for side in boxes[0]])
     rings = smooth_borders if keeps_parts else borders
     return [ring + first - PAD_PX for ring in rings], keeps_parts
 
