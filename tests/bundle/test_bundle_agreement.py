@@ -118,8 +118,7 @@ def off_the_slice():
 def other_markers():
     fixture = bundles.patient()
     target = fixture.registration.target + np.array([0.01, 0, 0])
-    record = replace(fixture.registration, target=target)
-    return replace(fixture, registration=record)
+    return replace(fixture, registration=replace(fixture.registration, target=target))
 
 
 OTHER_REGISTRATIONS = {

@@ -162,11 +162,7 @@ def test_the_second_reader_gives_the_same_verdict_of_hostile_files():
 def test_the_second_reader_gives_the_same_verdict_of_mutants():
     """Of files that were changed and sealed anew, as far as the page says what a reader does."""
     for number, data in enumerate(fuzz_bundle.mutants(0, 1000)):
-        try:
-            wanted = to_json_types(read_bundle(data)[0])
-        except BundleError:
-            wanted = None
-        assert by_the_second(data) == wanted, number
+        assert by_the_second(data) == by_the_package(data), number
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)

@@ -20,17 +20,6 @@ def path(tmp_path):
     return tmp_path / "a.h5"
 
 
-def test_json_names_every_value_by_its_path(vfplan_cli, path):
-    run = vfplan_cli("info", path, "--json")
-    fixture = bundles.whole()
-    assert (run.code, run.stderr) == (0, "")
-    assert run.json["format"] == "vfplan-fixture"
-    assert (run.json["frame"], run.json["points"]) == ("robot_base", 70)
-    assert run.json["/rendering/stiffness"] == fixture.stiffness.tolist()
-    assert run.json["/registration/labels"] == list(fixture.registration.labels)
-    assert run.json["/points"]["shape"] == [70, 3]
-
-
 def test_a_file_that_may_not_be_read_is_code_3(path, monkeypatch):
     """As the system answers whoever is not its owner; the tests may run as root."""
     monkeypatch.setattr(os, "access", lambda *_: False)
@@ -49,8 +38,7 @@ def test_the_next_step_of_an_approved_bundle_signs_it_for_its_case(vfplan_cli, t
     approved = tmp_path / "approved.h5"
     assert vfplan_cli(*words, digest, "-o", approved).code == 0
     for command in (("info",), ("stability", "--part=closed-loop", "--robot=franka")):
-        run = vfplan_cli(*command, approved)
-        assert "--key KEY --case K9 -o" in run.stdout
+        assert "--key KEY --case K9 -o" in vfplan_cli(*command, approved).stdout
 
 
 @pytest.mark.parametrize("image", [{}, {"image": None}])
@@ -66,7 +54,9 @@ def test_the_page_is_a_summary_and_all_has_every_value(vfplan_cli, path):
     assert len(short.stdout.splitlines()) <= 10
     assert "not signed" in short.stdout
     assert "K 1000" in short.stdout
-    work = vfplan_cli("info", path, "--json").json["tick_work"]
+    run = vfplan_cli("info", path, "--json")
+    assert (run.code, run.stderr) == (0, "")
+    assert run.json["/points"]["shape"] == [70, 3]
+    work = run.json["tick_work"]
     assert f"rule {work['rule']}, a tick takes at most {work['us']:.0f} us" in short.stdout
-    data = vfplan_cli("info", path, "--json").json
-    assert all(f"  {name}" in whole.stdout for name in data if name[0] == "/")
+    assert all(f"  {name}" in whole.stdout for name in run.json if name[0] == "/")

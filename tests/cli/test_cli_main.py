@@ -12,8 +12,7 @@ from vfplan.errors import CurveError
 
 
 def test_without_a_command_the_help_is_shown(vfplan_cli):
-    run = vfplan_cli().sound
-    assert run.stdout == vfplan_cli("--help").stdout
+    assert vfplan_cli().sound.stdout == vfplan_cli("--help").stdout
 
 
 @pytest.mark.parametrize(

@@ -113,9 +113,8 @@ def test_markers_are_found_in_the_slice(vfplan_cli, curve, tmp_path):
 
 
 def test_markers_in_centimetres_taken_for_metres_are_refused(vfplan_cli, curve, tmp_path):
-    bad = scaled(tmp_path, 100)
-    vfplan_cli("register", curve, PIXELS, bad, "-o",
-               tmp_path / "f.h5").fails(3, "m (rms) from their centre")  # fmt: skip
+    words = (curve, PIXELS, scaled(tmp_path, 100), "-o", tmp_path / "f.h5")
+    vfplan_cli("register", *words).fails(3, "m (rms) from their centre")
     assert not (tmp_path / "f.h5").exists()
 
 

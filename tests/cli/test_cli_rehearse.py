@@ -96,8 +96,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
 
 @pytest.mark.full
 def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfplan_cli):
-    run = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json").sound
-    found = run.json
+    found = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json").sound.json
     assert sorted(found["files"]) == sorted(path.name for path in (tmp_path / "demo").iterdir())
     for numbers in found["experiments"].values():
         assert numbers["reachable"]

@@ -106,13 +106,9 @@ def test_bad_input(vfplan_cli, tmp_path):
     vfplan_cli("stability", curve).fails(3, "robot_base")
 
 
-def plan(vfplan_cli, output, *options):
-    return vfplan_cli("plan", *ELBOW, "-o", output, *options, "--json")
-
-
 def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
     output = tmp_path / "fixture.h5"
-    run = plan(vfplan_cli, output, "--robot", "franka").sound
+    run = vfplan_cli("plan", *ELBOW, "-o", output, "--robot", "franka", "--json").sound
     stored = read_fixture(output).stability
     assert stored.robot == "franka"
     assert stored.stable
@@ -120,7 +116,6 @@ def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
 
 
 def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, tmp_path):
-    output = tmp_path / "fixture.h5"
-    plan(vfplan_cli, output, "--robot", "franka", "--stiffness",
-         5000).fails(1, "allowed with a margin of 1.25")  # fmt: skip
+    words = ("-o", tmp_path / "fixture.h5", "--robot", "franka", "--stiffness", 5000)
+    vfplan_cli("plan", *ELBOW, *words).fails(1, "allowed with a margin of 1.25")
     assert not list(tmp_path.iterdir())

@@ -3,7 +3,6 @@
 `meshes.py` draws the cases and judges them.
 """
 
-import subprocess
 from collections import Counter
 from dataclasses import replace
 from functools import partial
@@ -12,7 +11,7 @@ import meshes
 import numpy as np
 import pytest
 from meshes import R
-from motion import NATIVE, compiled, drag, hold, play, unbroken
+from motion import NATIVE, compiled, drag, hold, output, play, unbroken
 from replays import meshed
 from scipy.spatial import cKDTree
 from triangle_scenes import Triangles
@@ -246,7 +245,7 @@ def test_a_ray_through_corners_and_edges_tells_the_side(shape, longest, tmp_path
         numbers += rows.ravel().tolist()
     program = compiled(tmp_path, NATIVE / "mesh_sides.cpp", "-O0", "-DVFPLAN_NARROW")
     text = " ".join(map(repr, numbers))
-    found = subprocess.run([program], input=text, capture_output=True, text=True, check=True).stdout
+    found = output(program, input=text)
     assert np.array_equal(np.array(found.split(), int), meshes.winding(corners, places))
     assert len(places) > 800
 

@@ -9,6 +9,7 @@ import pytest
 from motion import grid, play
 
 from vfplan import ProxyEngine
+from vfplan.geometry.lines import interpolated
 from vfplan.stability.cases import ROUNDING_M, breach, energy_balance, random_path
 from vfplan.stability.contacts import Contact, patch
 
@@ -77,7 +78,7 @@ def test_every_rule_keeps_its_promises_on_extreme_geometry(outline, noise, scale
         turns = start + r * (rng.normal(size=(7, 3)) - 3 * UP) * [1, 1, 0]
         way = np.vstack([start, turns, turns[-1]])
         at = np.linspace(0, len(way) - 1, 500 * (len(way) - 1))
-        hips = np.column_stack([np.interp(at, range(len(way)), column) for column in way.T])
+        hips = interpolated(at, np.arange(len(way)), way)
         trace = play(engine, hips, start)
         case = engine.rule, axis
         assert breach(place, engine, trace) <= rounding, case
@@ -157,7 +158,7 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
     for p in points[:: max(1, len(points) // 60)]:
         way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
     at = np.linspace(0, len(way) - 1, 40 * len(way))
-    hips = np.column_stack([np.interp(at, np.arange(len(way)), c) for c in np.transpose(way)])
+    hips = interpolated(at, np.arange(len(way)), np.array(way))
     assert breach(place, engine, engine.run(hips)) <= ROUNDING_M
 
 

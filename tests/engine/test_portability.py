@@ -3,7 +3,7 @@
 import subprocess
 
 import pytest
-from conftest import need_program
+from conftest import need_program, output
 from motion import INCLUDE, NATIVE
 
 pytestmark = pytest.mark.slow
@@ -56,4 +56,4 @@ def test_the_rules_compiled_once_give_the_same_engine(tmp_path):
     engine = INCLUDE / "vfplan" / "engine.cpp"
     apart, says = compiled(tmp_path, "-DVFPLAN_COMPILED", engine)
     assert apart, says
-    assert subprocess.run([apart], check=False).returncode == 0
+    output(apart)

@@ -1,6 +1,5 @@
 """The bound on a tick's work: told of every bundle, and a fixture beyond it kept from a robot."""
 
-import subprocess
 from dataclasses import replace
 
 import bundles
@@ -114,7 +113,4 @@ def test_meshes_of_needles_keep_to_the_work_of_a_tick(tmp_path):
     (bundles.minimal, [], 2, "without rendering parameters")])  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
-    words = [program, tmp_path / "a.h5", *options]
-    done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
-    assert done.returncode == code, done.stdout
-    assert says in done.stdout
+    assert says in output(program, tmp_path / "a.h5", *options, code=code)

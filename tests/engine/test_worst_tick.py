@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import bundles
 import curves
+import meshes
 import numpy as np
 import pytest
 from motion import NATIVE, compiled, grid, output
@@ -52,9 +53,7 @@ def meshed(draw):
     y, x, _ = grid(u, u).T
     waves = draw.uniform(0, 0.3) * np.sin(9 * x) * np.cos(7 * y)
     rough = draw.choice([0, 1e-3, 0.3]) / n * draw.normal(size=len(x))
-    at = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
-    a, b, c, d = (part.ravel() for part in (at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]))
-    mesh = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])]).astype(np.int32)
+    _, mesh = meshes.sheet(np.random.default_rng(0), n, 0.0)
     points = size * np.column_stack([x, y, waves + rough])
     if draw.random() < 0.2:
         points = size * draw.normal(size=points.shape) * draw.choice([1.0, 0.1])

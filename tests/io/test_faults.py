@@ -14,6 +14,7 @@ from pathlib import Path
 import bundles
 import numpy as np
 import pytest
+from conftest import ELBOW as SAMPLES
 from conftest import need_program
 from replays import write_session
 
@@ -37,7 +38,7 @@ def shim(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, root):
+def folder(tmp_path_factory):
     """The inputs of every case, and old outputs for those that overwrite."""
     folder = tmp_path_factory.mktemp("faults")
     vfplan.write_fixture(bundles.small(), folder / "f.h5")
@@ -46,8 +47,8 @@ def folder(tmp_path_factory, root):
     np.savetxt(folder / "p.csv", np.eye(3), delimiter=",", header="x,y,z", comments="")
     for name in ("old", "old.pub", "old.h5", "old.csv"):
         (folder / name).write_bytes(b"old")
-    for name in ("elbow.png", "elbow_markers_image.csv", "elbow_markers_robot.csv"):
-        (folder / name).write_bytes((root / "samples" / name).read_bytes())
+    for sample in SAMPLES:
+        (folder / sample.name).write_bytes(sample.read_bytes())
     keygen(folder / "key.pem")
     return folder
 

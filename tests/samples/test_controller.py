@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 from conftest import ELBOW, ROOT, need_program
 from oracle.replays import build_controller
+from replays import fixture_of
 
 import vfplan
-from vfplan.fixture import Curve, Fixture, Guidance, Provenance, Rendering
+from vfplan.fixture import Curve, Guidance
 from vfplan.geometry.lines import fit_arcs
 from vfplan.io.files import parse_seconds
 from vfplan.live.sources import decode
@@ -48,10 +49,8 @@ def controller(tmp_path_factory):
     return run
 
 
-def bundle(path, points, **rendering):
-    chosen = {"stiffness": np.full(3, 1000.0), "contact_radius": 5e-3, "band": 2e-5} | rendering
-    made = Provenance("2026-01-01T00:00:00Z", "vfplan test")
-    fixture = Fixture("robot_base", points, made, rendering=Rendering(**chosen))
+def bundle(path, points, axis=None, band=2e-5, **rendering):
+    fixture = fixture_of(points, axis=axis, band=band, curve=False, **rendering)
     vfplan.write_fixture(fixture, path)
     return path
 
@@ -60,7 +59,7 @@ def bundle(path, points, **rendering):
 def drawn(tmp_path_factory):
     """A drawn curve, endless along z."""
     path = tmp_path_factory.mktemp("drawn") / "omega.h5"
-    return bundle(path, Omega().points + 0.3, ignore_axis=np.array([0.0, 0, 1]))
+    return bundle(path, Omega().points + 0.3, axis=(0, 0, 1))
 
 
 @pytest.fixture(scope="session")
@@ -92,8 +91,7 @@ def sheet(tmp_path_factory):
     """A sheet in space, stiffer along one axis, of fat points."""
     path = tmp_path_factory.mktemp("sheet") / "sheet.h5"
     stiffness = np.array([800.0, 1200.0, 1000.0])
-    points = Sheet(spacing=2e-3).points
-    return bundle(path, points, stiffness=stiffness, point_radius=1e-3, band=5e-4)
+    return bundle(path, Sheet(spacing=2e-3).points, stiffness=stiffness, rv=1e-3, band=5e-4)
 
 
 def logged(path):
@@ -160,12 +158,10 @@ def test_a_guide_replays_bit_for_bit(stroke, arcs, repeated, tmp_path):
     pieces = curves.pieces([(fit.vertices, fit.bulges, False) for fit in fits])
     pieces = replace(pieces, error=1e-6)
     curve = Curve(np.repeat([0, 1], len(x)).astype(np.int32), np.zeros(2, bool))
-    whole = Fixture(
-        "robot_base",
-        np.vstack([wave, np.add(wave, [0, 6e-3, 0])]),
-        Provenance("2026-01-01T00:00:00Z", "vfplan test"),
+    points, axis = np.vstack([wave, np.add(wave, [0, 6e-3, 0])]), (0, 0, 1) if arcs else None
+    whole = replace(
+        fixture_of(points, axis=axis, stiffness=900.0, band=5e-5),
         curve=replace(curve, pieces=pieces) if arcs else curve,
-        rendering=Rendering(np.full(3, 900.0), 5e-3, 5e-5, 0.0, np.eye(3)[2] if arcs else None),
         guidance=Guidance(1e-3, 800.0, "open", stroke),
     )
     vfplan.write_fixture(whole, tmp_path / "guide.h5")
@@ -196,7 +192,7 @@ def happens(folder):
     draw, g = np.random.default_rng(3), np.arange(-15, 15.5) * 1e-3
     level = np.stack([c.ravel() for c in np.meshgrid(g, g, 0.3)], axis=1)
     for name, up, k in (("first", 0, 1000), ("other", 4e-4, 600), ("third", -3e-4, 1500)):
-        bundle(folder / f"{name}.h5", np.add(level, [0, 0, up]), stiffness=np.full(3, k), band=5e-5)
+        bundle(folder / f"{name}.h5", np.add(level, [0, 0, up]), stiffness=k, band=5e-5)
     time = np.cumsum(draw.uniform(0.005, 0.025, 60))
     q = np.column_stack((np.ones(60), draw.normal(0, 5e-3, (60, 3))))
     poses = np.column_stack((

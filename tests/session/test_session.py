@@ -59,7 +59,6 @@ ROW = "0,1,2,3\n"
 BAD_CSV = {
     "empty": ("", "table-empty"),
     "one row": ("t,x,y,z\n" + ROW, "too-few-samples"),
-    "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column-missing"),
     "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column-doubled"),
     "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample-not-finite"),
     "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample-not-finite"),

@@ -3,6 +3,7 @@
 import sys
 
 import bones
+import motion
 import numpy as np
 import pytest
 from bones import BENT
@@ -20,10 +21,8 @@ GAP = 5
 
 def turned(points):
     """Points in a patient who lies askew: turned about all axes, and moved."""
-    a, b = 0.3, -0.2
-    about_z = np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
-    about_x = np.array([[1, 0, 0], [0, np.cos(b), -np.sin(b)], [0, np.sin(b), np.cos(b)]])
-    return points @ (about_z @ about_x).T + [12, -30, 400]
+    turn = motion.turned([0, 0, 1], 0.3) @ motion.turned([1, 0, 0], -0.2)
+    return points @ turn.T + [12, -30, 400]
 
 
 def struct(tmp_path, rings, **more):
@@ -207,8 +206,7 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
 def test_a_place_of_no_patient_is_refused(tmp_path):
     import nibabel
 
-    grid = bones.grid_round(BENT, GAP, pixel=1.0)
-    labels = grid.labels(BENT)
+    labels = bones.grid_round(BENT, GAP, pixel=1.0).labels(BENT)
     image = nibabel.Nifti1Image(labels, np.diag([1.0, 1, 5, 1]))
     image.set_sform(None, code=0)
     image.set_qform(None, code=0)

@@ -154,10 +154,9 @@ def rtstruct(fixture: Fixture, study: str | Path | None) -> bytes:
                 NumberOfContourPoints=len(points), ContourData=texts,
             )
         )  # fmt: skip
-    moment = now_utc()
     made = item(
         Modality="RTSTRUCT", StructureSetLabel="vfplan", OperatorsName="",
-        StructureSetDate=moment[:10].replace("-", ""), StructureSetTime="000000",
+        StructureSetDate=now_utc()[:10].replace("-", ""), StructureSetTime="000000",
         ReferencedFrameOfReferenceSequence=[
             item(FrameOfReferenceUID=uid, RTReferencedStudySequence=[of_study])
         ],

@@ -139,11 +139,10 @@ def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
     data = to_json_types(asdict(camera)) | {"rms_px": rms_px}
     with outputs(output) as (path,):
         write_whole(path, [json.dumps(data, indent=2).encode()], overwrite=True)
-    following = command_of("ar", "FIXTURE.h5", "0", "--camera", output)
     return CommandResult(
         data | {"pictures": used, "output": str(output)},
         f"{used} pictures fit to {rms_px:.3f} px\n{wrote(output)}", verdict="calibrated",
-        next_step=following,
+        next_step=command_of("ar", "FIXTURE.h5", "0", "--camera", output),
     )  # fmt: skip
 
 

@@ -14,7 +14,6 @@ JPEG larger than its own header says.
 from __future__ import annotations
 
 import logging
-import os
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,7 +27,7 @@ from vfplan.geometry import UNIT_ROUNDED
 from vfplan.geometry.lines import plane_normal
 from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.files import nameless_file
-from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, run_in_sandbox
+from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, raise_limits_for, run_in_sandbox
 
 # Bytes that are parsed outside the sandbox. Each 8 may be an element, which takes its time.
 MAX_PARSED_BYTES = 24 << 20
@@ -255,16 +254,14 @@ def decode(
     file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> Iterator[list[Any] | tuple[NDArray]]:
     """What `read_dicom` returns: a head with all but the pixels, then rows of pixels."""
-    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
-    file.seek(0)
+    raise_limits_for(file)
     with open_dataset(file, where, ImageError) as dataset:
         if not any(name in dataset for name in PIXEL_ELEMENTS):
             modality = dataset.get("Modality") or "no image"
             raise ImageError(
                 f"the DICOM file holds no pixels ({modality}). Export the slice itself."
             )
-        frames = int(dataset.get("NumberOfFrames") or 1)
-        index = chosen_index("frame", frame, frames)
+        index = chosen_index("frame", frame, int(dataset.get("NumberOfFrames") or 1))
         rgb, grey_range = read_pixels(dataset, index, max_pixels)
         patient_spacing_mm = read_spacing(dataset, "PixelSpacing", index)
         spacing_mm = patient_spacing_mm
@@ -287,8 +284,7 @@ def decode(
 
 def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
     """The series of a file, its title, and the height of each frame along the slices' normal."""
-    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
-    file.seek(0)
+    raise_limits_for(file)
     heights = []
     with open_dataset(file, where, ImageError) as dataset:
         frames = int(dataset.get("NumberOfFrames") or 1)

@@ -304,9 +304,7 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
         raise ImageError(f"has {count} {what}s. Choose one, 1 to {count}, with --frame.")
     if number is not None and not 1 <= number <= count:
         raise ImageError(f"has no {what} {number}. Choose one, 1 to {count}, with --frame.")
-    if number is None:
-        return 0
-    return number - 1
+    return (number or 1) - 1
 
 
 # Rows of a page that are laid over black together. So few stay in the processor's cache, which

@@ -19,11 +19,12 @@ import re
 import stat
 import weakref
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, cast
 
@@ -379,12 +380,16 @@ class Table:
             text = text.replace(",", ".")
         return parse_number(text, what, place, self.kind)
 
-    def numbers(self, columns: tuple[str, ...]) -> NDArray[np.float64]:
-        """(N, K) the numbers in some columns; raises as `number` and `check_decimals`."""
+    def numbers(self, columns: tuple[str, ...], labels: Sequence[str] = ()) -> NDArray[np.float64]:
+        """(N, K) the numbers in some columns; raises as `number` and `check_decimals`.
+
+        labels: of the rows, for messages
+        """
         import numpy as np  # Here and not above, because `vfplan COMMAND --help` needs none of it.
 
         self.check_decimals(columns)
-        numbers = [[self.number(row, column) for column in columns] for row in self.rows]
+        rows = zip_longest(self.rows, labels, fillvalue="")
+        numbers = [[self.number(row, column, label) for column in columns] for row, label in rows]
         return np.array(numbers).reshape(-1, len(columns))
 
     def check_decimals(self, columns: tuple[str, ...]) -> None:

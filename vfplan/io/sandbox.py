@@ -100,8 +100,6 @@ def run_in_sandbox(
         while (answer := next_answer(pipe)) is not None:
             if "value" in answer:
                 yield answer["value"]
-            elif "arrays" in answer:
-                yield answer["arrays"]
             elif "error" in answer:
                 name, message, details = answer["error"]
                 error_class = getattr(errors, str(name), None)
@@ -130,7 +128,7 @@ def next_answer(pipe: Connection) -> dict[str, Any] | None:
     try:
         answer = json.loads(pipe.recv_bytes(MAX_HEAD_BYTES))
         if "arrays" in answer:
-            answer["arrays"] = tuple(read_array(pipe, *array) for array in answer["arrays"])
+            answer["value"] = tuple(read_array(pipe, *array) for array in answer["arrays"])
     except (EOFError, OSError, TypeError, ValueError):
         return None
     return answer if isinstance(answer, dict) else None
@@ -257,6 +255,12 @@ def raise_limits(memory_bytes: int, seconds: int) -> None:
         return
     for limit, more in ((resource.RLIMIT_DATA, memory_bytes), (resource.RLIMIT_CPU, seconds)):
         _set_soft_limit(limit, resource.getrlimit(limit)[0] + more)
+
+
+def raise_limits_for(file: BinaryIO) -> None:
+    """Allow a job as much more memory as twice the size of its file, which is then at its begin."""
+    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
+    file.seek(0)
 
 
 def _extend_time(step_s: int) -> None:

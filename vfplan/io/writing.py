@@ -241,7 +241,7 @@ def put_in_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
             if error.errno not in NO_HARD_LINKS:
                 raise
             # An empty file takes the name in one step, and is then replaced.
-            os.close(os.open(target, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            target.touch(exist_ok=False)
             try:
                 os.replace(temporary, target)
             except OSError:

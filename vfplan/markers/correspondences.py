@@ -300,16 +300,17 @@ def parse_marker_table(
 
     table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
     labels = [label_of(row.cells[label_column], f"line {row.line}", where) for row in table.rows]
+    names = [f"marker {label!r}" for label in labels]
     sides = []
     if image:
-        positions = _numbers(table, labels, [columns[name] for name in image])
+        positions = table.numbers(tuple(columns[name] for name in image), names)
         sides.append(MarkerPoints("image", tuple(labels), positions, where=where))
     if robot:
-        raw = _numbers(table, labels, [columns[name] for name in robot])
+        raw = table.numbers(tuple(columns[name] for name in robot), names)
         unit, findings = unit_of(robot, raw, place)
         spread = None
         if sigma:
-            spread = _numbers(table, labels, [columns[name] for name in sigma])
+            spread = table.numbers(tuple(columns[name] for name in sigma), names)
             for row, label, values in zip(table.rows, labels, spread, strict=True):
                 if not (values > 0).all():
                     raise MarkerError(
@@ -420,15 +421,6 @@ def unit_of(
         "neither metres nor millimetres. Write x_m,y_m,z_m or x_mm,y_mm,z_mm",
         where=place, code="unit-unclear", numbers={"radius": radius},
     )  # fmt: skip
-
-
-def _numbers(table: Table, labels: list[str], columns: list[str]) -> NDArray[np.float64]:
-    """(N, K) the numbers in some columns."""
-    numbers = [
-        [table.number(row, column, f"marker {label!r}") for column in columns]
-        for row, label in zip(table.rows, labels, strict=True)
-    ]
-    return np.array(numbers).reshape(-1, len(columns))
 
 
 def fiducials(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:

@@ -388,7 +388,7 @@ def _sums_of_squares(problem: Problem, orders: Sequence[tuple[int, ...]]) -> Arr
     y, weights = problem.y[index], problem.weights[index]
     s = np.broadcast_to(problem.s, (len(index), *problem.s.shape))
     m = problem.model.solve(s, y, weights)
-    squares = weights * (y - homogeneous(problem.s) @ np.swapaxes(m, -1, -2)) ** 2
+    squares = weights * (y - problem.x @ np.swapaxes(m, -1, -2)) ** 2
     return np.maximum(squares.sum(axis=(1, 2)), problem.rounding_floor_m**2)
 
 

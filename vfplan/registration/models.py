@@ -79,10 +79,8 @@ class Orthogonal:
             return 7
         return 6
 
-    @property
-    def minimal(self) -> int:
-        """Number of markers that determine the transform."""
-        return 3
+    # Number of markers that determine the transform.
+    minimal = 3
 
     def solve(self, s: Array, y: Array, w: Array) -> Array:
         """M (..., 3, k+1) of least weighted squares, for s (..., N, k), y and w (..., N, 3).

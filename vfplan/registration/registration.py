@@ -43,7 +43,7 @@ from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
@@ -280,7 +280,11 @@ def consistent_markers(problem: Problem) -> Flags:
         index = index[is_spread_out(problem, index)]
         if not len(index):
             continue
-        squares = _squares(problem, index)
+        # (P, N) weighted squared residual of each marker in an unweighted fit of each subset.
+        y = problem.y[index]
+        m = problem.model.solve(problem.s[index], y, np.ones_like(y))
+        error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
+        squares = (problem.weights * error**2).sum(axis=-1)
         sums = np.partition(squares, half - 1, axis=1)[:, :half].sum(axis=1)
         candidate = int(sums.argmin())
         if sums[candidate] < smallest_sum:
@@ -299,14 +303,6 @@ def consistent_markers(problem: Problem) -> Flags:
             break
         used[next_marker] = True
     return used
-
-
-def _squares(problem: Problem, index: NDArray[np.intp]) -> Array:
-    """(P, N) weighted squared residual of each marker in unweighted fits of subsets (P, m)."""
-    s, y = problem.s[index], problem.y[index]
-    m = problem.model.solve(s, y, np.ones_like(y))
-    error = problem.y - problem.x @ np.swapaxes(m, -1, -2)
-    return (problem.weights * error**2).sum(axis=-1)
 
 
 # Directions in the robot's frame that have a word.

@@ -247,8 +247,7 @@ def _jacobian(normals: Array, arms: Array) -> Array:
 def refuse_free_motion(normals: Array, places: Array) -> float:
     """How well the worst motion is constrained; refuses a patch that leaves one free."""
     arms = places - places.mean(axis=0)
-    radius = rms_length(arms)
-    jacobian = _jacobian(normals, arms / radius)
+    jacobian = _jacobian(normals, arms / rms_length(arms))
     _, sizes, motions = np.linalg.svd(jacobian / np.sqrt(len(jacobian)), full_matrices=False)
     constraint = float(sizes[-1])
     if constraint < MIN_CONSTRAINT:

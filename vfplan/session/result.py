@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
@@ -26,6 +26,7 @@ Ticks = TypeVar("Ticks")
 
 RESULT_FORMAT = "vfplan-result"
 RESULT_VERSION = "1.0"
+ADVICE = "Give a result of vfplan replay"
 
 # Dataset -> (shape of a row, type, unit)
 TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
@@ -106,16 +107,15 @@ def read_result(
     file = OpenedFile(Path(path))
     answers = run_in_sandbox("vfplan.session.result:stored_ticks", file=file, where=where)
     attrs = next(answers)
-    if fixture_sha256 is not None:
-        with naming_place(where):
-            require_fixture(attrs, fixture_sha256)
-    blocks = [TickBlock(*arrays) for arrays in answers]
-    file.require_unchanged()
-    if not blocks:
-        message = "the result holds no ticks. Replay a session that has some"
-        raise InputError(message, where=where, code="result-empty")
-    ticks = concatenate_ticks(blocks)
     with naming_place(where):
+        if fixture_sha256 is not None:
+            require_fixture(attrs, fixture_sha256)
+        blocks = [TickBlock(*arrays) for arrays in answers]
+        file.require_unchanged()
+        if not blocks:
+            message = "the result holds no ticks. Replay a session that has some"
+            raise InputError(message, code="result-empty")
+        ticks = concatenate_ticks(blocks)
         check_values(ticks)
     return ticks, attrs
 
@@ -125,33 +125,27 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
 
     Runs in the sandbox (`vfplan.io.sandbox`): a crafted file can crash libhdf5.
     """
-    with as_input_error(), opened_hdf5(stream) as file:
-        attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
-        if attrs.get("format") != RESULT_FORMAT:
-            found = attrs.get("format")
-            message = f"format is {found!r}, not {RESULT_FORMAT!r}. Give a result of vfplan replay"
-            raise InputError(message, code="not-a-result")
-        version = str(attrs.get("version"))
-        if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
-            message = f"is of version {version}, not {RESULT_VERSION}. Replay the session again"
-            raise VersionError(message)
-        yield attrs
-
-        datasets = plain_datasets(file, TABLE)
-        rows = {name: columns for name, (columns, _, _) in TABLE.items()}
-        length = check_arrays(datasets, rows)
-        for start in range(0, length, BLOCK):
-            yield tuple(dataset[start : start + BLOCK] for dataset in datasets.values())
-
-
-@contextmanager
-def as_input_error() -> Iterator[None]:
-    """Errors of what also reads sessions, as those of a result."""
     try:
-        yield
+        with opened_hdf5(stream) as file:
+            attrs = {name: plain_attribute(value) for name, value in file.attrs.items()}
+            found = attrs.get("format")
+            if found != RESULT_FORMAT:
+                message = f"format is {found!r}, not {RESULT_FORMAT!r}. {ADVICE}"
+                raise InputError(message, code="not-a-result")
+            version = str(attrs.get("version"))
+            if version.partition(".")[0] != RESULT_VERSION.partition(".")[0]:
+                message = f"is of version {version}, not {RESULT_VERSION}. Replay the session again"
+                raise VersionError(message)
+            yield attrs
+
+            datasets = plain_datasets(file, TABLE)
+            rows = {name: columns for name, (columns, _, _) in TABLE.items()}
+            length = check_arrays(datasets, rows)
+            for start in range(0, length, BLOCK):
+                yield tuple(dataset[start : start + BLOCK] for dataset in datasets.values())
     except SessionError as error:
-        advice = "Give a result of vfplan replay"
-        message = error.message.replace("Write the file again", advice)
+        # What also reads sessions raises it.
+        message = error.message.replace("Write the file again", ADVICE)
         raise InputError(message, code=error.code) from None
 
 

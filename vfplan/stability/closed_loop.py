@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -83,11 +84,7 @@ def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> tuple[f
         An engine of stiffness 1 N/m on the contact's cloud.
     """
     exact = exact_bound(robot, contact.hand_share)
-    ticks = run_length(robot, exact)
-
-    def holds(stiffness: float) -> bool:
-        return is_stable(contact, robot, engine, stiffness, ticks)
-
+    holds = partial(is_stable, contact, robot, engine, run_length(robot, exact))
     measured = stable_edge(
         FIRST_GUESS * exact, holds, RESOLUTION, least=RESOLUTION * exact, most=MAX_RATIO * exact
     )
@@ -106,7 +103,7 @@ def run_length(robot: Robot, exact: float) -> int:
     return int(min(max(ticks, 16 * period, 400), MAX_TICKS))
 
 
-def is_stable(contact: Contact, robot: Robot, engine: Engine, stiffness: float, ticks: int) -> bool:
+def is_stable(contact: Contact, robot: Robot, engine: Engine, ticks: int, stiffness: float) -> bool:
     """Whether the energy criterion of this module holds at one K [N/m]."""
     hand = pressing_hand(contact, stiffness)
     still = run_until_still(engine, hand, stiffness, contact.start)
@@ -213,7 +210,7 @@ def weakest_contact(
     """
     weakest, lowest, exact = places[0], *largest_stiffness(places[0], robot, engine)
     for contact in places[1:]:
-        if not is_stable(contact, robot, engine, lowest, run_length(robot, exact)):
+        if not is_stable(contact, robot, engine, run_length(robot, exact), lowest):
             measured, bound = largest_stiffness(contact, robot, engine)
             if measured < lowest:
                 weakest, lowest, exact = contact, measured, bound
@@ -315,8 +312,7 @@ def blow_case(robot: Robot, stiffness: float, safety_factor: float) -> list[Case
     A K that theory alone refuses is lowered to the largest that theory lets pass. `measured` is the
     largest K found times the safety factor, as those of the other cases are divided by it.
     """
-    allowed = exact_bound(robot) / safety_factor
-    stiffness = min(stiffness, allowed)
+    stiffness = min(stiffness, exact_bound(robot) / safety_factor)
     if stiffness == 0:
         detail = "without damping no sampled spring is stable, so no blow was struck"
         return [CaseResult("closed-loop/blows", "fail", detail, 0.0, 0.0, "N/m", {"blows": []})]

@@ -184,11 +184,10 @@ def ring_of_contour(contour: Any) -> Array:
 
 def contours_of_segmentation(dataset: Any, wanted: str | None, inputs: dict[str, str]) -> Contours:
     """The borders of one segment of a SEG, frame by frame."""
-    segments = dataset.SegmentSequence
     # Number 0 is the background of a LABELMAP.
     names = [
         (int(one.SegmentNumber), str(one.get("SegmentLabel", "")))
-        for one in segments
+        for one in dataset.SegmentSequence
         if int(one.SegmentNumber)
     ]
     structures = without_patient_names(dataset, names)

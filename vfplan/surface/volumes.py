@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 import re
 import warnings
 import zlib
@@ -32,7 +31,7 @@ from vfplan.io.files import (
     OpenedFile,
     decompress,
 )  # fmt: skip
-from vfplan.io.sandbox import raise_limits, run_in_sandbox
+from vfplan.io.sandbox import raise_limits, raise_limits_for, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
 Array = NDArray[np.float64]
@@ -87,20 +86,18 @@ def rings_of_mask(inside: NDArray) -> tuple[list[Array], bool]:
     Where smoothing would lose or join parts or holes, that slice keeps its stairs and `smoothed`
     is false.
     """
-    from scipy.ndimage import distance_transform_edt, gaussian_filter
+    from scipy.ndimage import distance_transform_edt, find_objects, gaussian_filter
 
-    rows = np.flatnonzero(inside.any(axis=1))
-    columns = np.flatnonzero(inside.any(axis=0))
-    if not len(rows):
+    boxes = find_objects(inside.astype(np.uint8))
+    if not boxes:
         return [], True
-    cut_out = inside[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    mask = np.pad(cut_out != 0, PAD_PX)
+    mask = np.pad(inside[boxes[0]], PAD_PX)
     distance = distance_transform_edt(~mask) - distance_transform_edt(mask)
     distance -= np.where(mask, -0.5, 0.5)
     borders = zero_rings(distance)
     smooth_borders = zero_rings(gaussian_filter(distance, SMOOTHING_PX))
     keeps_parts = len(smooth_borders) == len(borders)
-    first = np.array([rows[0], columns[0]])
+    first = np.array([side.start for side in boxes[0]])
     rings = smooth_borders if keeps_parts else borders
     return [ring + first - PAD_PX for ring in rings], keeps_parts
 
@@ -232,9 +229,7 @@ def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
 
 def outlines(file: BinaryIO, kind: str, structure: str | None) -> Iterator[Any]:
     """What `read_label_map` returns, in the sandbox: a head with all but the rings, then these."""
-    size = file.seek(0, os.SEEK_END)
-    raise_limits(2 * size, 0)
-    file.seek(0)
+    raise_limits_for(file)
     read = read_nrrd if kind == "nrrd" else read_nifti
     found = contours_of_volume(read(file.read()), structure)
     structures = [(each.number, each.name) for each in found.structures]
@@ -250,8 +245,7 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     Yields how many there are, (4, 3) T_patient_image [m] and the range of the volume, then the
     (H, W) greys, uint16.
     """
-    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
-    file.seek(0)
+    raise_limits_for(file)
     data = file.read()
     read = read_nrrd if data.startswith(NRRD) else read_nifti
     layers, _, place = read(data, has_labels=False)

@@ -7,7 +7,6 @@ subtracted here.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, BinaryIO, Literal
@@ -31,7 +30,7 @@ from vfplan.geometry.lines import (
 from vfplan.images.dicom import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
-from vfplan.io.sandbox import raise_limits, run_in_sandbox
+from vfplan.io.sandbox import raise_limits_for, run_in_sandbox
 
 # Distance [m] between the points of a curve in the patient. It is half a pixel of a fine scan.
 FINE_M = 2.5e-4
@@ -188,8 +187,7 @@ def read_line(
     file: BinaryIO, where: str, number: int | None
 ) -> Iterator[dict[str, Any] | tuple[NDArray]]:
     """The chosen line, in the child process: how it was drawn, then its points [px or m]."""
-    raise_limits(2 * file.seek(0, os.SEEK_END), 0)
-    file.seek(0)
+    raise_limits_for(file)
     lines, others = [], []
     with open_dataset(file, where, ImageError) as dataset:
         everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
