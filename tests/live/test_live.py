@@ -95,19 +95,16 @@ def with_tick(name, value):
     return datagram(ticks)
 
 
-@pytest.mark.parametrize(
-    ("data", "code"),
-    [
-        (datagram(made(2))[:20], "datagram-short"),
-        (datagram(made(2))[:-1], "datagram-size"),
-        (datagram(made(2)) + b"\0", "datagram-size"),
-        (datagram(made(2), count=12), "datagram-size"),
-        (datagram(made(2), magic=b"VFPX"), "datagram-unknown"),
-        (datagram(made(2), version=2), "datagram-unknown"),
-        (with_tick("force", [0, 0, np.nan]), "datagram-number"),
-        (with_tick("t", 2e10), "datagram-number"),
-    ],
-)
+@pytest.mark.parametrize(("data", "code"), [
+    (datagram(made(2))[:20], "datagram-short"),
+    (datagram(made(2))[:-1], "datagram-size"),
+    (datagram(made(2)) + b"\0", "datagram-size"),
+    (datagram(made(2), count=12), "datagram-size"),
+    (datagram(made(2), magic=b"VFPX"), "datagram-unknown"),
+    (datagram(made(2), version=2), "datagram-unknown"),
+    (with_tick("force", [0, 0, np.nan]), "datagram-number"),
+    (with_tick("t", 2e10), "datagram-number"),
+])  # fmt: skip
 def test_a_datagram_that_is_none_is_refused(data, code):
     with refuses(InputError, code):
         decode(data)
