@@ -113,9 +113,8 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     assert errors["force_rms_n"] == pytest.approx(1e-2)
 
 
-@pytest.mark.parametrize(
-    ("lift", "kept"), [(0.0, True), (0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)]
-)
+@pytest.mark.parametrize(("lift", "kept"), [
+    (0.0, True), (0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)])  # fmt: skip
 def test_a_surface_is_judged_by_the_tolerance_on_either_side(lift, kept):
     scene = SCENES["sheet"]()
     case = Case("sheet", scene, scene.path("front", 0.2)[:400])

@@ -25,9 +25,8 @@ from vfplan.fixture import Fixture, Pieces
 from vfplan.session.result import RESULT_FORMAT
 
 
-@pytest.mark.parametrize(
-    "name", ["minimal", "whole", "sheet", "pixels", "patient", "guided", "reviewed"]
-)
+@pytest.mark.parametrize("name", [
+    "minimal", "whole", "sheet", "pixels", "patient", "guided", "reviewed"])  # fmt: skip
 def test_h5py_reads_the_same_values(name):
     """Two readers that share no code."""
     data = damage.sealed(to_payload(completed(to_content(getattr(bundles, name)()))))
@@ -168,9 +167,8 @@ def test_every_field_of_a_fixture_has_a_path():
     assert inner - fields == {"pieces.closed"}  # as of the curve
 
 
-@pytest.mark.parametrize(
-    ("first", "count"), [(0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)]
-)
+@pytest.mark.parametrize(("first", "count"), [
+    (0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)])  # fmt: skip
 def test_mutants_under_a_good_seal_are_refused_or_read_as_h5py_reads_them(first, count):
     """The verdicts of two readers that share no code."""
     mutants = fuzz_bundle.mutants(first, count)

@@ -297,9 +297,8 @@ def claimed(shape):
     return stream.getvalue() + bytes(24)
 
 
-@pytest.mark.parametrize(
-    "header", ["{'a':1}\n  b\n c\n", "{'descr': '<f8', (", "-" * 9000, "(" * 400, " " * 20060]
-)
+@pytest.mark.parametrize("header", [
+    "{'a':1}\n  b\n c\n", "{'descr': '<f8', (", "-" * 9000, "(" * 400, " " * 20060])  # fmt: skip
 def test_a_header_that_is_none_is_refused_in_one_line(header, tmp_path):
     head = b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header.encode()
     (tmp_path / "a.npy").write_bytes(head)

@@ -210,6 +210,7 @@ def test_the_command_calibrates_and_shows_the_wall(page, desk, vfplan_cli):
         assert (told["refused"], told["output"]) == ("no-tag", None)
         assert not (desk / out).exists()
     run("plan.h5", "photo.png").fails(3, error="camera-uncalibrated")
+    run("plan.h5", "photo.png", "--camera", "s.csv").fails(3, error="calibration-file")
     (desk / "text.png").write_text("text")
     for source in ("s.csv", "text.png", "97"):
         # In one line.

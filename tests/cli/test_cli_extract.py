@@ -121,3 +121,6 @@ def test_vector_curves(vfplan_cli, image, tmp_path):
                         tmp_path / "o.png", "--json").sound  # fmt: skip
     assert beside.json["points"] == 96
     assert (tmp_path / "o.png").exists()
+    vfplan_cli("extract", image, "--curve", line, "-o", tmp_path / "c.h5", "--mask-out",
+               tmp_path / "m.png").fails(2)  # fmt: skip
+    assert not (tmp_path / "c.h5").exists()

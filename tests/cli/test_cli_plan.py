@@ -147,9 +147,8 @@ def test_bad_input_is_one_clear_line_and_leaves_nothing(vfplan_cli, tmp_path, ca
 
 
 @pytest.mark.parametrize("command", ["plan", "review"])
-@pytest.mark.parametrize(
-    "files", [(PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)]
-)
+@pytest.mark.parametrize("files", [
+    (PIXELS, IMAGE), (PIXELS, IMAGE, ROBOT), (PIXELS, ROBOT, IMAGE), (ROBOT, PIXELS)])  # fmt: skip
 def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli, tmp_path):
     run = vfplan_cli(command, *files, "-o", tmp_path / "f.h5",
                      "--json").fails(3, error="wrong-order")  # fmt: skip
@@ -157,9 +156,8 @@ def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli,
     assert "IMAGE MARKERS" in run.json["error"]["message"]
 
 
-@pytest.mark.parametrize(
-    ("name", "error"), [("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)]
-)
+@pytest.mark.parametrize(("name", "error"), [
+    ("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)])  # fmt: skip
 def test_what_is_no_wrong_order_is_not_called_one(name, error, vfplan_cli, tmp_path):
     (tmp_path / "curve.csv").write_text("u_px,v_px\n100,100\n200,200\n")
     os.mkfifo(tmp_path / "fifo")

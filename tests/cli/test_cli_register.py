@@ -45,9 +45,8 @@ def scaled(folder, factor):
     return write(folder / "bad.csv", head, lines)
 
 
-@pytest.mark.parametrize(
-    ("spacing", "severity"), [((), "doubt"), (("--pixel-spacing", 0.5), "note")]
-)
+@pytest.mark.parametrize(("spacing", "severity"), [
+    ((), "doubt"), (("--pixel-spacing", 0.5), "note")])  # fmt: skip
 def test_a_concluded_unit_is_a_doubt_where_no_scale_checks_it(
     vfplan_cli, tmp_path, spacing, severity
 ):

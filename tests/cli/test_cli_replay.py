@@ -57,6 +57,8 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
     run = vfplan_cli("replay", *files, "--engine", "reference").sound
     assert run.stdout.startswith("rule paper (reference engine): ")
+    refused = vfplan_cli("replay", *files, "--engine", "reference", "--rule", "robust")
+    refused.fails(2, "'paper' only")
 
 
 @pytest.mark.parametrize("fault", [("--quantise", "10"), ("--jitter", "1"), ("--delay", "2")])

@@ -104,9 +104,10 @@ def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folde
 
 
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
-def test_options_of_planning_are_refused_for_the_sheet_of_a_fixture(
-    option, vfplan_cli, folder, tmp_path
+@pytest.mark.parametrize(("output", "name"), [("--sheet-out", "s.png"), ("-o", "o.h5")])
+def test_options_of_planning_are_refused_for_a_fixture(
+    output, name, option, vfplan_cli, folder, tmp_path
 ):
-    words = ("--slice", IMAGE, *option, "--sheet-out", tmp_path / "s.png", "--json")
+    words = ("--slice", IMAGE, *option, output, tmp_path / name, "--no-browser", "--json")
     vfplan_cli("review", folder / "elbow.h5", *words).fails(2, error="planned-already")
     assert list(tmp_path.iterdir()) == []

@@ -48,9 +48,8 @@ def test_all_other_ink_is_listed_the_largest_first():
     assert first.share == pytest.approx(first.pixels / np.count_nonzero(extraction.mask), rel=0.1)
 
 
-@pytest.mark.parametrize(
-    ("gap", "length", "asked"), [(25.0, 10, True), (70.0, 10, False), (25.0, 1, False)]
-)
+@pytest.mark.parametrize(("gap", "length", "asked"), [
+    (25.0, 10, True), (70.0, 10, False), (25.0, 1, False)])  # fmt: skip
 def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot(gap, length, asked):
     start = np.add(CURVE[-1], (gap, 0.0))
     stop = np.add(start, (length, 0))

@@ -90,9 +90,8 @@ def test_a_straight_line_of_any_slope(slope, turned):
     assert not stroke.closed
 
 
-@pytest.mark.parametrize(
-    ("quality", "limit_px"), [(None, 0.02), (90, 0.05), (75, 0.08), (60, 0.12)]
-)
+@pytest.mark.parametrize(("quality", "limit_px"), [
+    (None, 0.02), (90, 0.05), (75, 0.08), (60, 0.12)])  # fmt: skip
 def test_a_hands_curve_over_bones(quality, limit_px):
     errors, ratios = [], []
     for seed in range(4):

@@ -77,6 +77,16 @@ def test_left_out_markers_and_an_exact_fit(figure):
     assert texts(figure(exact, LINE))
 
 
+def test_no_label_lies_on_another(figure):
+    places = np.array([(20 + 55 * (k % 5), 40 + 250 * (k // 5)) for k in range(25)], float)
+    registration = fit_registration(places, planar(places) + 1e-4 * np.sin(places.sum(1))[:, None])
+    made = figure(registration, LINE, image=PlannedImage(np.full((1300, 260, 3), 120, np.uint8)))
+    labels = [text for text in made.axes[0].texts if " mm (" in text.get_text()]
+    boxes = [label.get_window_extent() for label in labels]
+    assert len(boxes) == 25
+    assert [box.count_overlaps(boxes) for box in boxes] == [1] * 25
+
+
 def in_space():
     """A registration of eight markers in the patient's frame, and a curve between them."""
     source, target = solid(8)

@@ -45,6 +45,7 @@ def test_page_is_one_file_that_refers_to_nothing_and_has_a_review_sheet(written)
     assert not re.search(r"https?://|@import|url\(", text)
     assert "default-src 'none'" in text
     assert text.count('class="sheet"') == 1
+    assert "What was planned" in text
 
 
 def test_page_opens_with_verdict_slice_and_force_and_ends_with_the_hashes(written):
@@ -70,6 +71,7 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     digest = replayed.metrics["fixture"]["sha256"]
     before, about = page(replayed).split("About this page")
     assert 'class="digest"' not in before.split("What was replayed")[0]
+    assert "f.h5" in about
     assert f'<code class="digest">{digest}' in about
 
 

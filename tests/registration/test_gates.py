@@ -99,14 +99,11 @@ def test_exchanged_labels_are_named(model):
         assert error.exit_code == 1
 
 
-@pytest.mark.parametrize(
-    ("order", "action"),
-    [
-        (np.arange(9)[::-1], "reversed"),
-        (np.roll(np.arange(9), 1), "shifted"),
-        (np.arange(9).reshape(3, 3).T.ravel(), "transposed"),
-    ],
-)
+@pytest.mark.parametrize(("order", "action"), [
+    (np.arange(9)[::-1], "reversed"),
+    (np.roll(np.arange(9), 1), "shifted"),
+    (np.arange(9).reshape(3, 3).T.ravel(), "transposed"),
+])  # fmt: skip
 def test_the_usual_mistakes_have_names(order, action):
     rng = np.random.default_rng(0)
     source = rng.uniform(60, 960, (9, 2))
@@ -154,17 +151,14 @@ def test_a_tie_or_an_exact_fit_is_never_refused():
             refuse_wrong_markers(fit(source, planar(source, noise, seed)), 1e-3)
 
 
-@pytest.mark.parametrize(
-    ("name", "cause", "advice"),
-    [
-        ("bridged", "bridge", "gap that the curve bridges there"),
-        ("edited", "by-hand", "Draw that part with the pen"),
-        ("other", "crossing", "Erase what does not belong"),
-        ("blur", "ink", "sharper picture"),
-        ("none", "markers", "Add markers around"),
-        ("touched", "touched", "Touch more places"),
-    ],
-)
+@pytest.mark.parametrize(("name", "cause", "advice"), [
+    ("bridged", "bridge", "gap that the curve bridges there"),
+    ("edited", "by-hand", "Draw that part with the pen"),
+    ("other", "crossing", "Erase what does not belong"),
+    ("blur", "ink", "sharper picture"),
+    ("none", "markers", "Add markers around"),
+    ("touched", "touched", "Touch more places"),
+])  # fmt: skip
 def test_a_large_bound_is_refused_and_names_its_largest_part_and_the_place(name, cause, advice):
     r, drawn = fit(grid(), planar(grid())), grid()
     is_there = np.arange(len(drawn)) == 4

@@ -137,24 +137,21 @@ def test_affine_needs_a_residual_and_a_solid_one_depth():
     assert code_of(SettingError, *solid(), pixel_spacing=1e-3) == "pixel-spacing-useless"
 
 
-@pytest.mark.parametrize(
-    ("settings", "code"),
-    [
-        ({"model": "homography"}, "model-unknown"),
-        ({"model": "rigid"}, "pixel-spacing-missing"),
-        ({"pixel_spacing": 0.0}, "pixel-spacing-range"),
-        ({"pixel_spacing": (1e-3, np.nan)}, "pixel-spacing-range"),
-        ({"seen_from": [0, 0, 0]}, "seen-from-range"),
-        ({"seen_from": [1, 2]}, "seen-from-range"),
-        ({"seen_from": "left"}, "seen-from-range"),
-        ({"seen_from": [np.nan, 0, 1]}, "seen-from-range"),
-        ({"source": [[1, 2], [3]]}, "markers-not-numbers"),
-        ({"labels": ["a"] * 9}, "label-doubled"),
-        ({"sigma": "x"}, "markers-not-numbers"),
-        ({"sigma": np.ones(4)}, "sigma-shape"),
-        ({"sigma": np.zeros(9)}, "sigma-range"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "code"), [
+    ({"model": "homography"}, "model-unknown"),
+    ({"model": "rigid"}, "pixel-spacing-missing"),
+    ({"pixel_spacing": 0.0}, "pixel-spacing-range"),
+    ({"pixel_spacing": (1e-3, np.nan)}, "pixel-spacing-range"),
+    ({"seen_from": [0, 0, 0]}, "seen-from-range"),
+    ({"seen_from": [1, 2]}, "seen-from-range"),
+    ({"seen_from": "left"}, "seen-from-range"),
+    ({"seen_from": [np.nan, 0, 1]}, "seen-from-range"),
+    ({"source": [[1, 2], [3]]}, "markers-not-numbers"),
+    ({"labels": ["a"] * 9}, "label-doubled"),
+    ({"sigma": "x"}, "markers-not-numbers"),
+    ({"sigma": np.ones(4)}, "sigma-shape"),
+    ({"sigma": np.zeros(9)}, "sigma-range"),
+])  # fmt: skip
 def test_settings_are_checked(settings, code):
     names_markers = code.startswith(("markers", "sigma", "label"))
     error = MarkerError if names_markers else SettingError

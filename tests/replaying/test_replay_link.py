@@ -147,6 +147,7 @@ def test_both_rules_and_where_they_part():
     assert apart["spans"][0]["start_tick"] == first
     assert apart["ticks"] == np.count_nonzero(gap > 5e-5)
     assert apart["proxy_max_m"] == pytest.approx(gap.max())
+    assert gap.max() > 0.015
 
 
 def test_a_comparison_does_not_grow_with_the_session():

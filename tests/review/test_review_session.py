@@ -402,6 +402,8 @@ def test_a_curve_drawn_as_vectors_is_reviewed_on_its_slice(tmp_path):
     knot = session.state()["knots_px"][0][5]
     moved = session.apply({"do": "move_knot", "stroke": 0, "knot": 5, "to": [knot[0], knot[1] + 9]})
     assert moved.state()["edited"][0]
+    with refuses(SettingError, "curve-given-twice"):
+        Session.open(tmp_path / "none.h5", curve=curve)
 
 
 def test_a_curve_that_a_hand_has_shaped_counts_as_drawn_by_hand_in_a_box(tmp_path):
@@ -444,6 +446,17 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
     other, _ = clear(tmp_path / "other.png")
     with refuses(ImageError, "another-slice"):
         Session.open(path, slice=other)
+
+
+@pytest.mark.parametrize(
+    ("other", "off", "code"), [("x2", 5, "one-mark-two-markers"), ("x1", 40, "no-mark-near")]
+)
+def test_marks_are_found_one_for_each_marker_or_none(sample, other, off, code):
+    places = {row["label"]: row["place_px"] for row in sample.state()["markers"]}
+    place = [places[other][0] + off, places[other][1]]
+    moved = sample.apply({"do": "move_marker", "marker": "x1", "to": place})
+    with refuses(SettingError, code):
+        moved.apply({"do": "find_markers"})
 
 
 def test_a_review_without_the_slice_asks_about_that(tmp_path):

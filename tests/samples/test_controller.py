@@ -218,15 +218,12 @@ def happens(folder):
     }
 
 
-@pytest.mark.parametrize(
-    ("which", "settings"),
-    [
-        (("poses",), ("--pivot", "0,0,0.3", "--pose-limits", "0.05,0.1,0.5")),
-        (("events",), ("--rule", "paper")),
-        (("poses", "events"), ("--governor", "0.6,9")),
-        (("poses", "events"), ("--pivot", "0,0,0.3", "in real time")),
-    ],
-)
+@pytest.mark.parametrize(("which", "settings"), [
+    (("poses",), ("--pivot", "0,0,0.3", "--pose-limits", "0.05,0.1,0.5")),
+    (("events",), ("--rule", "paper")),
+    (("poses", "events"), ("--governor", "0.6,9")),
+    (("poses", "events"), ("--pivot", "0,0,0.3", "in real time")),
+])  # fmt: skip
 def test_what_moves_and_changes_replays_bit_for_bit(
     which, settings, repeated, vfplan_cli, tmp_path
 ):

@@ -52,15 +52,12 @@ def test_both_print_the_same(name, tmp_path):
         assert "rendering" in refuse(3, *program, bare)
 
 
-@pytest.mark.parametrize(
-    ("name", "was", "becomes"),
-    [
-        ("01_press.cpp", "{{800, 800, 800}}", "{{800, -800, 800}}"),
-        ("01_press.py", "stiffness=800", "stiffness=-800"),
-        ("03_govern.cpp", "force_step = 0.5", "force_step = 0.05"),
-        ("03_govern.py", "force_step_n=0.5", "force_step_n=0.05"),
-    ],
-)
+@pytest.mark.parametrize(("name", "was", "becomes"), [
+    ("01_press.cpp", "{{800, 800, 800}}", "{{800, -800, 800}}"),
+    ("01_press.py", "stiffness=800", "stiffness=-800"),
+    ("03_govern.cpp", "force_step = 0.5", "force_step = 0.05"),
+    ("03_govern.py", "force_step_n=0.5", "force_step_n=0.05"),
+])  # fmt: skip
 def test_a_setting_out_of_range_is_told_in_a_line(name, was, becomes, tmp_path):
     text = (SAMPLES / name).read_text()
     assert text.count(was) == 1

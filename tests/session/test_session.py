@@ -59,6 +59,7 @@ ROW = "0,1,2,3\n"
 BAD_CSV = {
     "empty": ("", "table-empty"),
     "one row": ("t,x,y,z\n" + ROW, "too-few-samples"),
+    "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column-missing"),
     "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column-doubled"),
     "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample-not-finite"),
     "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample-not-finite"),
@@ -209,6 +210,7 @@ ODD_HDF5 = {
     "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, {}, "dataset-odd"),
     "a fixture": ({"points": THREE["hip"]}, {"/format": np.bytes_(b"vfplan-fixture")},
                   "fixture-as-session"),
+    "units": (THREE, {"/units": np.bytes_("mm")}, "units-or-frame-differ"),
     "units of hip": (THREE, {"hip/units": "mm"}, "units-or-frame-differ"),
     "frame of hip": (THREE, {"hip/frame": "camera"}, "units-or-frame-differ"),
     "unit of time": (THREE, {"time/unit": "ms"}, "units-or-frame-differ"),

@@ -294,21 +294,18 @@ def test_several_topics_need_a_choice(tmp_path):
             read_session(tmp_path / "bag", ros=ros)
 
 
-@pytest.mark.parametrize(
-    ("kind", "field", "code"),
-    [
-        ("sensor_msgs/msg/JointState", None, "no-position"),
-        ("sensor_msgs/msg/JointState", "position", "no-position"),
-        ("geometry_msgs/msg/Vector3Stamped", None, "field-missing"),
-        ("geometry_msgs/msg/Vector3Stamped", "vector", "no-position"),
-        ("geometry_msgs/msg/QuaternionStamped", "quaternion", "no-position"),
-        ("geometry_msgs/msg/WrenchStamped", "wrench.force", "no-position"),
-        ("geometry_msgs/msg/Point", None, "no-header-time"),
-        ("geometry_msgs/msg/PoseArray", None, "several-poses"),
-        ("geometry_msgs/msg/PoseArray", "poses.2", "field-missing"),
-        ("geometry_msgs/msg/PoseArray", "poses.1", None),
-    ],
-)
+@pytest.mark.parametrize(("kind", "field", "code"), [
+    ("sensor_msgs/msg/JointState", None, "no-position"),
+    ("sensor_msgs/msg/JointState", "position", "no-position"),
+    ("geometry_msgs/msg/Vector3Stamped", None, "field-missing"),
+    ("geometry_msgs/msg/Vector3Stamped", "vector", "no-position"),
+    ("geometry_msgs/msg/QuaternionStamped", "quaternion", "no-position"),
+    ("geometry_msgs/msg/WrenchStamped", "wrench.force", "no-position"),
+    ("geometry_msgs/msg/Point", None, "no-header-time"),
+    ("geometry_msgs/msg/PoseArray", None, "several-poses"),
+    ("geometry_msgs/msg/PoseArray", "poses.2", "field-missing"),
+    ("geometry_msgs/msg/PoseArray", "poses.1", None),
+])  # fmt: skip
 def test_three_numbers_alone_are_no_position(tmp_path, kind, field, code):
     store = get_typestore(Stores.ROS2_HUMBLE)
     three = np.array([0.1, 0.2, 0.3])
