@@ -95,8 +95,8 @@ def vfplan_plan(
     fixture = replace(planned.fixture, case=arguments["case"])
     data = dict(planned.report)
     drawn = planned.extracted.report
-    if fixture.curve is not None:
-        # As long as the sheet says, in front of the robot.
+    if fixture.curve is not None and extraction.method == "ridge":
+        # As long as the sheet says, in front of the robot; pixels of a skeleton go in stairs.
         pairs = zip(drawn["strokes"], fixture.strokes, strict=True)
         rows = [row | {"length_mm": MM * stroke.length} for row, stroke in pairs]
         drawn = drawn | {"strokes": rows}

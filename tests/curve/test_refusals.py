@@ -89,7 +89,7 @@ def test_several_candidates_with_the_gap_between_them():
     assert one.points_px[:, 0].min() > 180 or one.points_px[:, 0].max() < 160
     whole = extract_curve(image, stroke="all")
     assert len(whole.strokes) == 2
-    assert "ink-outweighs" in [f.code for f in whole.findings], "the third line is too short"
+    assert "line-left-out" in [f.code for f in whole.findings], "the third line is too short"
     assert len(extract_curve(image, stroke="longest").strokes) == 1
     assert refusal(image, stroke=4).code == "stroke-number"
 

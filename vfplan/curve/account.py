@@ -375,11 +375,12 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
 
 def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) -> list[Finding]:
     """A doubt for each line that is no frame, and too short to be one of all candidates."""
-    least = tuned.SMALL_SHARE * lines[0].length
+    drawn = [line for line in lines if not choose.is_frame(line, ink)]
+    least = tuned.SMALL_SHARE * max(line.length for line in drawn)
     return [
-        finding_at(line.middle, "ink-outweighs", f"a line of {line.length:.0f} px is shorter than "
+        finding_at(line.middle, "line-left-out", f"a line of {line.length:.0f} px is shorter than "
                    "half of the longest, and was not taken. Is it a part of the curve?")
-        for line in left if line.length >= least and not choose.is_frame(line, ink)
+        for line in drawn if line in left and line.length >= least
     ]  # fmt: skip
 
 

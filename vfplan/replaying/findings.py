@@ -362,8 +362,11 @@ def check_text(check: dict[str, Any]) -> str:
     value, bound = check["value"], check.get("at_most", check.get("at_least"))
     found = resolved(value)
     # Digits that are not shown may decide.
-    if np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound):
-        found = f"just {'above' if value > bound else 'below'} {bound:g}"
+    hides = np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound)
+    if hides and value != bound:
+        found = f"{value:.6g}"
+        if np.isclose(value, bound, rtol=1e-5, atol=1e-12):
+            found = f"just {'above' if value > bound else 'below'} {bound:g}"
     return f"{name} is {found}{unit_beside(name)}, {bound_text(check)} is allowed"
 
 

@@ -167,7 +167,7 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
 MIN_STRAIGHT = 0.7
 
 # Findings that ask about a piece of other ink.
-ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches")
+ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
@@ -295,10 +295,11 @@ class Geometry:
         asks_about_ink = finding.code in ASKS_ABOUT_INK and finding.place_px
         if not (self.excluded_ink and finding.is_open and asks_about_ink):
             return finding
-        for piece in self.leftover:
-            is_of_piece = away_from(piece, finding) <= CLOSE_PX
-            if is_of_piece and tuple(piece.middle.tolist()) in self.excluded_ink:
-                return replace(finding, severity="note")
+        piece = min(self.leftover, key=lambda piece: away_from(piece, finding), default=None)
+        if piece is None or away_from(piece, finding) > CLOSE_PX:
+            return finding
+        if tuple(piece.middle.tolist()) in self.excluded_ink:
+            return replace(finding, severity="note")
         return finding
 
     def _of_ink(self) -> list[Finding]:
@@ -340,6 +341,8 @@ class Geometry:
         place = finding.place_px
         if place is None or finding.stage != "extract" or finding.code == "ink-outweighs":
             return True
+        if finding.code == "line-left-out" and self.ink is not None:
+            return any(away_from(piece, finding) <= CLOSE_PX for piece in self.leftover)
         if finding.code == "ink-at-end":
             ends = [stroke.end_points for stroke in self.strokes if len(stroke.end_points)]
             places = [*ends, *(pair.mean(axis=0, keepdims=True) for pair in ends)]

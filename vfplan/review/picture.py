@@ -148,7 +148,7 @@ OUTLINE_GAP = 7.0
 # Half the pen's width [px of the slice] if nobody knows it: half of what pens mostly are.
 USUAL_HALF_WIDTH = 2.0
 
-# Radius [px of the page] around an end that no outline, arrow or caption enters.
+# Radius [px of the page] around an end that no blue outline, arrow or caption enters.
 FREE_RADIUS = 20
 
 # Radius [px of the page] of the disc ahead of an end that no caption enters: a cover of the end

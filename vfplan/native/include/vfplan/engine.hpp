@@ -178,7 +178,7 @@ class Engine {
     double radius() const noexcept { return impl_ ? impl_->parameters.R() : 0; }
     /// How far below R the proxy may be [m]: of a mesh, also what its smooth body takes.
     double band() const noexcept { return impl_ ? impl_->parameters.band : 0; }
-    /// Memory in use [bytes]; for the thread that edits.
+    /// Memory in use [bytes]; while no loop steps.
     std::size_t bytes() const noexcept { return impl_ ? impl_->bytes() + changes_->bytes() : 0; }
     /// Cells of the grid; 0 without one.
     std::size_t cells() const noexcept { return impl_ ? impl_->cells() : 0; }

@@ -44,8 +44,7 @@ struct EngineImpl {
     /// steps left to know it.
     virtual double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept = 0;
     bool is_outside(const Vec3& x) noexcept {
-        WorkBudget budget(look_steps);
-        return distance(x, parameters.R(), &budget) >= parameters.R() - 2 * parameters.band;
+        return distance(x, parameters.R(), nullptr) >= parameters.R() - 2 * parameters.band;
     }
     /// Inner steps among triangles that one look at another engine takes at most.
     static constexpr std::int64_t look_steps = 4000;

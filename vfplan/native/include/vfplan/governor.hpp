@@ -105,7 +105,7 @@ class Governor {
                      std::ranges::min(limits.torque_max) < infinity;
     }
 
-    /// Keeps to the limits of another one, from what is commanded on.
+    /// Keeps to the limits of another one, whose joints have the same, from what is commanded on.
     void take_limits(const Governor& other) noexcept { limits_ = other.limits_; }
     /// Nothing is commanded and nothing was given, as when the controller of an arm starts.
     void reset() noexcept { *this = Governor(limits_); }
