@@ -157,8 +157,15 @@ std::size_t gather(const PointSpan<D>& in, const Vec<D>& x, double reach2, doubl
         const PointBlock<D> b(in, i, x);
         const unsigned within = bits(b.d2 <= reach2);
         // Without a branch that a processor could guess wrong.
+#if VFPLAN_LANES == 8
+        for (int k = 0; k < D; ++k)
+            _mm512_storeu_pd(out[k] + n, _mm512_maskz_compress_pd(static_cast<__mmask8>(within),
+                                                                  _mm512_loadu_pd(in.c[k] + i)));
+        n += static_cast<unsigned>(__builtin_popcount(within));
+#else
         for (unsigned j = 0; j < 8; n += within >> j++ & 1)
             for (int k = 0; k < D; ++k) out[k][n] = in.c[k][i + j];
+#endif
     }
     return n;
 }

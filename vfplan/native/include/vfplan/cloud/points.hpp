@@ -49,33 +49,35 @@ inline constexpr double lane_numbers[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 template <int D>
 class Cloud {
   public:
-    static constexpr std::size_t spare = 8;
-
     Cloud() = default;
     explicit Cloud(std::size_t n) : n_(n) {
-        for (auto& axis : axes_) axis.assign(n + spare, detail::far_away);
+        Line line;
+        std::fill_n(line.x, 8, detail::far_away);
+        for (auto& axis : axes_) axis.assign(n / 8 + 2, line);
     }
 
     std::size_t size() const noexcept { return n_; }
     void set(std::size_t i, const Vec<D>& p) noexcept {
-        for (int k = 0; k < D; ++k) axes_[k][i] = p.c[k];
+        for (int k = 0; k < D; ++k) axis(k)[i] = p.c[k];
     }
     /// A lane without a point: no loop sees it.
     void clear(std::size_t i) noexcept { set(i, filled<D>(detail::far_away)); }
     Vec<D> operator[](std::size_t i) const noexcept { return span(i, i + 1)[0]; }
     PointSpan<D> span(std::size_t begin, std::size_t end) const noexcept {
         PointSpan<D> s;
-        for (int k = 0; k < D; ++k) s.c[k] = axes_[k].data() + begin;
+        for (int k = 0; k < D; ++k)
+            s.c[k] = reinterpret_cast<const double*>(axes_[k].data()) + begin;
         s.n = end - begin;
         return s;
     }
-    double* axis(int k) noexcept { return axes_[k].data(); }
-    std::size_t bytes() const noexcept { return D * sizeof(double) * axes_[0].capacity(); }
+    double* axis(int k) noexcept { return reinterpret_cast<double*>(axes_[k].data()); }
+    std::size_t bytes() const noexcept { return D * sizeof(Line) * axes_[0].capacity(); }
 
     Box<D> box() const noexcept {
         Box<D> b;
+        const PointSpan<D> all = span(0, n_);
         for (int k = 0; k < D; ++k) {
-            const auto [low, high] = std::minmax_element(axes_[k].data(), axes_[k].data() + n_);
+            const auto [low, high] = std::minmax_element(all.c[k], all.c[k] + n_);
             b.low.c[k] = *low;
             b.high.c[k] = *high;
         }
@@ -83,8 +85,12 @@ class Cloud {
     }
 
   private:
+    struct alignas(64) Line {  // as wide as a register: a load lies in one line of the cache
+        double x[8];
+    };
+
     std::size_t n_ = 0;
-    std::vector<double> axes_[D];
+    std::vector<Line> axes_[D];
 };
 
 /// Throws std::invalid_argument for a coordinate that is not finite or beyond 1e6 m, with its
