@@ -52,6 +52,9 @@ vfplan::Engine another(int k) {
     return sheet_engine(20, z, p);
 }
 
+/// Of a look: its budget, and what it looks at last.
+constexpr std::int64_t look_steps_and_a_leaf = vfplan::detail::EngineImpl::look_steps + 14;
+
 struct Loop {
     vfplan::Engine& engine;
     double stiffness, radius;
@@ -81,7 +84,65 @@ struct Loop {
     }
 };
 
+/// One triangle at the height z, n times: a look that comes within R has to look at each.
+vfplan::Engine many_times(int n, double z) {
+    const std::vector<double> corners{-1, -1, z, 1, -1, z, 0, 1, z};
+    std::vector<std::int32_t> rows;
+    for (int i = 0; i < n; ++i) rows.insert(rows.end(), {0, 1, 2});
+    vfplan::Parameters p;
+    const vfplan::mesh::Surface s{corners.data(), corners.size() / 3, rows.data(), rows.size() / 3};
+    vfplan::WorkBudget look(vfplan::detail::EngineImpl::look_steps);
+    const double found = vfplan::mesh::Mesh(s).distance({0, 0, z + 4e-3}, p.R(), &look);
+    if (!look.is_spent() || found > 0) fail("a look that ends in time", n, found);
+    if (look.total() > look_steps_and_a_leaf) fail("steps of a look", n, double(look.total()));
+    return {s, p};
+}
+
+/// Of what waits a tick takes up one exchange; and none that it cannot look at in time, while the
+/// proxy is on its way out, after a tick with bounded steps.
+void wait() {
+    vfplan::Engine engine = another(1);
+    Loop loop{engine, 2000, 6e-3, 0, 0, 0, {}, {}};
+    loop.step(-6e-3);
+    for (int k = 2; k < 12; ++k) engine.exchange(another(k));
+    for (std::uint64_t k = 1, ticks = 0; k <= 10; k = engine.changes_applied() + 1) {
+        loop.step(-6e-3);
+        if (engine.changes_applied() > k) fail("exchanges in a tick", loop.tick, double(k));
+        if (++ticks > 10000) fail("not taken up", loop.tick, double(k));
+    }
+    vfplan::Parameters p;
+    p.band = 5e-5;
+    vfplan::Engine led = sheet_engine(20, 0, p);
+    led.reset({0, 0, 6e-3});
+    led.step({0, 0, 6e-3});
+    led.exchange(sheet_engine(20, 2e-3, p));
+    led.step({0, 0, 6e-3});
+    led.exchange(many_times(20000, 2e-3));
+    long ticks = 0;
+    for (; led.changes_applied() == 1; ++ticks)
+        if (led.step({0, 0, 6e-3}).status == vfplan::Status::ok && ticks > 1000)
+            fail("never taken up", ticks, 0);
+    if (ticks < 50) fail("taken up on the way out", ticks, 0);
+}
+
+/// In the middle of a circle of 19,000 lines all are as near, and a tick looks at none of them.
+void look_from_the_middle() {
+    vfplan::Stroke circle{{}, std::vector<double>(19000), true};
+    for (int i = 0; i < 19000; ++i) {
+        const double turn = 2 * std::acos(-1.0) * i / 19000;
+        for (const double c : {0.05 * std::cos(turn), 0.05 * std::sin(turn), 0.0})
+            circle.vertices.push_back(c);
+    }
+    const vfplan::Parameters p;
+    const vfplan::Slice plane(Vec3{0, 0, 1});
+    vfplan::curve::CurveMotion motion({{circle}, plane, p.R()}, p);
+    motion.begin_tick();
+    if (!motion.is_outside({0, 0}) || motion.is_spent()) fail("a look at a whole circle", 0, 0);
+}
+
 void exchange(long n) {
+    wait();
+    look_from_the_middle();
     vfplan::Engine engine = another(0);
     engine.reset({{5e-3, 1e-4, 10e-3}});
     std::atomic<bool> done{false};

@@ -114,13 +114,11 @@ void bind_beside(nb::module_& m) {
         .def("run", &run<Guide>, "hips"_a)
         .def("at", &at, "strand"_a, "arcs"_a)
         .def("tight_bend", &tight_bend)
-        .def_prop_ro("lengths",
-                     [](const Guide& g) {
-                         std::vector<double> lengths;
-                         for (const auto& s : g.path().strands()) lengths.push_back(s.length);
-                         return lengths;
-                     })
-        .def_prop_ro("bytes", &Guide::bytes);
+        .def_prop_ro("lengths", [](const Guide& g) {
+            std::vector<double> lengths;
+            for (const auto& s : g.path().strands()) lengths.push_back(s.length);
+            return lengths;
+        });
 
     using vfplan::GovernorLimits;
     m.attr("most_joints") = GovernorLimits::max_joints;

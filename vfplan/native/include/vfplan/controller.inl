@@ -339,7 +339,7 @@ struct ControllerImpl {
         const std::uint8_t status = s.status | (governed.is_capped ? Status::capped : Status::ok);
         Command out{governed.force, s.force,         s.proxy,  s.normal, s.state,
                     status,         governed.status, stopping, false};
-        out.stop = stopping && governed.force == Vec3{} && !(joints && has_torque_left());
+        out.stop = stopping && governed.force == Vec3{} && !(joints && governor.has_torque());
         return out;
     }
     /// A fixture that moves begins at its first pose: with the tip where the reset was, or where it
@@ -362,10 +362,6 @@ struct ControllerImpl {
         if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
         stopping |= asked.exchange(0, std::memory_order_relaxed);
     }
-    bool has_torque_left() const noexcept {
-        const double* torque = governor.torque();
-        return std::any_of(torque, torque + Governor::max_joints, [](double t) { return t != 0; });
-    }
 
     static constexpr std::uint8_t no_position = Status::bad_hip | Status::jumped;
     /// Ticks without a position that a good one makes up for: more than one in eleven stops a loop.
@@ -386,9 +382,8 @@ struct ControllerImpl {
 };
 
 /// Of a controller that was moved from.
-inline Command command_of_nothing() noexcept {
-    return {.status = Status::bad_hip, .stopping = Status::bad_hip, .stop = true};
-}
+inline constexpr Command command_of_nothing{
+    .status = Status::bad_hip, .stopping = Status::bad_hip, .stop = true};
 
 }  // namespace detail
 
@@ -421,13 +416,13 @@ VFPLAN_ONCE void Controller::reset(const Vec3& tip) noexcept {
     if (impl_) impl_->reset(tip);
 }
 VFPLAN_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s) noexcept {
-    if (!impl_) return detail::command_of_nothing();
+    if (!impl_) return detail::command_of_nothing;
     if (impl_->joints) return step(tip, time_s, nullptr, 0);  // an arm that takes torques
     return impl_->step(tip, time_s, [&](const Vec3& f) { return impl_->governor.step(f); });
 }
 VFPLAN_ONCE Command Controller::step(const Vec3& tip, std::optional<double> time_s,
                                      const double* jacobian, int joints) noexcept {
-    if (!impl_) return detail::command_of_nothing();
+    if (!impl_) return detail::command_of_nothing;
     if (!impl_->joints) impl_->joints = joints;
     const int n = joints == impl_->joints ? joints : 0;  // another arm's is none
     return impl_->step(tip, time_s,

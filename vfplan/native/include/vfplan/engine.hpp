@@ -90,7 +90,7 @@ class Engine {
         if (!impl_) return;
         last_ = {};
         gate_.reset(hip);
-        while (apply_next(true)) continue;
+        for (bool may_exchange = true; apply_next(may_exchange);) continue;
         changes_->force_ramp.stop();
         if (previous_) changes_->retire(previous_.release());
         impl_->reset(hip);
@@ -99,8 +99,9 @@ class Engine {
     /// One servo tick. An engine that was given away answers `bad_hip` and no force.
     Step step(const Vec3& hip) noexcept {
         if (!impl_) return {.status = Status::bad_hip};
+        bool may_exchange = true;
         for (int i = 0; i < detail::PendingChanges::max_a_tick; ++i)
-            if (!apply_next()) break;
+            if (!apply_next(may_exchange)) break;
         const bool jumps = gate_.refuses(hip, impl_->parameters.max_hip_step);
         Step s = impl_->step(jumps ? HipGate::nowhere : hip);
         if (jumps) s.status = Status::jumped;
@@ -222,27 +223,35 @@ class Engine {
         return *changes_;
     }
 
-    /// The loop's: takes up the oldest change; false when there is none, or it waits: unless it is
-    /// to come `at_once`, an exchange may do so until the way out that one before began is known.
-    bool apply_next(bool at_once = false) noexcept {
+    /// The loop's: takes up the oldest change; false when there is none, or it waits. Below a
+    /// placed proxy a tick takes up one exchange, where it `may_exchange`. That waits until the way
+    /// out that one before began is known; and until that is gone, where one tick does not suffice
+    /// to look at what comes next.
+    bool apply_next(bool& may_exchange) noexcept {
         detail::PendingChanges& changes = *changes_;
         const detail::PendingChange* change = changes.queue.front();
         if (!change) return false;
         const double stiffness = impl_->parameters.stiffest();
         if (change->what == detail::PendingChange::exchange) {
+            if (last_.is_placed && !std::exchange(may_exchange, false)) return false;
             // While the proxy is on its way out, its side is the one that it had before. Where what
             // comes next has gone beyond it, it goes on from where it would come out.
-            if (previous_) {
+            if (previous_ && last_.is_placed) {
                 detail::EngineImpl& next = *change->engine;
-                if (next.is_outside(last_.proxy)) {
+                WorkBudget look(detail::EngineImpl::look_steps);
+                Vec3 from = last_.proxy;
+                if (next.is_outside(from, look)) {
                     const std::optional<Vec3> end = impl_->end_of_way();
-                    if (!end && !at_once) return false;
-                    if (end && !next.is_outside(*end)) last_.proxy = *end;
+                    if (!end) return false;
+                    if (!next.is_outside(*end, look)) from = *end;
                 }
-                changes.retire(impl_.release());
-            } else {
-                previous_ = std::move(impl_);
+                if (look.is_spent()) return false;
+                last_.proxy = from;
             }
+            if (previous_)
+                changes.retire(impl_.release());
+            else
+                previous_ = std::move(impl_);
             impl_.reset(change->engine);
             if (last_.is_placed) impl_->continue_from(last_.proxy, previous_.get());
         } else {

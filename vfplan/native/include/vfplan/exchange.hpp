@@ -9,9 +9,7 @@
 #include "vfplan/base/queue.hpp"
 #include "vfplan/rules/start_inside.hpp"
 
-namespace vfplan::inline v1 {
-
-namespace detail {
+namespace vfplan::inline v1::detail {
 
 struct EngineImpl;
 
@@ -43,8 +41,8 @@ struct EngineImpl {
     /// Distance from x to the geometry, or `reach` where that is less [m]; 0 where a budget has no
     /// steps left to know it.
     virtual double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept = 0;
-    bool is_outside(const Vec3& x) noexcept {
-        return distance(x, parameters.R(), nullptr) >= parameters.R() - 2 * parameters.band;
+    bool is_outside(const Vec3& x, WorkBudget& budget) noexcept {
+        return distance(x, parameters.R(), &budget) >= parameters.R() - 2 * parameters.band;
     }
     /// Inner steps among triangles that one look at another engine takes at most.
     static constexpr std::int64_t look_steps = 4000;
@@ -103,7 +101,7 @@ class ForceRamp {
 /// Between the editor's thread and the loop.
 struct PendingChanges {
     static constexpr std::size_t capacity = 4096;
-    /// Changes that a tick takes up at most.
+    /// Changes that a tick takes up at most, one exchange among them.
     static constexpr int max_a_tick = 64;
 
     // Both have room from the first change on: an engine that nobody changes needs none.
@@ -250,6 +248,4 @@ struct PreviousSpace final : FreeBefore<S::dimension> {
     }
 };
 
-}  // namespace detail
-
-}  // namespace vfplan::inline v1
+}  // namespace vfplan::inline v1::detail

@@ -137,6 +137,9 @@ class Governor {
 
     /// J^T F to command [N m], of the last tick that had a Jacobian.
     const double* torque() const noexcept { return torque_; }
+    bool has_torque() const noexcept {
+        return std::ranges::any_of(torque_, [](double t) { return t != 0; });
+    }
     /// What forces held back since the reset have given, had each pushed the mass freely [J].
     double energy_given() const noexcept { return closed_given_ + given(); }
     /// What the springs held that they were released from [J]. It is at least energy_given unless

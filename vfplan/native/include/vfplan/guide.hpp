@@ -148,7 +148,6 @@ class Guide {
     const Path& path() const noexcept { return path_; }
     const Vec3& along_axis() const noexcept { return along_axis_; }
     const GuideParameters& parameters() const noexcept { return p_; }
-    std::size_t bytes() const noexcept { return sizeof(*this) + path_.bytes(); }
 
   private:
     explicit Guide(const GuideParameters& p) : p_(p) { check(p); }

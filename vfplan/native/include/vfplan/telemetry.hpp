@@ -93,12 +93,11 @@ class Telemetry {
     static_assert(sizeof(TelemetryRecord) == tick_bytes && sizeof(Header) == header_bytes);
 
     void send_all() noexcept {
-        const auto pause = std::chrono::duration<double>(period_);
         for (;;) {
             const bool last = stop_.load(std::memory_order_acquire);
             while (queue_.front()) send_some();
             if (last) return;
-            std::this_thread::sleep_for(pause);
+            std::this_thread::sleep_for(std::chrono::duration<double>(period_));
         }
     }
     void send_some() noexcept {

@@ -293,6 +293,15 @@ class Findings {
                std::string_view todo = {}) {
         require(false, code, where, wrong, todo);
     }
+    /// Does `work`, and collects the error with which that ends.
+    template <class Work>
+    void collect(const Work& work) {
+        try {
+            work();
+        } catch (const BundleError& wrong) {
+            add(wrong);
+        }
+    }
     [[nodiscard]] bool sound() const { return std::ranges::none_of(all_, &Finding::error); }
     [[nodiscard]] const std::vector<Finding>& all() const { return all_; }
 

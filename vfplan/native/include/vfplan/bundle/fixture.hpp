@@ -182,14 +182,12 @@ inline Rendering rendering_of(const Content& content) {
 VFPLAN_ONCE Content read_payload(View payload, std::uint64_t file_length, Findings& findings,
                                  const Seal* seal) {
     Content content;
-    try {
+    findings.collect([&] {
         content = detail::Reader(payload, file_length, findings).read();
         check(content, findings);
         if (seal != nullptr && seal->is_signed && findings.sound())
             detail::check_what_is_signed(*seal, content, findings);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
+    });
     return content;
 }
 
@@ -204,13 +202,11 @@ VFPLAN_ONCE Bundle read_bundle(View data, const CheckSeal& check_seal) {
 
 VFPLAN_ONCE std::vector<Finding> examine(View data) {
     Findings findings(false);
-    try {
+    findings.collect([&] {
         View payload;
         const Seal seal = unseal(data, payload);
         read_payload(payload, data.size(), findings, &seal);
-    } catch (const BundleError& error) {
-        findings.add(error);
-    }
+    });
     return findings.all();
 }
 

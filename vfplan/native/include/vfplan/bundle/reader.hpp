@@ -225,22 +225,13 @@ class Reader {
         for (const Kind kind : {Kind::group, Kind::attribute, Kind::dataset}) {
             // Attributes before tables: units and frames of tables depend on them.
             for (const Row& row : rows)
-                if (row.kind == kind) collecting([&] { read_row(row); });
+                if (row.kind == kind) findings_.collect([&] { read_row(row); });
         }
-        if (findings_.sound()) collecting([&] { file_.check_unclaimed(unknown_); });
+        if (findings_.sound()) findings_.collect([&] { file_.check_unclaimed(unknown_); });
         return std::move(content_);
     }
 
   private:
-    template <class Work>
-    void collecting(const Work& work) {
-        try {
-            work();
-        } catch (const BundleError& error) {
-            findings_.add(error);
-        }
-    }
-
     /// Reads what one row of the format's table names.
     void read_row(const Row& row) {
         if (row.path == "/") return check_names(row);

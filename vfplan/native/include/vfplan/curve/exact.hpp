@@ -72,14 +72,13 @@ class Curve {
     /// it is spent.
     WorkBudget& budget() const noexcept { return budget_; }
 
-    /// Distance of y from the curve [m].
-    double distance(const Vec2& y) const noexcept {
-        double nearest_so_far = infinity;
-        tree_.visit_nearest(y, nearest_so_far, [&](std::uint32_t i) noexcept {
+    /// Distance of y from the curve, or `reach` where that is less [m].
+    double distance(const Vec2& y, double reach = infinity) const noexcept {
+        tree_.visit_nearest(y, reach, [&](std::uint32_t i) noexcept {
             budget_.spend(steps_an_item);
-            nearest_so_far = std::min(nearest_so_far, features_[i].distance(y));
+            reach = std::min(reach, features_[i].distance(y));
         });
-        return nearest_so_far;
+        return reach;
     }
 
   private:
@@ -161,14 +160,12 @@ class Curve {
 /// A path that starts R from a feature, as along the one that the proxy slid along before, would
 /// meet it at once by a rounding. So it meets that feature only where it has sunk by the start
 /// slack, b / 1000 (constants.hpp). `is_touching` says that the path met its feature in this way.
-struct FeatureHit {
+struct FeatureHit : Entry {
     /// Lengths of the start slack. A path that touches and leads in under a slope of 1e-4 has sunk
     /// by one slack after 1e4 of them: it counts as blocked from its start. A flatter one goes on.
     static constexpr double slacks_to_sink = 1e4;
 
-    double t = infinity;  ///< the parameter of the place, of (E1) [m]
-    int feature = none;   ///< its number
-    bool is_touching = false;
+    int feature = none;  ///< its number
 
     /// Whether the feature is met where the path starts already, so that the proxy cannot move.
     bool is_immediate(const RoundingLimits& limits) const noexcept {
@@ -188,10 +185,8 @@ inline Vec2 tangent_towards(const Vec2& normal, const Vec2& to_hip) noexcept {
 /// above 0 where the path goes round the feature, below 0 in a hollow, and 0 beside a line. (E1)
 inline ArcPath offset_path(const Vec2& x, const Vec2& tangent,
                            const FeatureContact& contact) noexcept {
-    ArcPath path(x, tangent, 0);
-    const bool curves_right = dot(path.N, contact.normal) < 0;
-    path.q = (curves_right ? contact.curvature : -contact.curvature) / 2;
-    return path;
+    const bool curves_right = dot(left(tangent), contact.normal) < 0;
+    return {x, tangent, (curves_right ? contact.curvature : -contact.curvature) / 2};
 }
 
 /// Whether the proxy fills the hollow of an arc as wide as itself, so that the arc pushes it from
@@ -239,7 +234,7 @@ class CurveMotion {
     std::size_t bytes() const noexcept { return curve_.bytes(); }
     std::size_t cells() const noexcept { return curve_.tree().size(); }
     double distance(const Vec2& x, double reach, WorkBudget*) const noexcept {
-        return std::min(curve_.distance(x), reach);
+        return curve_.distance(x, reach);
     }
 
     // GuardedRule asks every motion for what follows, down to `contact`.
@@ -253,9 +248,10 @@ class CurveMotion {
     int iterations() const noexcept { return max_iterations; }
     bool is_spent() const noexcept { return curve_.budget().is_spent(); }
 
-    /// Whether a proxy that may be anywhere is outside. The distance is kept for `contact`.
+    /// Whether a proxy that may be anywhere is outside. The distance is kept for `contact`, which
+    /// asks no further than its neighbourhood: in the middle of a circle all is equally far.
     bool is_outside(const Vec2& proxy, bool = false) noexcept {
-        distance_ = curve_.distance(proxy);
+        distance_ = curve_.distance(proxy, neighbourhood_);
         return distance_ >= R_ - band_;
     }
 
@@ -383,7 +379,7 @@ class CurveMotion {
         for (double reach = first_part * R_;; reach *= 4) {
             const FeatureHit hit = first_hit(path, std::min(reach, max_t), skip);
             if (hit.feature != none || !(reach < max_t)) return hit;
-            if (curve_.budget().is_spent()) return {.t = reach};
+            if (curve_.budget().is_spent()) return {{.t = reach}};
         }
     }
 
@@ -394,12 +390,9 @@ class CurveMotion {
             const int i = static_cast<int>(number);
             const double reach = R_ + std::min(max_t, hit.t) + limits_.start_slack;
             if (i == skip || curve_[i].box.distance2(path.x) > reach * reach) return;
-            bool is_touching;
             curve_.budget().spend(steps_a_try);
-            // Where the path goes into what the feature forbids. (E5)
-            const double t =
-                first_entry(curve_[i], path, std::min(max_t, hit.t), limits_, is_touching);
-            if (t < hit.t) hit = {t, i, is_touching};
+            const Entry entry = first_entry(curve_[i], path, std::min(max_t, hit.t), limits_);
+            if (entry.t < hit.t) hit = {entry, i};
         };
         const auto is_near = [&](const Box<2>& box) noexcept {
             return may_pass(path, std::min(max_t, hit.t), box);

@@ -131,7 +131,11 @@ struct Feature {
     Box<2> box;  ///< around the piece
 
     bool is_joint() const noexcept { return n[0] == 0 && n[1] == 0; }
-    double G(const Vec2& w) const noexcept { return kappa * dot(w, w) / 2 - dot(n, w); }
+    /// G at y, and its gradient there.
+    std::pair<double, Vec2> G(const Vec2& y) const noexcept {
+        const Vec2 w = y - base;
+        return {kappa * dot(w, w) / 2 - dot(n, w), kappa * w - n};
+    }
     /// Whether y lies between the normals at the ends, or beyond them by no more than `slack` [m].
     bool faces(const Vec2& y, double slack) const noexcept {
         return ends[0].distance_beyond(y) <= slack && ends[1].distance_beyond(y) <= slack;
@@ -139,11 +143,9 @@ struct Feature {
 
     /// The contact with a proxy at y, which the feature faces and which does not lie on it.
     FeatureContact contact(const Vec2& y) const noexcept {
-        const Vec2 w = y - base;
-        const Vec2 gradient = kappa * w - n;
-        const double g = G(w);
+        const auto [g, gradient] = G(y);
         const double slope = norm(gradient);
-        if (is_joint()) return {(1 / slope) * w, slope, 1 / slope};
+        if (is_joint()) return {(1 / slope) * gradient, slope, 1 / slope};
         const double side = g >= 0 ? 1 : -1;
         return {(side / slope) * gradient, side * 2 * g / (1 + slope), side * kappa / slope};
     }
@@ -163,9 +165,7 @@ struct Feature {
 
     /// Where a path that starts in what the feature forbids comes out of it.
     double exit_parameter(const ArcPath& path) const noexcept {
-        const Vec2 w = path.x - base;
-        const Vec2 gradient = kappa * w - n;
-        const double g = G(w);
+        const auto [g, gradient] = G(path.x);
         double t = (-path.quadratic_along(g - upper, gradient, kappa)).first_descent();
         if (is_joint()) return t;
         if (lower > -infinity)
@@ -182,20 +182,23 @@ struct RoundingLimits {
     double full_hollow;  ///< a hollow that leaves the proxy less room than that is full
 };
 
+/// Where a path goes into what a feature forbids.
+struct Entry {
+    double t = infinity;       ///< the parameter of the place [m]
+    bool is_touching = false;  ///< whether the path starts at the height, or by roundings below
+};
+
 /// Where a path that the feature faces first descends below what the feature allows, up to
-/// `max_t`; else infinity. One that starts at the height, or below by what roundings take, is let
-/// go on until it is lower by `start_slack`; `is_touching` tells that it met the feature so. (E5)
-inline double descends_below(const Feature& f, const ArcPath& path, double max_t,
-                             const RoundingLimits& limits, bool& is_touching) noexcept {
-    const Vec2 w = path.x - f.base;
-    const Vec2 gradient = f.kappa * w - f.n;
-    const double g = f.G(w);
+/// `max_t`. One that is touching is let go on until it is lower by `start_slack`. (E5)
+inline Entry descends_below(const Feature& f, const ArcPath& path, double max_t,
+                            const RoundingLimits& limits) noexcept {
+    const auto [g, gradient] = f.G(path.x);
     const bool is_hollow_full = f.lower_slope < f.kappa * limits.full_hollow;
+    Entry first;
     if (is_hollow_full && norm(gradient) < f.kappa * limits.full_hollow) {
-        is_touching = f.leads_into_full_hollow(path.T);
-        return is_touching ? 0 : infinity;
+        if (f.leads_into_full_hollow(path.T)) first = {0, true};
+        return first;
     }
-    double first = infinity;
     const auto descend = [&](Quadratic height, double slope, bool is_this_side) noexcept {
         const bool starts_there = is_this_side && height.c < limits.start_slack * slope;
         if (starts_there) {
@@ -206,9 +209,8 @@ inline double descends_below(const Feature& f, const ArcPath& path, double max_t
                 height.c = 0;
         }
         const double t = height.first_descent();
-        if (!(t <= max_t && t < first && f.faces(path.at(t), limits.start_slack))) return;
-        first = t;
-        is_touching = starts_there;
+        if (!(t <= max_t && t < first.t && f.faces(path.at(t), limits.start_slack))) return;
+        first = {t, starts_there};
     };
     descend(path.quadratic_along(g - f.upper, gradient, f.kappa), f.upper_slope, g >= 0);
     if (f.lower > -infinity)
@@ -218,24 +220,19 @@ inline double descends_below(const Feature& f, const ArcPath& path, double max_t
 
 /// Where a path first goes into what the feature forbids; as `descends_below`, from anywhere. A
 /// path comes to face the feature across one of its ends; a round one also comes back. (E5)
-inline double first_entry(const Feature& f, const ArcPath& path, double max_t,
-                          const RoundingLimits& limits, bool& is_touching) noexcept {
-    is_touching = false;
+inline Entry first_entry(const Feature& f, const ArcPath& path, double max_t,
+                         const RoundingLimits& limits) noexcept {
     const bool faces_start = f.faces(path.x, 0);
-    double first = infinity;
-    if (faces_start) first = descends_below(f, path, max_t, limits, is_touching);
+    Entry first;
+    if (faces_start) first = descends_below(f, path, max_t, limits);
     if (faces_start && path.q == 0) return first;
     for (const EndNormal& end : f.ends) {
         const double t =
             path.quadratic_along(end.distance_beyond(path.x), end.outwards, 0).first_descent();
-        if (!(t <= max_t && t < first && f.faces(path.at(t), limits.start_slack))) continue;
-        bool touches = false;
-        const double more = descends_below(f, path.rest_from(t), max_t, limits, touches);
-        const double entry = path.parameter_after(t, more);
-        if (entry <= max_t && entry < first) {
-            first = entry;
-            is_touching = touches;
-        }
+        if (!(t <= max_t && t < first.t && f.faces(path.at(t), limits.start_slack))) continue;
+        const Entry more = descends_below(f, path.rest_from(t), max_t, limits);
+        const double entry = path.parameter_after(t, more.t);
+        if (entry <= max_t && entry < first.t) first = {entry, more.is_touching};
     }
     return first;
 }

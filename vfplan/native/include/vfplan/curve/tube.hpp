@@ -133,9 +133,6 @@ class Path {
         while (piece >= strands_[s].first + strands_[s].count) ++s;
         return s;
     }
-    std::size_t bytes() const noexcept {
-        return pieces_.capacity() * sizeof(Piece) + tree_.bytes();
-    }
 
   private:
     /// Into how many parts one stroke is cut at most.
