@@ -113,6 +113,16 @@ def test_a_bend_tighter_than_the_tube_is_refused_or_said():
         assert vfplan.Guide(circle(0.02), 1e-3, closed=True).tight_bend is None
 
 
+def test_a_tick_searches_a_part_of_a_curve_that_is_as_near_everywhere():
+    """In the middle of a ring with a dent that lies in another part; then within the tube."""
+    ring = circle(0.1, 19_000)
+    ring[9500:9550] *= 1 - 1e-6
+    guide = vfplan.Guide(ring, 1e-3, closed=True, hold="on_entry")
+    trace = guide.run([[0, 0, 0], 0.9995 * ring[7]])
+    assert trace.lateral_m == pytest.approx([0.1, 0.5e-4], rel=1e-9)
+    assert trace.held.tolist() == [False, True]
+
+
 def test_a_closed_curve_goes_round_and_an_open_one_stops():
     arcs = np.linspace(0, 2.5, 3000)
     ring = vfplan.Guide(circle(0.02), 1e-3, closed=True)

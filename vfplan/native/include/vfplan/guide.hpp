@@ -70,6 +70,10 @@ class Guide {
     /// What the proxy may move in a millisecond besides following the HIP [m]. With it the force
     /// changes by K (|dx| + 2e-5 m) at most, the part of the pull included.
     static constexpr double give = 0.95e-5;
+    /// Inner steps of a tick's search for the nearest place of the whole curve, and pieces that it
+    /// goes along: less than 0.2 ms of each.
+    static constexpr std::int64_t max_steps = 8000;
+    static constexpr std::size_t max_pieces = 2000;
 
     /// One curve through `n` points [m], x y z of each in turn.
     Guide(const double* xyz, std::size_t n, bool closed, const GuideParameters& p)
@@ -208,7 +212,7 @@ class Guide {
     /// stretch may change. Where the place stays, it changes by no more than the HIP moves.
     void follow_hip(double allowed) noexcept {
         int side = 0;  // of the last piece, on which the place left it
-        for (std::size_t n = 0; n <= path_.size(); ++n) {
+        for (std::size_t n = 0; n <= std::min(path_.size(), max_pieces); ++n) {
             const Piece& piece = path_[place_.piece];
             const Piece::PieceDescent foot = piece.descend(x_, place_.at);
             const Vec3 next = stretch_at(foot.at);
@@ -254,12 +258,14 @@ class Guide {
         if (is_held_) stretch_ = {};
     }
     /// Takes the nearest place of the whole curve. The tip is held there if it is within the tube,
-    /// or in any case if `at_once`.
+    /// or in any case if `at_once`. In the middle of a circle all places are as near: after so many
+    /// steps it takes the nearest that it has seen, and the next tick searches again.
     void search(bool at_once) noexcept {
-        place_ = path_.nearest(x_);
+        WorkBudget look(max_steps);
+        place_ = path_.nearest(x_, &look);
         const bool is_in_tube = place_.distance <= p_.radius;
         is_held_ = at_once || (is_in_tube && norm(stretch_) == 0 && !is_beyond_end());
-        distance_to_tube_ = place_.distance - p_.radius;
+        distance_to_tube_ = look.is_spent() ? 0 : place_.distance - p_.radius;
     }
     /// Whether the place is at an end that lets the tip go, and the HIP is past it.
     bool is_beyond_end() const noexcept {

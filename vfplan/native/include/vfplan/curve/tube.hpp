@@ -110,21 +110,22 @@ class Path {
         return norm(box.high - box.low);
     }
 
-    /// Strand, piece and point nearest to x.
+    /// Strand, piece and point nearest to x, of what a budget lets it look at.
     struct PathPlace {
         std::size_t strand = 0, piece = 0;
         Vec3 at;
         double distance = infinity;
     };
-    PathPlace nearest(const Vec3& x) const noexcept {
+    PathPlace nearest(const Vec3& x, WorkBudget* budget = nullptr) const noexcept {
         PathPlace best;
-        tree_.visit_nearest(x, best.distance, [&](std::uint32_t i) noexcept {
+        const auto look = [&](std::uint32_t i) noexcept {
             const Vec3 c = pieces_[i].nearest(x);
             const double d = norm(x - c);
             // Of places that are as near, the first.
             if (d < best.distance || (d == best.distance && i < best.piece))
                 best = {strand_of(i), i, c, d};
-        });
+        };
+        tree_.visit_nearest(x, best.distance, look, budget);
         return best;
     }
     /// The number of the strand that a piece is part of.
