@@ -261,7 +261,7 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     joined = with_both.apply({"do": "join", "stroke": 0, "other": 1})
     (curve,) = joined.state()["curve_px"]
     assert joined.state()["edited"][0]
-    steps = np.hypot(*np.diff(np.array(curve), axis=0).T)
+    steps = np.hypot(*np.diff(curve, axis=0).T)
     assert steps.max() < 2.5
     left = session.apply({"do": "leave", "ink": ink["number"]})
     assert left.state()["account"][0]["left_out"]
@@ -285,7 +285,7 @@ def test_a_line_that_touches_little_ink_is_drawn():
 def test_strokes_that_touch_are_joined_without_a_doubled_place():
     session = Session.open(SLICE)
     for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
-        session = session.apply({"do": "draw", "points": list(places), how: True})
+        session = session.apply({"do": "draw", "points": places, how: True})
     [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
     assert np.hypot(*np.diff(joined.points, axis=0).T).min() > 0.9
 

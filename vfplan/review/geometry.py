@@ -125,7 +125,7 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
     bone = _core.thinned(np.pad(mask, 2)).astype(bool)
     # A fork is as wide as the pen, and two that cross at a small angle are a little apart.
     reach = 3.0 * mask.sum() / max(bone.sum(), 1) + CLOSE_PX
-    found, _ = branches_of(bone)
+    found = branches_of(bone)[0]
     branches = [pixels + corner - 2.0 for pixels, _ in found if len(pixels) > reach]
     if not branches:
         return None

@@ -445,8 +445,7 @@ class MendedStroke(Stroke):
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")
-        is_new = np.arange(len(self.points)) == nearest
-        return replace(self, is_knot=self.is_knot | is_new)
+        return replace(self, is_knot=self.is_knot | (np.arange(len(self.points)) == nearest))
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
@@ -464,8 +463,7 @@ class MendedStroke(Stroke):
         spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
-        inner = spline[first + 1 : last]
-        drawn = np.vstack([self.points[before], inner, self.points[after]])
+        drawn = np.vstack([self.points[before], spline[first + 1 : last], self.points[after]])
         return self._with_stretch(before, after, drawn, ink)
 
     def cut(self, start: NDArray | None, end: NDArray | None) -> MendedStroke:
