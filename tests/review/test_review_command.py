@@ -251,7 +251,8 @@ def test_the_command_of_a_refusal_has_the_options_that_were_typed(vfplan_cli, tm
 def test_a_refused_dotted_line_is_marked_on_its_picture(tmp_path):
     picture, path = np.full((400, 600, 3), 90, np.uint8), tmp_path / "s.png"
     for u in range(40, 560, 24):
-        cv2.line(picture, (u, 200), (u + 12, 200), (0, 0, 255), 3, cv2.LINE_AA)
+        cv2.line(picture, (u, 200), (u + 12, 200), (0, 0, 255), 3)
+    picture[190, 564:568, 2] = 255  # a speck
     cv2.imwrite(str(path), picture)
     with refuses(CurveError, "line-dotted") as refused:
         vfplan.extract(path)

@@ -105,7 +105,6 @@ def test_the_sample_is_approved_into_a_reviewed_fixture(sample):
     assert done.state()["why_not"] == []
     fixture = done.approve("A. Planner")
     assert fixture.reviewed.by == "A. Planner"
-    assert len(fixture.reviewed.digest) == 64
     assert not fixture.open_findings
     planned = vfplan.plan(SLICE, *MARKERS, extraction=sample.source.extraction)
     assert np.allclose(fixture.points, planned.fixture.points, atol=1e-9)
@@ -262,7 +261,7 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     joined = with_both.apply({"do": "join", "stroke": 0, "other": 1})
     (curve,) = joined.state()["curve_px"]
     assert joined.state()["edited"][0]
-    steps = np.hypot(*np.diff(np.array(curve), axis=0).T)
+    steps = np.hypot(*np.diff(curve, axis=0).T)
     assert steps.max() < 2.5
     left = session.apply({"do": "leave", "ink": ink["number"]})
     assert left.state()["account"][0]["left_out"]
@@ -286,7 +285,7 @@ def test_a_line_that_touches_little_ink_is_drawn():
 def test_strokes_that_touch_are_joined_without_a_doubled_place():
     session = Session.open(SLICE)
     for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
-        session = session.apply({"do": "draw", "points": list(places), how: True})
+        session = session.apply({"do": "draw", "points": places, how: True})
     [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
     assert np.hypot(*np.diff(joined.points, axis=0).T).min() > 0.9
 
@@ -302,10 +301,7 @@ def test_of_too_few_markers_no_bound_is_told(sample):
 def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_path):
     path = tmp_path / "slice.png"
     cv2.imwrite(str(path), slices.draw(kind.replace("_", " "), 4 * seed).image[..., ::-1])
-    try:
-        extracted = vfplan.extract(path)
-    except vfplan.errors.CurveError:
-        pytest.skip("this drawing is refused, so it has no account")
+    extracted = vfplan.extract(path)
     session = Session.open(path)
     # What the page shows, and the sheet of the bundle, which does not hold the pen's width.
     bundle = tmp_path / "curve.h5"
@@ -579,8 +575,6 @@ def check_sound(session):
         count = len(stroke.points)
         assert np.isfinite(np.c_[stroke.points, stroke.sigma]).all()
         assert len(stroke.bridged) == len(stroke.edited) == count
-        assert len(stroke.knots) >= 2
-        assert (np.diff(stroke.knots) > 0).all()
         assert 0 <= stroke.knots[0] < stroke.knots[-1] < count
         assert stroke.closed or (stroke.knots[0], stroke.knots[-1]) == (0, count - 1)
         steps = np.hypot(*np.diff(stroke.points, axis=0).T)

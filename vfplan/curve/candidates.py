@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import compress, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -339,11 +339,13 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
     from scipy.spatial.distance import cdist
 
-    sides = np.array([np.ptp(group, axis=0).max() + 1 for group in groups])
-    if len(groups) < MIN_DOTS or len(groups) > MAX_DOTS:
+    if not MIN_DOTS <= len(groups) <= MAX_DOTS:
         return None
-    is_dot = sides <= tuned.ALIKE * np.median(sides)
-    dots = [group for group, alike in zip(groups, is_dot, strict=True) if alike]
+    sides, areas = np.array([(np.ptp(group, axis=0).max() + 1, len(group)) for group in groups]).T
+    # JPEG leaves specks beside dots, which are much smaller.
+    is_dot = areas >= np.median(areas) / tuned.ALIKE**2
+    is_dot &= sides <= tuned.ALIKE * np.median(sides)
+    dots = list(compress(groups, is_dot))
     weights = [ink.coverage[group[:, 1], group[:, 0]].astype(float) for group in dots]
     places = np.array([w @ dot / w.sum() for w, dot in zip(weights, dots, strict=True)])
     apart = cdist(places, places)
@@ -355,7 +357,6 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     way[np.isinf(way)] = -1.0
     start, stop = np.unravel_index(way.argmax(), way.shape)
     path = walked_back(before[start], start, stop)[::-1]
-    size = np.mean([len(dots[k]) for k in path])
     # Letters are dots as well, but stand too close; noise lies all over the picture.
     is_row = len(path) >= max(MIN_DOTS, tuned.HALF * len(dots))
     if not is_row or spacing < np.median(sides[is_dot]):
@@ -363,7 +364,9 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     closed = bool(apart[start, stop] <= tuned.ALIKE * spacing)
     points = path_through(places[path], closed)
     sigma = np.full(len(points), DOT_SIGMA_PX)
-    return Stroke(points, closed, sigma, width=float(np.sqrt(4 * size / np.pi)))
+    return Stroke(
+        points, closed, sigma, width=float(np.sqrt(4 * areas[is_dot][path].mean() / np.pi))
+    )
 
 
 def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:

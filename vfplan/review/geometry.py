@@ -123,14 +123,14 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
     """
     mask, corner = entry.piece.mask, np.array(entry.box[:2], float)
     bone = _core.thinned(np.pad(mask, 2)).astype(bool)
-    branches = [pixels + corner - 2.0 for pixels, _ in branches_of(bone)[0]]
     # A fork is as wide as the pen, and two that cross at a small angle are a little apart.
     reach = 3.0 * mask.sum() / max(bone.sum(), 1) + CLOSE_PX
-    branches = [pixels for pixels in branches if len(pixels) > reach]
+    found = branches_of(bone)[0]
+    branches = [pixels + corner - 2.0 for pixels, _ in found if len(pixels) > reach]
     if not branches:
         return None
     away = [nearest_point(pixels, place)[1] for pixels in branches]
-    path = branches.pop(int(np.argmin(away)))
+    path = branches.pop(np.argmin(away))
     for _ in range(2):
         path = path[::-1]
         while branches:

@@ -277,13 +277,14 @@ class SliceInk:
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
         sigma = np.hypot(deviation, INK_SIGMA_PX)
+        # Ink that joins the line, as the ends of a ring may, pulls the centre aside by at most half
+        # of what it adds to the width.
+        wider = running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, BEYOND[closed])
         if closed:
-            # Its ends may overlap where it is wide, and pull the centre aside.
-            wider = np.maximum(
-                running_median(mass, NEARBY_POINTS, "wrap"),
-                running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, "wrap"),
-            )
-            sigma = np.hypot(sigma, usual * (wider - 1).clip(0) / 4)
+            wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
+            nearby = usual
+        sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
+        if closed:
             # Where it is carried past them, all of its width is ink. What lacks on one side says
             # how far off it may be, and where to move it.
             lack = self.lacking(points, alone, usual)
@@ -293,7 +294,7 @@ class SliceInk:
                 points = points + move[:, None] * normals(points, True)
                 lack = self.lacking(points, alone, usual)
         else:
-            carried = np.full(len(points), BRANCH_SIGMA_PX)
+            carried = BRANCH_SIGMA_PX
         sigma[passed] = np.hypot(sigma, carried)[passed]
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
@@ -320,7 +321,7 @@ class SliceInk:
         free: whether the (first, last) end is free, and does not lie on another line
         """
         line = self.measure(path, closed, reach_px)
-        if closed or not any(free) or line.edited.all():
+        if closed or not any(free):
             return line
         return self._to_its_ends(line, free, self.width_along(line.points, False), reach_px)
 
@@ -332,8 +333,8 @@ class SliceInk:
         path = gaussian(path, tuned.SMOOTH_PX, BEYOND[closed])
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
-        if not closed and not line.edited.all():
-            line = self._to_its_ends(line, (True, True), width, tuned.TAPER_REACH_PX)
+        if not closed:
+            line = self._to_its_ends(line, (True, True), width, 2 * tuned.TAPER_REACH_PX)
         # No hand placed what shows no ink.
         return replace(line, bridged=line.edited, edited=None)
 
@@ -345,17 +346,19 @@ class SliceInk:
         carried = np.vstack([before, line.points, onward(line.points)])
         profiles = read_profiles(self.found, carried, normals(carried, False), width)
         valid = without_ink_ahead(profiles.valid)
-        if valid.sum() < tuned.MIN_PROFILES:
+        if line.edited.all() or valid.sum() < tuned.MIN_PROFILES:
             return line
         ends = find_ends(profiles, valid, is_noisy(self.found, line.points, width))
         start, stop = float(len(before)), float(len(before) + len(line.points) - 1)
-        if free[0] and not valid[0] and abs(ends[0].place - start) < 2 * reach_px:
+        if free[0] and not valid[0] and abs(ends[0].place - start) < reach_px:
             start = ends[0].place
-        if free[1] and not valid[-1] and abs(ends[1].place - stop) < 2 * reach_px:
+        if free[1] and not valid[-1] and abs(ends[1].place - stop) < reach_px:
             stop = ends[1].place
         if stop - start < tuned.MIN_PROFILES:
             return line
         path = values_at(carried, np.linspace(start, stop, round(stop - start) + 1))
+        # Beyond the picture no ink shows where the line ends.
+        path = path[((path > -0.5) & (path < self.found.size - 0.5)).all(axis=1)]
         return self.measure(path, False, CLOSE_PX, width)
 
     def with_hidden(self, line: Stroke) -> Stroke:
@@ -442,8 +445,7 @@ class MendedStroke(Stroke):
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")
-        is_new = np.arange(len(self.points)) == nearest
-        return replace(self, is_knot=self.is_knot | is_new)
+        return replace(self, is_knot=self.is_knot | (np.arange(len(self.points)) == nearest))
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
@@ -461,8 +463,7 @@ class MendedStroke(Stroke):
         spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
         first, _ = nearest_point(spline, self.points[before])
         last, _ = nearest_point(spline, self.points[after])
-        inner = spline[first + 1 : last]
-        drawn = np.vstack([self.points[before], inner, self.points[after]])
+        drawn = np.vstack([self.points[before], spline[first + 1 : last], self.points[after]])
         return self._with_stretch(before, after, drawn, ink)
 
     def cut(self, start: NDArray | None, end: NDArray | None) -> MendedStroke:
@@ -493,8 +494,7 @@ class MendedStroke(Stroke):
     def meets(self, drawn: NDArray) -> bool:
         """Whether a drawn path begins or ends on the stroke, or runs along it."""
         near, index = self._near(drawn)
-        along = index[near]
-        return bool(near[0] or near[-1] or (near.any() and np.ptp(along) > ALONG_PX))
+        return bool(near[0] or near[-1] or (near.any() and np.ptp(index[near]) > ALONG_PX))
 
     def _near(self, drawn: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
         """Which points of a path lie on the stroke, and which of its points is nearest to each."""
@@ -509,7 +509,7 @@ class MendedStroke(Stroke):
         near, index = self._near(drawn)
         count = len(self.points)
         if near[0] and near[-1]:
-            first, last = int(index[0]), int(index[-1])
+            first, last = index[[0, -1]]
             is_turned = first > last
             if self.closed:
                 # The ends cut a ring into two parts. The one nearer to the drawing is replaced.
@@ -536,7 +536,7 @@ class MendedStroke(Stroke):
         if not near[0]:
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
-        first, last = int(index[0]), int(index[near][-1])
+        first, last = index[near][[0, -1]]
         goes_on = first >= count / 2
         if abs(last - first) > ALONG_PX:
             goes_on = last > first
