@@ -33,7 +33,14 @@ MENDED_ON_PAGE = {
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
     *("one-mark-two-markers", "mirrored", "scale-wrong", "one-side-only"),
     *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
+    "arcs-coarse",
 }
+
+# Options that the page would refuse as the command did: it opens without them.
+REFUSED_WITH = {
+    "stroke-number": ("--stroke",), "place-off-curve": ("--start", "--end"),
+    "start-is-end": ("--start", "--end"), "end-of-a-ring": ("--start", "--end"),
+}  # fmt: skip
 
 
 @command(
@@ -107,10 +114,12 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
     """
     try:
         yield
-    except (CurveError, MarkerError, CheckFailed) as error:
+    except (CurveError, MarkerError, CheckFailed, SettingError) as error:
         from vfplan.registration.checks import TO_RECTIFY
 
-        general, page = "vfplan review IMAGE", page_command(*files, **options)
+        leaving_out = REFUSED_WITH.get(error.code, ())
+        general = "vfplan review IMAGE"
+        page = page_command(*files, **options, leaving_out=leaving_out)
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
             sentences = re.split(r"(?<=\.) ", error.message)

@@ -446,7 +446,7 @@ def slice_not_shown() -> Finding:
     """The doubt of who looked at a plan without its slice."""
     text = (
         "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
-        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE."
+        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE -o OUT.h5."
     )
     return doubt("slice-not-shown", "extract", text)
 

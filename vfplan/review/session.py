@@ -101,8 +101,11 @@ class Session:
             # The time belongs to the step, so that a draft gives the same answer again.
             step = {"utc": now_utc(), **step}
         plan = steps_of_a_plan.apply(self.current, step)
-        steps = (*self.steps, dict(step))
-        return replace(self, steps=steps, undone=(), _plans=(*self._plans, plan))
+        steps, plans = self.steps, self._plans
+        if steps and is_turn(step) and is_turn(steps[-1]):
+            # Of slices that are turned one after the other, the last is the one that is chosen.
+            steps, plans = steps[:-1], plans[:-1]
+        return replace(self, steps=(*steps, dict(step)), undone=(), _plans=(*plans, plan))
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
@@ -115,8 +118,8 @@ class Session:
         return replace(self, seen={**self.seen, who: seen})
 
     def undo(self) -> Session:
-        """The session before the last step."""
-        if not self.steps:
+        """The session before the last step; the slice that was chosen first stays."""
+        if not self.steps_on_slice:
             text = "There is no step to undo. Take a step first."
             raise SettingError(text, code="nothing-to-undo")
         undone = (self.steps[-1], *self.undone)
@@ -132,6 +135,11 @@ class Session:
     def anew(self) -> Session:
         """The session without its steps."""
         return replace(self, steps=(), undone=(), _plans=self._plans[:1])
+
+    @property
+    def steps_on_slice(self) -> tuple[dict[str, Any], ...]:
+        """The steps without the choice of the slice that they began with."""
+        return self.steps[1:] if self.steps and is_turn(self.steps[0]) else self.steps
 
     @property
     def current(self) -> Plan:
@@ -175,7 +183,7 @@ class Session:
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [title_of(step) for step in self.steps]
+        titles = [title_of(step) for step in self.steps_on_slice]
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {
@@ -290,6 +298,11 @@ def as_complex(points: np.ndarray) -> np.ndarray:
 def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
+
+
+def is_turn(step: dict[str, Any]) -> bool:
+    """Whether a step turns to another slice."""
+    return step["do"] == "choose_slice"
 
 
 def title_of(step: dict[str, Any]) -> str:

@@ -6,6 +6,7 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -41,7 +42,7 @@ MAX_LABEL = 64
 
 def malformed(step: Step, name: str, wanted: str) -> SettingError:
     """The error that says of a field of a step what is wanted there instead."""
-    value = repr(step.get(name))[:60]
+    value = json.dumps(step.get(name), default=str)[:60]
     return SettingError(
         f"In step {step['do']}, {name} is {value}. Give {wanted}.", code="step-malformed"
     )
@@ -81,7 +82,7 @@ def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
     value = step.get(name)
     is_list = isinstance(value, (list, tuple)) and len(value) == count
     if not is_list or not all(is_number(number) and abs(number) <= 1e9 for number in value):
-        raise malformed(step, name, f"a list of {count} finite numbers")
+        raise malformed(step, name, f"a list of finite numbers, {count} in all")
     return tuple(float(number) for number in value)
 
 
@@ -450,10 +451,11 @@ def rectify(plan: Plan, step: Step) -> Plan:
 def set_plan(plan: Plan, step: Step) -> Plan:
     """Plan with another model, distance, side from which the slice is seen, or pixel size."""
     source, fit, changes = plan.source, plan.fit, {}
-    for name, allowed in (("model", MODELS), ("seen_from", (None, "above", "below"))):
+    choices = {"model": MODELS, "seen_from": (None, "above", "below"), "arcs_m": (None,)}
+    for name, allowed in choices.items():
         if name in step:
             if step[name] not in allowed:
-                raise malformed(step, name, f"one of {allowed}")
+                raise malformed(step, name, " or ".join(map(json.dumps, allowed)))
             changes[name] = step[name]
     if "contact_radius" in step:
         changes["contact_radius"] = numbers_of(step, "contact_radius", 1)[0]

@@ -52,8 +52,8 @@ def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -
     verdict = judge(robot, stiffness, results, safety_factor)
     if not verdict.stable:
         raise CheckFailed(
-            f"{verdict_text(verdict)}. Plan with a smaller stiffness, or judge it with the "
-            "robot's true mass and damping."
+            f"{verdict_text(verdict, results)}. Plan with a smaller stiffness, or judge it with "
+            "the robot's true mass and damping."
         )
     return verdict
 
@@ -140,24 +140,32 @@ def judge(
 
     A verdict names the longest delay of a robot whose delay varies.
     """
-    borne = largest_stiffness_by_rule(results)
-    borne.pop("paper", None)
     figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
     figures["delay_ticks"] = worst_delay(robot)
-    k_max = min(borne.values(), default=0.0)
+    k_max, _ = least_stable(results)
     return StabilityVerdict(
         robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
     )
 
 
-def verdict_text(verdict: StabilityVerdict) -> str:
+def least_stable(results: list[CaseResult]) -> tuple[float, str]:
+    """The least K [N/m] that a case bears, of blows and of rules that robots render, and which."""
+    borne = [
+        (row.measured, row.case)
+        for row in results
+        if row.unit == "N/m" and row.measured is not None and row.values.get("rule") != "paper"
+    ]
+    return min(borne, default=(0.0, "no case"))
+
+
+def verdict_text(verdict: StabilityVerdict, results: list[CaseResult]) -> str:
     """The verdict on one line: what was judged, and up to which K the loop is stable."""
     return (
         f"K = {verdict.k_n_per_m:g} N/m with robot {verdict.robot!r} (m = {verdict.mass_kg:g} kg,"
         f" b = {verdict.damping_n_s_per_m:g} N·s/m, {verdict.rate_hz:g} Hz, delay "
         f"{count(verdict.delay_ticks, 'tick')}): the loop is stable up to "
-        f"{verdict.k_max_n_per_m:.0f} N/m; allowed with a margin of {verdict.margin:g} is "
-        f"{verdict.k_pass_n_per_m:.0f} N/m"
+        f"{verdict.k_max_n_per_m:.0f} N/m, least in {least_stable(results)[1]}; allowed with a "
+        f"margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
     )
 
 
@@ -234,7 +242,7 @@ class Study:
             summary += f", {outcomes['fail']} fail"
         if outcomes["finding"]:
             summary += f", {outcomes['finding']} with a fault that only the paper's rule has"
-        lines = [verdict_text(self.verdict), self.blows.detail, summary]
+        lines = [verdict_text(self.verdict, self.rows), self.blows.detail, summary]
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)
 

@@ -92,12 +92,12 @@ export class View {
     byId("title").textContent = `Review of ${state.image.in_words || state.image.name}`;
     document.title = byId("title").textContent;
     if (isFirst) {
-      this.greys = new Greys(this.app, state.image.grey_max);
+      this.greys = new Greys(this.app, state.image);
       this.showLetters(state.image.sides);
       this.fit();
       this.isChosen = false;
     }
-    if (isOther || isTurned) this.greys.load();
+    if (isOther || isTurned) this.greys.turn();
     if (isOther) {
       this.fit();
       this.isChosen = false;
