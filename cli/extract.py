@@ -36,11 +36,10 @@ MENDED_ON_PAGE = {
     "arcs-coarse",
 }
 
-# Options that the page would refuse as the command did: it opens without them.
-REFUSED_WITH = {
-    "stroke-number": ("--stroke",), "place-off-curve": ("--start", "--end"),
-    "start-is-end": ("--start", "--end"), "end-of-a-ring": ("--start", "--end"),
-}  # fmt: skip
+# Options, typed or from a file, that the page would refuse as the command did: it opens without.
+ENDS = ("--start", "--end", "--settings")
+REFUSED_WITH = {"stroke-number": ("--stroke", "--settings"), "place-off-curve": ENDS,
+                "start-is-end": ENDS, "end-of-a-ring": ENDS}  # fmt: skip
 
 
 @command(

@@ -136,10 +136,8 @@ def page_command(
     """The command that opens the review page of a slice and its markers, with the same options.
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
-    leaving_out: options that are not repeated, be they typed or from a file
+    leaving_out: as `typed_options` takes it
     """
-    if leaving_out:
-        leaving_out = (*leaving_out, "--settings")
     typed = typed_options("review", overwrites=overwrites, leaving_out=leaving_out)
     names = {word.partition("=")[0] for word in typed}
     if "--case" in names and "--key" not in names:

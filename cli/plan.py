@@ -105,15 +105,12 @@ def vfplan_plan(
 
     # Robot and arm have a say before anything is written.
     if robot is not None:
-        from vfplan.engine.proxy import best_rule
         from vfplan.stability.study import with_verdict
 
         fixture = with_verdict(fixture, robot)
-        stability = fixture.stability.as_dict()
-        data["stability"] = stability
-        largest = f"{stability['k_max_n_per_m']:.0f} N/m"
-        name, rule = stability["robot"], best_rule(fixture)
-        lines.append(f"stable up to {largest} with robot {name}, this curve by rule {rule}")
+        data["stability"] = fixture.stability.as_dict()
+        largest = f"{fixture.stability.k_max_n_per_m:.0f} N/m"
+        lines.append(f"stable up to {largest} with robot {robot.name}, on this curve alone")
     if arguments["rehearse"] is not None:
         from vfplan.arm.command import rehearsed_text
 

@@ -289,14 +289,12 @@ def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
-    from vfplan.images.read import flat_as_planned, slice_file
-    from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
-    from vfplan.review.geometry import extraction_of
     from vfplan.review.plan import (
         Plan,
         refuse_extraction_of_extracted,
         refuse_planning_of_planned,
+        slice_of_bundle,
     )
     from vfplan.stability.study import with_verdict_by
 
@@ -306,9 +304,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     refuse_extraction_of_extracted(fixture, options.given_settings(ExtractSettings, arguments))
     image = None
     if arguments["slice_path"] is not None:
-        file = slice_file(fixture, arguments["slice_path"])
-        image = read_slice(file, extraction_of(fixture, extraction))
-        image = flat_as_planned(image, fixture.provenance.settings)
+        _, image = slice_of_bundle(fixture, arguments["slice_path"], extraction)
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)

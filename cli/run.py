@@ -228,8 +228,8 @@ class CommandResult:
     warnings: list[str] = field(default_factory=list)
     failed: str = ""
     findings: Sequence[Finding] | None = None
-    verdict: str = ""
-    next_step: str = ""
+    verdict: str = field(kw_only=True)
+    next_step: str = field(kw_only=True)
     verdict_in_json: bool = True
 
     def __post_init__(self) -> None:

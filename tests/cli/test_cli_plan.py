@@ -140,6 +140,7 @@ def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
 def test_the_page_that_a_refusal_names_opens_without_what_was_refused(vfplan_cli, tmp_path, option):
     kept = ("--margin", "tre95", "-o", tmp_path / "f.h5")
     refused = vfplan_cli("plan", *ELBOW, *option, *kept).fails(3)
+    assert not (tmp_path / "f.h5").exists()
     page = shlex.split(refused.error_line.partition("on a page: ")[2])
     assert page == ["vfplan", "review", *map(str, (*ELBOW, *kept))]
 

@@ -433,12 +433,11 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
         ("guide", settings.guide_m, ARCS_SHARE_OF_MARGIN),
         ("contact radius", radius_m, ARCS_SHARE_OF_RADIUS),
     ):  # fmt: skip
-        if not length_m or pieces.error <= share * length_m:
-            continue
-        raise SettingError(
-            f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
-            f"the {name} of {1e3 * length_m:.4g} mm allows {100 * share:g} % of that. "
-            f"Give --arcs {950 * share * length_m:.2g} or less, or none",
-            code="arcs-coarse",
-            numbers={"error_m": pieces.error, "length_m": length_m},
-        )
+        if length_m and pieces.error > share * length_m:
+            raise SettingError(
+                f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
+                f"the {name} of {1e3 * length_m:.4g} mm allows {100 * share:g} % of that. "
+                f"Give --arcs {950 * share * length_m:.2g} or less, or none",
+                code="arcs-coarse",
+                numbers={"error_m": pieces.error, "length_m": length_m},
+            )

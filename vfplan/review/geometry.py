@@ -171,7 +171,7 @@ MIN_STRAIGHT = 0.7
 ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
 
 # What stands in place of their question once a person left that ink out.
-QUESTION, ON_PURPOSE = re.compile(r" [A-Z][^.?]*\?"), " It was left out on purpose."
+QUESTION, ON_PURPOSE = re.compile(r" [A-Z][^.?]*\?"), " A person left it out."
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
@@ -392,9 +392,8 @@ class Geometry:
 
 
 def stated(finding: Finding) -> str:
-    """What a finding says of ink without what it asks, and without that it was left out."""
-    text = QUESTION.sub("", finding.text.removesuffix(ON_PURPOSE))
-    return text.replace(" and was left out", "")
+    """What a finding says of ink, without what it asks or what stands in place of that."""
+    return QUESTION.sub("", finding.text.removesuffix(ON_PURPOSE))
 
 
 def away_from(piece: Leftover, finding: Finding) -> float:

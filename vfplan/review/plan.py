@@ -503,6 +503,8 @@ class Plan:
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
         settings = self.source.recipe | recorded(self.fit.settings)
+        unset = settings["FixtureSettings.unset"].split(",")
+        settings = {name: value for name, value in settings.items() if name not in unset}
         if ink is not None:
             settings = settings | recorded(self.source.extraction_with(ink))
         # The files of the bundle's markers are named as long as these are its markers.
@@ -735,8 +737,7 @@ def source_of_bundle(
         raise InputError(text, where=str(path), code="no-drawn-curve")
     image, spacing = None, fixture.image and fixture.image.pixel_spacing_mm
     if slice_path is not None:
-        slice_path = slice_file(fixture, slice_path)
-        image = flat_as_planned(read_slice(slice_path, extraction_of(fixture, extraction)), known)
+        slice_path, image = slice_of_bundle(fixture, slice_path, extraction)
         check_slice(fixture, image)
         if spacing is not None:
             image = replace(image, pixel_spacing_mm=spacing)
@@ -780,6 +781,15 @@ def source_of_bundle(
         case=seal.get("case") or fixture.case or "",
         robot_serial=seal.get("robot_serial", ""),
     )  # fmt: skip
+
+
+def slice_of_bundle(
+    fixture: Fixture, path: Path, extraction: ExtractSettings
+) -> tuple[Path, PlannedImage]:
+    """The file of a bundle's slice, and the slice as it was planned on."""
+    file = slice_file(fixture, path)
+    image = read_slice(file, extraction_of(fixture, extraction))
+    return file, flat_as_planned(image, fixture.provenance.settings)
 
 
 def geometry_of_bundle(

@@ -32,7 +32,8 @@ from vfplan.review.rendered import described, digest_of, rendered_in_json, visib
 # No places.
 NOTHING = np.zeros(0, complex)
 
-SHOWN_OF_ENTRY = ("number", "u", "v", "pixels")
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "what")
+SHOWN_OF_STEP = {"do", "stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"}
 SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from")
 
 
@@ -95,14 +96,15 @@ class Session:
         SettingError
             The step is not understood or does not fit the present state. Nothing has changed.
         """
-        if isinstance(step, dict) and step.get("do") == "viewed":
+        name = step.get("do") if isinstance(step, dict) else None
+        if name == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
-        if isinstance(step, dict) and step.get("do") == "answer":
+        if name == "answer":
             # The time belongs to the step, so that a draft gives the same answer again.
             step = {"utc": now_utc(), **step}
         plan = steps_of_a_plan.apply(self.current, step)
         steps, plans = self.steps, self._plans
-        if steps and is_turn(step) and is_turn(steps[-1]):
+        if steps and name == steps[-1]["do"] == "choose_slice":
             # Of slices that are turned one after the other, the last is the one that is chosen.
             steps, plans = steps[:-1], plans[:-1]
         return replace(self, steps=(*steps, dict(step)), undone=(), _plans=(*plans, plan))
@@ -139,7 +141,8 @@ class Session:
     @property
     def steps_on_slice(self) -> tuple[dict[str, Any], ...]:
         """The steps without the choice of the slice that they began with."""
-        return self.steps[1:] if self.steps and is_turn(self.steps[0]) else self.steps
+        is_chosen = len(self.steps) > 0 and self.steps[0]["do"] == "choose_slice"
+        return self.steps[is_chosen:]
 
     @property
     def current(self) -> Plan:
@@ -183,12 +186,11 @@ class Session:
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [title_of(step) for step in self.steps_on_slice]
+        steps = self.steps_on_slice
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {
                 "outline": [] if entry.piece is None else entry.piece.outline,
-                "is_ink": entry.what == "ink",
                 "left_out": entry.middle in geometry.excluded_ink,
             }
             for entry in geometry.account
@@ -203,7 +205,8 @@ class Session:
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
-            "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
+            "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
+            "can_undo": bool(steps), "can_redo": bool(self.undone),
             "approved": None,
         }  # fmt: skip
         fixture = self.source.as_opened
@@ -298,19 +301,3 @@ def as_complex(points: np.ndarray) -> np.ndarray:
 def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
     return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
-
-
-def is_turn(step: dict[str, Any]) -> bool:
-    """Whether a step turns to another slice."""
-    return step["do"] == "choose_slice"
-
-
-def title_of(step: dict[str, Any]) -> str:
-    """A step in the list of steps."""
-    words = step["do"].replace("_", " ")
-    for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):
-        if name in step:
-            # The page counts these from 1.
-            is_from_0 = name in ("stroke", "knot", "finding") and isinstance(step[name], int)
-            words += f", {name} {step[name] + 1 if is_from_0 else step[name]}"
-    return words

@@ -52,8 +52,8 @@ def gate(fixture: Fixture, robot: Robot, safety_factor: float = SAFETY_FACTOR) -
     verdict = judge(robot, stiffness, results, safety_factor)
     if not verdict.stable:
         raise CheckFailed(
-            f"{verdict_text(verdict, results)}. Plan with a smaller stiffness, or judge it with "
-            "the robot's true mass and damping."
+            f"{verdict_text(verdict)}. Plan with a smaller stiffness, or judge it with the "
+            "robot's true mass and damping."
         )
     return verdict
 
@@ -140,32 +140,27 @@ def judge(
 
     A verdict names the longest delay of a robot whose delay varies.
     """
+    measured = [row for row in results if row.unit == "N/m" and row.measured is not None]
     figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
     figures["delay_ticks"] = worst_delay(robot)
-    k_max, _ = least_stable(results)
+    borne = [row.measured for row in measured if row.values.get("rule") != "paper"]
     return StabilityVerdict(
-        robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
+        robot=robot.name,
+        **figures,
+        k_n_per_m=stiffness,
+        k_max_n_per_m=min(borne, default=0.0),
+        margin=safety_factor,
     )
 
 
-def least_stable(results: list[CaseResult]) -> tuple[float, str]:
-    """The least K [N/m] that a case bears, of blows and of rules that robots render, and which."""
-    borne = [
-        (row.measured, row.case)
-        for row in results
-        if row.unit == "N/m" and row.measured is not None and row.values.get("rule") != "paper"
-    ]
-    return min(borne, default=(0.0, "no case"))
-
-
-def verdict_text(verdict: StabilityVerdict, results: list[CaseResult]) -> str:
+def verdict_text(verdict: StabilityVerdict) -> str:
     """The verdict on one line: what was judged, and up to which K the loop is stable."""
     return (
         f"K = {verdict.k_n_per_m:g} N/m with robot {verdict.robot!r} (m = {verdict.mass_kg:g} kg,"
         f" b = {verdict.damping_n_s_per_m:g} N·s/m, {verdict.rate_hz:g} Hz, delay "
         f"{count(verdict.delay_ticks, 'tick')}): the loop is stable up to "
-        f"{verdict.k_max_n_per_m:.0f} N/m, least in {least_stable(results)[1]}; allowed with a "
-        f"margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
+        f"{verdict.k_max_n_per_m:.0f} N/m by every rule for robots in every scene tried; allowed "
+        f"with a margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
     )
 
 
@@ -221,9 +216,7 @@ class Study:
         robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
         return {
             **report,
-            "k_max_by_rule_n_per_m": {
-                rule: k for rule, k in largest_stiffness_by_rule(self.rows).items() if rule
-            },
+            "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
             "k_linear_bound_n_per_m": linear_bound(self.robot),
             "k_exact_bound_n_per_m": exact_bound(self.robot),
             "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},
@@ -242,7 +235,7 @@ class Study:
             summary += f", {outcomes['fail']} fail"
         if outcomes["finding"]:
             summary += f", {outcomes['finding']} with a fault that only the paper's rule has"
-        lines = [verdict_text(self.verdict, self.rows), self.blows.detail, summary]
+        lines = [verdict_text(self.verdict), self.blows.detail, summary]
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)
 
@@ -339,11 +332,11 @@ def pairs_of_rule_and_scene(
     return pairs
 
 
-def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str | None, float]:
-    """The K [N/m] that each rule bore in all scenes that were run; under `None` in the blows."""
+def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
+    """The K [N/m] that each rule bore in all scenes that were run."""
     borne = {}
     for row in rows:
-        if row.unit == "N/m" and row.measured is not None:
-            rule = row.values.get("rule")
+        rule = row.values.get("rule")
+        if rule is not None and row.unit == "N/m" and row.measured is not None:
             borne[rule] = min(row.measured, borne.get(rule, math.inf))
     return borne

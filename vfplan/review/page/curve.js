@@ -159,9 +159,9 @@ export class Curve {
     }
     byId("ways").replaceChildren(...nodes);
     // Once a line was chosen, the others stay at hand.
-    const last = state.steps.at(-1) ?? "";
-    const isJustChosen = state.curve_px.length > 0 && last.startsWith("choose");
-    const others = isJustChosen ? state.candidates.filter((way) => !last.endsWith(`candidate ${way.number}`)) : [];
+    const last = state.steps.at(-1);
+    const isJustChosen = state.curve_px.length > 0 && last?.do === "choose";
+    const others = isJustChosen ? state.candidates.filter((way) => way.number !== last.candidate) : [];
     byId("others-card").hidden = others.length === 0;
     refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
@@ -232,7 +232,7 @@ export class Curve {
     const outlines = [];
     const rows = [];
     if (state.curve_px.length) {
-      const pieces = state.account.filter((ink) => ink.is_ink);
+      const pieces = state.account.filter((ink) => ink.what === "ink");
       for (const ink of pieces) {
         for (const points of ink.outline) {
           const outline = line(points, true, ink.left_out ? "outline left-out" : "outline");

@@ -165,8 +165,19 @@ function show(state, isWhole) {
   if (isWhole) goToRefusal(state.refusal);
   byId("undo").disabled = !state.can_undo;
   byId("redo").disabled = !state.can_redo;
-  byId("steps").replaceChildren(...state.steps.map((text) => make("li", {}, text)));
+  byId("steps").replaceChildren(...state.steps.map((step) => make("li", {}, titleOf(step))));
   byId("steps-count").textContent = state.steps.length;
+}
+
+// A step in the list of steps. Strokes, knots and findings count from 1 here.
+function titleOf(step) {
+  const words = [step.do === "leave" ? "leave out" : step.do.replaceAll("_", " ")];
+  for (const name of ["stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"]) {
+    if (!(name in step)) continue;
+    const isFrom0 = ["stroke", "knot", "finding"].includes(name) && Number.isInteger(step[name]);
+    words.push(`${name} ${isFrom0 ? step[name] + 1 : step[name]}`);
+  }
+  return words.join(", ");
 }
 
 // A step may give the number of a piece of ink or of a finding to another one: what is selected is
@@ -175,7 +186,7 @@ function stillSelected(before, state) {
   const thing = app.selected;
   if (thing?.kind === "ink") {
     const ink = before.account.find((one) => one.number === thing.key);
-    const same = state.account.find((one) => one.is_ink && one.u === ink?.u && one.v === ink?.v);
+    const same = state.account.find((one) => one.what === "ink" && one.u === ink?.u && one.v === ink?.v);
     return same ? { kind: "ink", key: same.number } : null;
   }
   if (thing?.kind === "finding") {
