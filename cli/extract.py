@@ -165,8 +165,11 @@ def extracted_text(report: dict[str, Any]) -> str:
         lines.append(line)
     for stroke in report["strokes"]:
         shape = "closed" if stroke["closed"] else "open"
-        units = [unit for unit in ("px", "mm") if stroke.get(f"length_{unit}")]
-        lengths = " = ".join(f"{stroke[f'length_{unit}']:.1f} {unit}" for unit in units)
+        lengths = " = ".join(
+            f"{stroke[f'length_{unit}']:.1f} {unit}"
+            for unit in ("px", "mm")
+            if stroke.get(f"length_{unit}")
+        )
         lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points")
         if stroke.get("bridged_points"):
             lines[-1] += f", {stroke['bridged_points']} of them bridged"

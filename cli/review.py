@@ -161,8 +161,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         signed_for = {"case": session.source.case, "robot_serial": session.source.robot_serial}
         next_step = sign_command(output, signed_for)
     else:
-        keys = public_key_of(arguments["key"])
-        next_step = verify_command(output, keys, arguments)
+        next_step = verify_command(output, public_key_of(arguments["key"]), arguments)
     return CommandResult(
         data, wrote(output), findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
@@ -258,8 +257,7 @@ def draw_sheet(
             ending = ["-o", file_beside(approved.with_name(source.name), "fixture")]
             if len(files) == 1:
                 files.append("MARKERS")
-        typed = typed_options(name, overwrites=False)
-        following = command_of(name, *files, *typed, *ending)
+        following = command_of(name, *files, *typed_options(name, overwrites=False), *ending)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
@@ -289,12 +287,14 @@ def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
 def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
+    from vfplan.images.read import flat_as_planned, slice_file
+    from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
+    from vfplan.review.geometry import extraction_of
     from vfplan.review.plan import (
         Plan,
         refuse_extraction_of_extracted,
         refuse_planning_of_planned,
-        slice_of_bundle,
     )
     from vfplan.stability.study import with_verdict_by
 
@@ -304,7 +304,9 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     refuse_extraction_of_extracted(fixture, options.given_settings(ExtractSettings, arguments))
     image = None
     if arguments["slice_path"] is not None:
-        _, image = slice_of_bundle(fixture, arguments["slice_path"], extraction)
+        file = slice_file(fixture, arguments["slice_path"])
+        image = read_slice(file, extraction_of(fixture, extraction))
+        image = flat_as_planned(image, fixture.provenance.settings)
     given = options.given_of_plan(arguments)
     if markers is None:
         refuse_planning_of_planned(fixture, given)

@@ -94,7 +94,7 @@ class Source:
         Role ("source", "markers", "markers2", "slice", "curve") -> SHA-256 of a file as it was read
         when the review was opened. No file is read again.
     recipe
-        The settings in force and the robot, as a bundle records them.
+        The settings of extraction and the robot, as a bundle records them.
     bundle
         The content of the bundle, if one was given.
     as_opened
@@ -503,8 +503,6 @@ class Plan:
         points = np.vstack([stroke.points for stroke in strokes])
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
         settings = self.source.recipe | recorded(self.fit.settings)
-        unset = settings["FixtureSettings.unset"].split(",")
-        settings = {name: value for name, value in settings.items() if name not in unset}
         if ink is not None:
             settings = settings | recorded(self.source.extraction_with(ink))
         # The files of the bundle's markers are named as long as these are its markers.
@@ -668,8 +666,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
         source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
-    geometry = source.geometry_with(ink)
-    return replace(plan, source=source, geometry=geometry, fit=fit)
+    return replace(plan, source=source, geometry=source.geometry_with(ink), fit=fit)
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -709,8 +706,7 @@ def source_of_slice(
         sha256["curve"] = inputs["curve"]
     return Source(
         path, path, image, extraction, planning, geometry,
-        Fit((), planning, image.pixel_spacing_mm), inputs, sha256,
-        recipe | recorded(planning),
+        Fit((), planning, image.pixel_spacing_mm), inputs, sha256, recipe,
     )  # fmt: skip
 
 
@@ -737,7 +733,8 @@ def source_of_bundle(
         raise InputError(text, where=str(path), code="no-drawn-curve")
     image, spacing = None, fixture.image and fixture.image.pixel_spacing_mm
     if slice_path is not None:
-        slice_path, image = slice_of_bundle(fixture, slice_path, extraction)
+        slice_path = slice_file(fixture, slice_path)
+        image = flat_as_planned(read_slice(slice_path, extraction_of(fixture, extraction)), known)
         check_slice(fixture, image)
         if spacing is not None:
             image = replace(image, pixel_spacing_mm=spacing)
@@ -775,21 +772,12 @@ def source_of_bundle(
     return Source(
         path, slice_path, image, extraction, planning, geometry, fit,
         dict(fixture.provenance.inputs), sha256,
-        recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
+        recorded(extraction) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
         case=seal.get("case") or fixture.case or "",
         robot_serial=seal.get("robot_serial", ""),
     )  # fmt: skip
-
-
-def slice_of_bundle(
-    fixture: Fixture, path: Path, extraction: ExtractSettings
-) -> tuple[Path, PlannedImage]:
-    """The file of a bundle's slice, and the slice as it was planned on."""
-    file = slice_file(fixture, path)
-    image = read_slice(file, extraction_of(fixture, extraction))
-    return file, flat_as_planned(image, fixture.provenance.settings)
 
 
 def geometry_of_bundle(

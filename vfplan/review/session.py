@@ -111,27 +111,24 @@ class Session:
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
-        places = as_complex(steps_of_a_plan.points_in_view(self.current, step))
-        return self.with_seen(who, places)
+        return self.with_seen(who, as_complex(steps_of_a_plan.points_in_view(self.current, step)))
 
     def with_seen(self, who: Any, places: np.ndarray) -> Session:
         """The session with further places seen by somebody."""
         seen = np.union1d(self.seen.get(who, NOTHING), places)
-        return replace(self, seen={**self.seen, who: seen})
+        return replace(self, seen=self.seen | {who: seen})
 
     def undo(self) -> Session:
         """The session before the last step; the slice that was chosen first stays."""
         if not self.steps_on_slice:
-            text = "There is no step to undo. Take a step first."
-            raise SettingError(text, code="nothing-to-undo")
+            raise SettingError("There is no step to undo. Take one first.", code="nothing-to-undo")
         undone = (self.steps[-1], *self.undone)
         return replace(self, steps=self.steps[:-1], undone=undone, _plans=self._plans[:-1])
 
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            text = "There is no step to do again. Undo one first."
-            raise SettingError(text, code="nothing-to-redo")
+            raise SettingError("There is none to do again. Undo a step.", code="nothing-to-redo")
         return replace(self.apply(self.undone[0]), undone=self.undone[1:])
 
     def anew(self) -> Session:
@@ -247,11 +244,10 @@ class Session:
         text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
         sha256 = hashlib.sha256(text.encode()).hexdigest()
         settings = {**fixture.provenance.settings, "review_steps_sha256": sha256}
-        provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.as_opened
         fixture = replace(
-            fixture, provenance=provenance, findings=findings, reviewed=None,
-            case=opened and opened.case,
+            fixture, provenance=replace(fixture.provenance, settings=settings), findings=findings,
+            reviewed=None, case=opened and opened.case,
         )  # fmt: skip
         return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
 
@@ -265,8 +261,7 @@ class Session:
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""
         seen = np.r_[self.seen.get(by, NOTHING), self.seen.get("", NOTHING)]
-        strokes = self.current.geometry.strokes
-        return [~np.isin(as_complex(stroke.points), seen) for stroke in strokes]
+        return [~np.isin(as_complex(line.points), seen) for line in self.current.geometry.strokes]
 
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
@@ -300,4 +295,4 @@ def as_complex(points: np.ndarray) -> np.ndarray:
 
 def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
-    return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
+    return [run[[0, -1]].tolist() for run in runs(flags, False)]

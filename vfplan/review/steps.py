@@ -172,8 +172,7 @@ def with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
 def move_knot(plan: Plan, step: Step) -> Plan:
     """Move a knot; its stretch is measured again where there is ink."""
     number, stroke = stroke_of(plan, step)
-    knot = knot_of(stroke, step)
-    moved = stroke.move_knot(knot, place_of(plan, step, "to"), plan.geometry.ink)
+    moved = stroke.move_knot(knot_of(stroke, step), place_of(plan, step, "to"), plan.geometry.ink)
     return with_stroke(plan, number, moved)
 
 
@@ -186,8 +185,7 @@ def insert_knot(plan: Plan, step: Step) -> Plan:
 def delete_knot(plan: Plan, step: Step) -> Plan:
     """Draw the stretch around a knot without it; without an end's knot, cut back to the next."""
     number, stroke = stroke_of(plan, step)
-    new = stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink)
-    return with_stroke(plan, number, new)
+    return with_stroke(plan, number, stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink))
 
 
 def draw(plan: Plan, step: Step) -> Plan:
@@ -329,8 +327,7 @@ def exclude(plan: Plan, step: Step) -> Plan:
         if extracted.strokes or not geometry.strokes:
             return replace(plan, geometry=replace(extracted, excluded_ink=geometry.excluded_ink))
     strokes = tuple(stroke.without_ink_in(box) for stroke in geometry.strokes)
-    boxed = replace(geometry, strokes=strokes, ink=ink, is_as_found=False)
-    return replace(plan, geometry=boxed)
+    return replace(plan, geometry=replace(geometry, strokes=strokes, ink=ink, is_as_found=False))
 
 
 def take(plan: Plan, step: Step) -> Plan:
@@ -396,8 +393,7 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return replace(plan, fit=fit.with_markers(markers))
+    return replace(plan, fit=fit.with_markers(fit.markers[:number] + fit.markers[number + 1 :]))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:

@@ -442,8 +442,7 @@ class MendedStroke(Stroke):
                 "two knots."
             )
             raise SettingError(text, code="knot-exists")
-        is_new = np.arange(len(self.points)) == nearest
-        return replace(self, is_knot=self.is_knot | is_new)
+        return replace(self, is_knot=self.is_knot | (np.arange(len(self.points)) == nearest))
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
         """Draw the stretch between a knot's neighbours anew, without it; an end is cut back."""
@@ -579,8 +578,7 @@ class MendedStroke(Stroke):
 
     def _beside(self, knot: int, *steps: int) -> NDArray[np.int64]:
         """The points of the knots so many steps beside one; of an open stroke no further ones."""
-        mode = "wrap" if self.closed else "clip"
-        return self.knots.take(knot + np.array(steps), mode=mode)
+        return self.knots.take(knot + np.array(steps), mode="wrap" if self.closed else "clip")
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
         """Indices from one point to another, on a closed stroke through its seam if need be."""

@@ -66,7 +66,7 @@ export function inPageWords(text) {
 
 // A sentence with the page's names of options and of the values of --model.
 function withNames(words) {
-  const named = words.replace(OPTION, nameOf);
+  const named = words.replace(OPTION, nameOf).replace(/\bGive (“[^”]*”)(?= if|\.)/g, "Fill in $1");
   if (!words.includes("--model")) return named;
   return named.replace(MODEL, (value) => byId("plan-model").querySelector(`[value=${value}]`).textContent);
 }
