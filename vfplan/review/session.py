@@ -128,7 +128,7 @@ class Session:
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            raise SettingError("There is none to do again. Undo a step.", code="nothing-to-redo")
+            raise SettingError("No step was undone. Undo one first.", code="nothing-to-redo")
         return replace(self.apply(self.undone[0]), undone=self.undone[1:])
 
     def anew(self) -> Session:
