@@ -33,7 +33,13 @@ MENDED_ON_PAGE = {
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
     *("one-mark-two-markers", "mirrored", "scale-wrong", "one-side-only"),
     *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
+    "arcs-coarse",
 }
+
+# Options, typed or from a file, that the page would refuse as the command did: it opens without.
+ENDS = ("--start", "--end", "--settings")
+REFUSED_WITH = {"stroke-number": ("--stroke", "--settings"), "place-off-curve": ENDS,
+                "start-is-end": ENDS, "end-of-a-ring": ENDS}  # fmt: skip
 
 
 @command(
@@ -107,10 +113,12 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
     """
     try:
         yield
-    except (CurveError, MarkerError, CheckFailed) as error:
+    except (CurveError, MarkerError, CheckFailed, SettingError) as error:
         from vfplan.registration.checks import TO_RECTIFY
 
-        general, page = "vfplan review IMAGE", page_command(*files, **options)
+        leaving_out = REFUSED_WITH.get(error.code, ())
+        general = "vfplan review IMAGE"
+        page = page_command(*files, **options, leaving_out=leaving_out)
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
             sentences = re.split(r"(?<=\.) ", error.message)
@@ -157,8 +165,11 @@ def extracted_text(report: dict[str, Any]) -> str:
         lines.append(line)
     for stroke in report["strokes"]:
         shape = "closed" if stroke["closed"] else "open"
-        units = [unit for unit in ("px", "mm") if stroke.get(f"length_{unit}")]
-        lengths = " = ".join(f"{stroke[f'length_{unit}']:.1f} {unit}" for unit in units)
+        lengths = " = ".join(
+            f"{stroke[f'length_{unit}']:.1f} {unit}"
+            for unit in ("px", "mm")
+            if stroke.get(f"length_{unit}")
+        )
         lines.append(f"  {shape} curve, {lengths}, {stroke['points']} points")
         if stroke.get("bridged_points"):
             lines[-1] += f", {stroke['bridged_points']} of them bridged"

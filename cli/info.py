@@ -25,10 +25,9 @@ def vfplan_info(fixture) -> CommandResult:
     from vfplan.bundle.validation import describe
 
     data = describe(fixture, work=True)
-    verdict = f"sound, {or_not(data['seal']['signed'], 'signed')}"
     return CommandResult(
-        data, summary_text(data), verdict=verdict, next_step=approval_command(fixture, data),
-        verdict_in_json=False,
+        data, summary_text(data), verdict=f"sound, {or_not(data['seal']['signed'], 'signed')}",
+        next_step=approval_command(fixture, data), verdict_in_json=False,
     )  # fmt: skip
 
 
@@ -197,8 +196,8 @@ def vfplan_validate(fixture) -> CommandResult:
     severities = Counter(issue.severity for issue in issues)
     valid = severities["error"] == 0
     lines = [f"{i.severity}: {i.location}: {i.message} [{i.code}]" for i in issues]
-    named = [(name, severities[name]) for name in ("error", "warning", "note")]
-    summary = ", ".join(count(number, name) for name, number in named if number) or "no issues"
+    told = [name for name in ("error", "warning", "note") if severities[name]]
+    summary = ", ".join(count(severities[name], name) for name in told) or "no issues"
     data = {"valid": valid, "issues": [asdict(issue) for issue in issues]}
     lines.append(f"{fixture} is {'valid' if valid else 'NOT valid'}: {summary}")
     if valid:

@@ -130,12 +130,15 @@ def approval_command(fixture: Path, content: dict[str, Any]) -> str:
     return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
 
 
-def page_command(*files: Path | None, output: Path, overwrites: bool = True) -> str:
+def page_command(
+    *files: Path | None, output: Path, overwrites: bool = True, leaving_out: Sequence[str] = ()
+) -> str:
     """The command that opens the review page of a slice and its markers, with the same options.
 
     overwrites: whether --overwrite, if it was typed, was meant for this output
+    leaving_out: as `typed_options` takes it
     """
-    typed = typed_options("review", overwrites=overwrites)
+    typed = typed_options("review", overwrites=overwrites, leaving_out=leaving_out)
     names = {word.partition("=")[0] for word in typed}
     if "--case" in names and "--key" not in names:
         # The page gives a plan its case by a signature.

@@ -352,18 +352,16 @@ def setting_option(kind: type, name: str) -> Callable[[F], F]:
         attributes["type"] = FORMS[form]
         if default:
             default = ",".join(f"{number:g}" for number in default)
-    elif "whole" in rule:
-        attributes |= {"type": WholeNumber(rule["least"]), "metavar": form}
-    elif "least" in rule or "above" in rule:
-        least = rule.get("least", rule.get("above"))
-        bounds = DecimalNumber(least, min_open="above" in rule)
-        attributes |= {"type": bounds, "metavar": form}
     else:
         attributes["metavar"] = form
+        if "whole" in rule:
+            attributes["type"] = WholeNumber(rule["least"])
+        elif "least" in rule or "above" in rule:
+            least = rule.get("least", rule.get("above"))
+            attributes["type"] = DecimalNumber(least, min_open="above" in rule)
     if not attributes["multiple"]:
         attributes["default"] = default
-    words = [f"--{word}" for word in option_words(setting)]
-    return option(*words, argument_of(setting), **attributes)
+    return option(*map("--{}".format, option_words(setting)), argument_of(setting), **attributes)
 
 
 def setting_options(kind: type, names: str) -> Callable[[F], F]:

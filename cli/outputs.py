@@ -37,8 +37,8 @@ def refuse_outputs(*more: Path | None) -> None:
         `--overwrite`.
     """
     context = click.get_current_context()
-    params = [param for param in context.command.params if isinstance(param.type, OutputFile)]
-    outputs = [path for param in params if (path := context.params.get(param.name))]
+    params = [param.name for param in context.command.params if isinstance(param.type, OutputFile)]
+    outputs = [path for path in map(context.params.get, params) if path]
     _refuse([*outputs, *(path for path in more if path is not None and path not in outputs)])
 
 

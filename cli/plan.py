@@ -108,10 +108,9 @@ def vfplan_plan(
         from vfplan.stability.study import with_verdict
 
         fixture = with_verdict(fixture, robot)
-        stability = fixture.stability.as_dict()
-        data["stability"] = stability
-        largest = f"{stability['k_max_n_per_m']:.0f} N/m"
-        lines.append(f"stable up to {largest} with robot {stability['robot']}")
+        data["stability"] = fixture.stability.as_dict()
+        largest = f"{fixture.stability.k_max_n_per_m:.0f} N/m"
+        lines.append(f"stable up to {largest} with robot {robot.name}, on this curve alone")
     if arguments["rehearse"] is not None:
         from vfplan.arm.command import rehearsed_text
 

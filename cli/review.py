@@ -161,8 +161,7 @@ def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
         signed_for = {"case": session.source.case, "robot_serial": session.source.robot_serial}
         next_step = sign_command(output, signed_for)
     else:
-        keys = public_key_of(arguments["key"])
-        next_step = verify_command(output, keys, arguments)
+        next_step = verify_command(output, public_key_of(arguments["key"]), arguments)
     return CommandResult(
         data, wrote(output), findings=findings, verdict=f"approved by {approver}",
         next_step=next_step,
@@ -258,8 +257,7 @@ def draw_sheet(
             ending = ["-o", file_beside(approved.with_name(source.name), "fixture")]
             if len(files) == 1:
                 files.append("MARKERS")
-        typed = typed_options(name, overwrites=False)
-        following = command_of(name, *files, *typed, *ending)
+        following = command_of(name, *files, *typed_options(name, overwrites=False), *ending)
     return CommandResult(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},

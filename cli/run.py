@@ -228,8 +228,8 @@ class CommandResult:
     warnings: list[str] = field(default_factory=list)
     failed: str = ""
     findings: Sequence[Finding] | None = None
-    verdict: str = ""
-    next_step: str = ""
+    verdict: str = field(kw_only=True)
+    next_step: str = field(kw_only=True)
     verdict_in_json: bool = True
 
     def __post_init__(self) -> None:
@@ -321,8 +321,10 @@ class Printer:
         """Print an exception as a failure."""
         kind, where = type(error).__name__, None
         if isinstance(error, VfplanError):
-            more = {"code": error.code, "numbers": to_json_types(error.numbers)}
-            self.exit_with(kind, error.message, error.where, error.exit_code, **more)
+            self.exit_with(
+                kind, error.message, error.where, error.exit_code, code=error.code,
+                numbers=to_json_types(error.numbers),
+            )  # fmt: skip
         message = f"unforeseen {kind}: {error} (-vv shows where; please report)"
         if isinstance(error, OSError):
             # A device, a name or a folder that nobody foresaw.
@@ -373,8 +375,7 @@ def command(
     def wrap(function: Callable[..., CommandResult]) -> click.Command:
         @functools.wraps(function)
         def body(as_json: bool, quiet: bool, verbose: int, **arguments: Any) -> None:
-            level = LOG_LEVELS[min(verbose, 2)]
-            logging.basicConfig(level=level, stream=sys.stderr, force=True)
+            logging.basicConfig(level=LOG_LEVELS[min(verbose, 2)], stream=sys.stderr, force=True)
             logging.getLogger().handlers[0].setFormatter(_PrintableLines("vfplan: %(message)s"))
             arguments.pop("overwrite", None)
             path = arguments.pop("settings_file", None)

@@ -79,7 +79,7 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     from vfplan.review.rendered import in_one_line
 
     signed, seal = read_sealed(fixture, trust=trust(arguments))
-    reviewed = None if signed.reviewed is None else asdict(signed.reviewed)
+    reviewed = signed.reviewed and asdict(signed.reviewed)
     warnings = not_compared(seal, arguments)
     data = {
         **seal,

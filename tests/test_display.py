@@ -13,7 +13,7 @@ from vfplan.display import duration, length, three_digits
     (duration, 0.0, "0 ns"),
     # Without an exponent.
     (three_digits, 0.01251, "0.0125"), (three_digits, 1250.0, "1250"),
-    (three_digits, 99.99, "100.0"), (three_digits, 0, "0"),
+    (three_digits, 99.99, "100.0"), (three_digits, 0, "0"), (three_digits, -0.0, "0"),
 ])  # fmt: skip
 def test_a_number_has_three_digits_and_its_unit(said, value, text):
     assert said(value) == text

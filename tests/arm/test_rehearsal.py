@@ -8,8 +8,9 @@ from replays import fixture_of
 
 from vfplan.arm.model import Arm
 from vfplan.arm.rehearsal import rehearse
-from vfplan.errors import InputError
+from vfplan.errors import InputError, SettingError
 from vfplan.replaying.link import approach_sessions
+from vfplan.robot import Robot
 from vfplan.session.session import Session
 
 pytestmark = pytest.mark.slow
@@ -95,6 +96,13 @@ def test_the_base_moves_everything_with_it():
     half = np.sqrt(0.5)
     there = rehearse(fixture, session, Arm("panda", base=(1, 2, 0.5, half, 0, 0, half)))
     assert there.motion.q == pytest.approx(here.motion.q, abs=1e-6)
+
+
+def test_a_filter_behind_which_nothing_is_bounded_is_refused_before_the_run(monkeypatch):
+    monkeypatch.delattr("vfplan.arm.rehearsal.run_loop")
+    slow = Robot(**vars(Arm("panda").robot) | {"filter_hz": 0.01})
+    with pytest.raises(SettingError, match="behind so slow a filter"):
+        rehearse(wall(), pressed(5e-3), Arm("panda", slow))
 
 
 def test_out_of_reach_is_said_with_its_place():

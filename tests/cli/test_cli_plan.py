@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 
 import numpy as np
@@ -127,10 +128,21 @@ BAD = {
     (("--tolerance", "0.01", "--density", "2"), "exclude each other"),
     (("--ignore-axis", "w"), "'w' is not one of"), (("--ignore-axis", "x"), "collapse the curve"),
     (("--stroke", "first"), "Type all, longest"), (("--no-such-option",), "no-such-option"),
+    (("--guide", "0.1", "--arcs", "0.05"), "csv --guide 0.1 --arcs 0.05 -o "),
 ])  # fmt: skip
 def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
     vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *option).fails(2, message)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("option", [
+    ("--stroke", 9), ("--start", "5,5"), ("--settings", '{"stroke": 9}')])  # fmt: skip
+def test_the_page_that_a_refusal_names_opens_without_what_was_refused(vfplan_cli, tmp_path, option):
+    kept = ("--margin", "tre95", "-o", tmp_path / "f.h5")
+    refused = vfplan_cli("plan", *ELBOW, *option, *kept).fails(3)
+    assert not (tmp_path / "f.h5").exists()
+    page = shlex.split(refused.error_line.partition("on a page: ")[2])
+    assert page == ["vfplan", "review", *map(str, (*ELBOW, *kept))]
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -73,7 +73,7 @@ def long():
             Loud()
         else:
             os.kill(os.getpid(), int(sys.argv[2]))
-    return CommandResult({})
+    return CommandResult({}, verdict="", next_step="")
 
 long(["--json"])
 """

@@ -108,11 +108,15 @@ def test_bad_input(vfplan_cli, tmp_path):
 
 def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
     output = tmp_path / "fixture.h5"
-    run = vfplan_cli("plan", *ELBOW, "-o", output, "--robot", "franka", "--json").sound
+    run = vfplan_cli("plan", *ELBOW, "-o", output, "--robot", "franka").sound
     stored = read_fixture(output).stability
     assert stored.robot == "franka"
     assert stored.stable
-    assert run.json["stability"]["k_max_n_per_m"] == stored.k_max_n_per_m
+    # Each number says what it is for: `vfplan stability` tries more than the bundle's own rule.
+    largest = f"{stored.k_max_n_per_m:.0f} N/m"
+    assert f"stable up to {largest} with robot franka, on this curve alone\n" in run.stdout
+    words = ("stability", output, "--robot", "franka", "--part", "closed-loop")
+    assert "1629 N/m by every rule for robots in every scene" in vfplan_cli(*words).sound.stdout
 
 
 def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, tmp_path):

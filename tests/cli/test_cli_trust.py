@@ -107,7 +107,10 @@ def test_signs_that_steer_a_terminal_are_spelled_out():
 def named() -> CommandResult:
     """Tell of a name that somebody made up."""
     logging.getLogger("vfplan").warning("read \x1b[31mred")
-    return CommandResult({}, "wrote \x1b]0;owned\x07", warnings=["\x1b[1A up"], failed="\u202eton")
+    return CommandResult(
+        {}, "wrote \x1b]0;owned\x07", warnings=["\x1b[1A up"], failed="\u202eton", verdict="",
+        next_step="",
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("quiet", [[], ["-q"]])
@@ -129,7 +132,7 @@ def test_q_hides_progress(monkeypatch):
         """Take long."""
         with progress("working", 10) as done:
             done(10)
-        return CommandResult({})
+        return CommandResult({}, verdict="", next_step="")
 
     for words, silent in (([], False), (["-q"], True)):
         told.truncate(0)
@@ -160,7 +163,7 @@ window.close = lambda: print("closed", flush=True)
 @command("look")
 def look():
     view3d.handle_events(window)
-    return CommandResult({})
+    return CommandResult({}, verdict="", next_step="")
 
 look([])
 """
@@ -199,7 +202,7 @@ def tell():
 def wait():
     threading.Thread(target=tell, daemon=True).start()
     threading.Event().wait()
-    return CommandResult({})
+    return CommandResult({}, verdict="", next_step="")
 
 wait([])
 """
@@ -230,7 +233,7 @@ def main():
                     time.sleep(0.01)
                 print("running", flush=True)
                 done.result()
-        return CommandResult({})
+        return CommandResult({}, verdict="", next_step="")
     long([])
 
 if __name__ == "__main__":

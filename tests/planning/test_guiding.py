@@ -124,6 +124,6 @@ def test_lines_and_arcs_guide_and_ticks_too_long_are_warned_of(monkeypatch):
     assert "tick-too-long" in [finding.code for finding in made.findings]
     with refuses(SettingError, "arcs-coarse") as refused:
         plan(*ELBOW, settings=FixtureSettings(guide_m=1e-4, arcs_m=5e-5))
-    assert "Give --arcs 0.0047 or less" in str(refused.value)
+    assert "allows 5 % of that. Give --arcs 0.0047 or less" in str(refused.value)
     with refuses(SettingError, "guide-stroke"):
         add_guidance(made.fixture, FixtureSettings(guide_m=1e-3, guide_stroke=0), Record())

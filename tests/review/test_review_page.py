@@ -151,10 +151,14 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
         ("It is short. If it is meant: --stroke 2.", "It is short."),
         ("It is long. If it is meant: vfplan review IMAGE.", "It is long."),
         ("Off by 2 mm, or give another --max-tre. Add one.", "Off by 2 mm. Add one."),
-        ("Give --seen-from above.", "Give The slice is seen from above."),
+        ("Give --seen-from above.", "Give “The slice is seen from” above."),
+        ("Not what --seen-from names.", "Not what “The slice is seen from” names."),
+        ("Give --pixel-spacing MM if you know it.", "Fill in “A pixel is” if you know it."),
+        ("Give --pixel-spacing ALONG_U,ALONG_V, or --model similarity or affine",
+         "Give “A pixel is”, or “From slice to robot” one scale or any stretch"),
         ("None is red. Another is: --colour '#0000ff'. So is this.", "None is red. So is this."),
         ("Leave a out (give --common) with vfplan rectify. --max-tre allows 1.",
-         "Leave a out. the plan allows 1."),
+         "Leave a out. The plan allows 1."),
         ("Made for others. Run vfplan campaign, --margin.",) * 2,
     ):  # fmt: skip
         assert browser.run(f"window.words({json.dumps(text)})") == shown
@@ -282,6 +286,8 @@ def test_presets_set_the_window_of_a_ct(button, window, browser, opened, tmp_pat
     browser.run(f"document.getElementById('{button}').click()")
     wanted = (np.array(window) + 1000) / 4000 * hand.state("review.state.image.grey_max")
     assert browser.run(WINDOW) == pytest.approx(wanted, abs=1)
+    shown = "['low', 'high'].map((id) => document.getElementById(`${id}-text`).textContent)"
+    assert browser.run(shown) == [str(value) for value in window]
 
 
 @pytest.mark.slow
@@ -318,7 +324,7 @@ def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path
 
 
 @pytest.mark.slow
-def test_buttons_insert_cut_turn_join_and_leave_out(browser, opened, tmp_path):
+def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     _, hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
     for _ in range(4):
         browser.key("k")
@@ -339,10 +345,32 @@ def test_buttons_insert_cut_turn_join_and_leave_out(browser, opened, tmp_path):
     [joined] = hand.state("review.state.curve_px.map((line) => line.length)")
     assert joined >= sum(lengths)
     # What was cut off is other ink now.
+    assert hand.state("review.state.account.length")
+
+
+def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
+    """Ink that was taken or left out, and the line that was chosen."""
+    _, hand = opened(two_candidates(tmp_path / "slice.png")[0])
+    hand.press("1Take this line")
+    hand.until_steps(1)
+    assert hand.state("document.getElementById('others').textContent").startswith("2Take")
     browser.run("document.querySelector('#account button').click()")
+    offered = "[...document.querySelectorAll('#context button')].map((one) => one.textContent)"
+    assert browser.run(offered) == ["Take as the curve", "Take as a part", "Leave out"]
     hand.press("Leave out")
-    hand.until_steps(5)
-    assert hand.state("review.state.account.some((ink) => ink.left_out)")
+    browser.until(offered, lambda words: words == ["Take as the curve", "Take as a part"])
+    hand.press("Take as a part")
+    hand.until_steps(3)
+    assert browser.run(offered) == []
+
+
+def test_a_field_that_holds_no_length_is_told_and_changes_nothing(browser, opened):
+    _, hand = opened(SLICE, *MARKERS)
+    hand.fill("#plan-distance", "wide")
+    told = browser.until("document.getElementById('toast').textContent")
+    assert told == "“wide” is no length. Write a number of millimetres above 0."
+    assert browser.run("document.getElementById('plan-distance').value") == "5"
+    assert hand.state("review.state.steps.length") == 0
 
 
 RENEW = "review.receive({state: review.state, version: review.version})"

@@ -128,7 +128,7 @@ def test_a_second_tab_shows_the_same_and_an_old_state_takes_no_step(served):
         one.send(**REVERSE)
         shown = other.heard("quick")
         assert shown["version"] == version + 1
-        assert shown["quick"]["steps"] == ["reverse, stroke 1"]
+        assert shown["quick"]["steps"] == [REVERSE["step"]]
         other.send(**REVERSE, version=version)
         assert other.heard("error")["error"]["code"] == "stale-step"
         # A look at the line as it was is no fault, and nothing is said of it.

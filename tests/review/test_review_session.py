@@ -607,7 +607,10 @@ def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_o
     assert "ink-joins" in codes_of(half)
     ink = max(half.state()["account"], key=lambda entry: entry["pixels"])["number"]
     left = half.apply({"do": "leave", "ink": ink}).current
-    assert "ink-joins" not in [f.code for f in left.findings if f.is_open]
+    settled = [f for f in left.findings if f.code == "ink-joins" and not f.is_open]
+    assert [f.text.partition(" joins ")[2] for f in settled] == [
+        "the curve and was left out. A person left it out."
+    ]
     somewhere = left.geometry.entry(ink).piece.places[0]  # as of a line that goes on there
     asked = doubt("ink-at-end", "extract", "Is it?", place_px=tuple(somewhere))
     assert left.geometry.as_settled(asked).severity == "note"
@@ -675,6 +678,11 @@ def test_slices_of_a_folder_lie_in_the_order_of_the_patient(tmp_path):
     assert place[2, 2] == pytest.approx(9e-3)
     with refuses(SettingError, "no-such-slice"):
         session.apply({"do": "choose_slice", "slice": 11})
+    # Turning on is one choice, with which a review begins: nothing of it is undone.
+    turned = session.apply({"do": "choose_slice", "slice": 2}).apply(turned.steps[0])
+    assert (len(turned.steps), turned.quick_state()["can_undo"]) == (1, False)
+    with refuses(SettingError, "nothing-to-undo"):
+        turned.undo()
     drawn = turned.apply({"do": "draw", "points": [[20, 20], [100, 60], [180, 90]]})
     with refuses(SettingError, "slice-drawn-on"):
         drawn.apply({"do": "choose_slice", "slice": 0})
@@ -735,6 +743,12 @@ def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
     assert fixture.provenance.inputs == planned.provenance.inputs
     mirrored = sample.apply({"do": "set_plan", "seen_from": "below"})
     assert "--seen-from" in mirrored.state()["refusal"]["text"]
+    with refuses(SettingError, "step-malformed") as refused:
+        sample.apply({"do": "set_plan", "contact_radius": [None]})
+    assert "contact_radius is [null]" in refused.value.message
+    coarse = Session.open(SLICE, *MARKERS, guide_m=1e-4, arcs_m=5e-5)
+    assert coarse.state()["refusal"]["code"] == "arcs-coarse"
+    assert coarse.apply({"do": "set_plan", "arcs_m": None}).state()["refusal"] is None
 
 
 @pytest.mark.slow

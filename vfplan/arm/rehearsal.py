@@ -272,7 +272,8 @@ def rehearse(
     SessionError
         A session longer than an hour.
     InputError, SettingError
-        A fixture that cannot be rendered; limits that are not passive with its stiffness.
+        A fixture that cannot be rendered; limits that are not passive with its stiffness; a
+        filter of the robot behind which no K is the largest stable one.
     """
     started = time.perf_counter()
     rate_hz = arm.robot.rate_hz
@@ -283,11 +284,15 @@ def rehearse(
     engine = ProxyEngine.of(fixture)
     governor = Governor.of(arm.robot, stiffness, torques=True) if governed else None
     ruler = CurveRuler.of(fixture)
-    start, unreached = reach_places(arm, session, ruler)
+    postures, unreached = reach_places(arm, session, ruler)
+    if not unreached:
+        # What has no bound is refused before the run, by the mass that is felt along the session.
+        mass_kg = min(arm.posture(q)[1] for q in postures)
+        exact_bound(replace(arm.robot, mass_kg=mass_kg))
 
     # The run.
     loop_started = time.perf_counter()
-    motion = run_loop(arm, engine, governor, session.hip, start, hand_stiffness, done)
+    motion = run_loop(arm, engine, governor, session.hip, postures[0], hand_stiffness, done)
     loop_s = time.perf_counter() - loop_started
     tick_count = len(motion.q)
     time_s = session.time[:tick_count]
@@ -343,14 +348,13 @@ def check_session(session: Session, fixture: Fixture) -> None:
 
 def reach_places(
     arm: Arm, session: Session, ruler: CurveRuler | None
-) -> tuple[Array, list[dict[str, Any]]]:
-    """The posture to begin with, and the places the arm cannot bring the tip to."""
+) -> tuple[list[Array], list[dict[str, Any]]]:
+    """The postures along the session, and the places the arm cannot bring the tip to."""
     arm.hold(arm.ready)
     rotation = arm.read_tip()[1].copy()
     ticks = np.unique(np.linspace(0, len(session.hip) - 1, PLACES).astype(np.intp))
     q = arm.ready
-    start = None
-    unreached = []
+    postures, unreached = [], []
     for k in ticks:
         place = session.hip[k]
         q, distance = arm.inverse_kinematics(place, rotation, q)
@@ -359,14 +363,13 @@ def reach_places(
             other_q, other_distance = arm.inverse_kinematics(place, rotation, arm.ready)
             if other_distance < distance:
                 q, distance = other_q, other_distance
-        if start is None:
-            start = q
+        postures.append(q)
         if distance > REACHED_M:
             entry = {"tick": int(k), "place_m": place.tolist(), "left_m": distance}
             if ruler is not None:
                 entry |= ruler.locate(place)
             unreached.append(entry)
-    return start, unreached
+    return postures, unreached
 
 
 def torque_figures(motion: ArmMotion) -> dict[str, Any]:

@@ -428,16 +428,16 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     max_tre_m = None if isinstance(settings.max_tre_m, str) else settings.max_tre_m
     radius_m = settings.contact_radius + settings.point_radius + margin_m
     for name, length_m, share in (
-        ("margin", margin_m, ARCS_SHARE_OF_MARGIN), ("--max-tre", max_tre_m, ARCS_SHARE_OF_MARGIN),
+        ("margin", margin_m, ARCS_SHARE_OF_MARGIN),
+        ("largest allowed error", max_tre_m, ARCS_SHARE_OF_MARGIN),
         ("guide", settings.guide_m, ARCS_SHARE_OF_MARGIN),
         ("contact radius", radius_m, ARCS_SHARE_OF_RADIUS),
     ):  # fmt: skip
-        if not length_m or pieces.error <= share * length_m:
-            continue
-        raise SettingError(
-            f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
-            f"the {name} of {1e3 * length_m:.4g} mm allows {share:g} of "
-            f"itself. Give --arcs {950 * share * length_m:.2g} or less, or none",
-            code="arcs-coarse",
-            numbers={"error_m": pieces.error, "length_m": length_m},
-        )
+        if length_m and pieces.error > share * length_m:
+            raise SettingError(
+                f"the lines and arcs lie up to {1e3 * pieces.error:.4g} mm beside the curve, and "
+                f"the {name} of {1e3 * length_m:.4g} mm allows {100 * share:g} % of that. "
+                f"Give --arcs {950 * share * length_m:.2g} or less, or none",
+                code="arcs-coarse",
+                numbers={"error_m": pieces.error, "length_m": length_m},
+            )

@@ -8,6 +8,7 @@ that a curve may take over it: from each free end to each other one.
 
 from __future__ import annotations
 
+import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -169,6 +170,9 @@ MIN_STRAIGHT = 0.7
 # Findings that ask about a piece of other ink.
 ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
 
+# What stands in place of their question once a person left that ink out.
+QUESTION, ON_PURPOSE = re.compile(r" [A-Z][^.?]*\?"), " A person left it out."
+
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
     "curve-on-border", "curve-straight", "curve-short", "ink-outweighs", "ink-joins", "ink-touches",
@@ -261,8 +265,8 @@ class Geometry:
 
     @cached_property
     def told(self) -> dict[tuple[str, str], Finding]:
-        """The findings of `kept` by code and words."""
-        return {(finding.code, finding.text): finding for finding in self.kept}
+        """The findings of `kept` by code and what they state."""
+        return {stated(finding): finding for finding in self.kept}
 
     @cached_property
     def all_findings(self) -> tuple[Finding, ...]:
@@ -285,7 +289,7 @@ class Geometry:
                 )
                 place_px = tuple(places[0].tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))
-        made = [self.told.get((finding.code, finding.text), finding) for finding in made]
+        made = [self.told.get(stated(finding), finding) for finding in made]
         left = [f for f in self.kept if f.code not in made_anew and self._holds(f)]
         findings = (*left, *(finding for finding in made if finding not in left))
         return tuple(self.as_settled(finding) for finding in findings)
@@ -299,13 +303,13 @@ class Geometry:
         if piece is None or away_from(piece, finding) > CLOSE_PX:
             return finding
         if tuple(piece.middle.tolist()) in self.excluded_ink:
-            return replace(finding, severity="note")
+            return replace(finding, severity="note", text=stated(finding)[1] + ON_PURPOSE)
         return finding
 
     def _of_ink(self) -> list[Finding]:
         """What the pen's ink leaves open: what was left out, and ends at the picture's border."""
         again = account.leftover_findings(self.leftover, self.max_gap_px)
-        findings = [finding for finding in again if (finding.code, finding.text) in self.told]
+        findings = [finding for finding in again if stated(finding) in self.told]
         lines = [account.line_of(line, self.ink.found) for line in self.lines]
         findings += account.join_findings(
             self.leftover, lines, self.ink.found, self.max_gap_px, findings
@@ -387,6 +391,11 @@ class Geometry:
         )
 
 
+def stated(finding: Finding) -> tuple[str, str]:
+    """Its code, and what it says of ink without what it asks or what stands in place of that."""
+    return finding.code, QUESTION.sub("", finding.text.removesuffix(ON_PURPOSE))
+
+
 def away_from(piece: Leftover, finding: Finding) -> float:
     """How far a finding is from a piece of ink [px], or from the middle of the piece.
 
@@ -413,8 +422,7 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings) -> Geometr
         place = (float(told["u_px"]), float(told["v_px"])) if "u_px" in told else None
         refusal = {"code": error.code, "text": error.message, "place_px": place, "stage": "extract",
                    "other_pen": told.get("other_colour", "")}  # fmt: skip
-        candidates = candidates_of(error, ink, settings)
-        return replace(geometry, refusal=refusal, candidates=candidates)
+        return replace(geometry, refusal=refusal, candidates=candidates_of(error, ink, settings))
 
 
 def geometry_of_extraction(

@@ -135,7 +135,7 @@ class Fit:
         if count < needed:
             return None, f"{count} markers are whole and in use. At least {needed} are needed."
         spacing_m = None
-        if self.pixel_spacing_mm is not None and self.T_patient_image is None:
+        if self.pixel_spacing_mm is not None and not in_space:
             spacing_m = tuple(size / MM for size in self.pixel_spacing_mm)
         pairs = self.pairs()
         try:
@@ -169,10 +169,8 @@ class Fit:
 
     @cached_property
     def mm_per_px(self) -> float | None:
-        """How long a pixel is in front of the robot, or by the file's pixel spacing."""
-        if self.metres_per_step is not None:
-            return MM * size_of(self.metres_per_step)
-        return self.pixel_spacing_mm and float(np.sqrt(np.prod(self.pixel_spacing_mm)))
+        """How long a pixel is in front of the robot; `None` if there is no registration."""
+        return None if self.metres_per_step is None else MM * size_of(self.metres_per_step)
 
     def tre95_m(self, strokes: Sequence[Stroke]) -> float | None:
         """The 95 % bound of the error over a whole curve, by the markers and of its own [px]."""

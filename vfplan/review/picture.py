@@ -222,8 +222,7 @@ def draw_picture(
     if plan.metres_per_px is not None:
         unit_px, unit = zoom / (MM * plan.metres_per_px), "mm"
     draw_scale_bar(sheet, box.x + 2, box.bottom + 8, 0.2 * box.width, unit_px, unit)
-    bottom = box.bottom + 8.0 + BODY.line_height
-    return bottom, draw_legend(sheet, plan, enlargement, has_band, y)
+    return box.bottom + 8.0 + BODY.line_height, draw_legend(sheet, plan, enlargement, has_band, y)
 
 
 def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:

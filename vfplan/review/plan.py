@@ -94,7 +94,7 @@ class Source:
         Role ("source", "markers", "markers2", "slice", "curve") -> SHA-256 of a file as it was read
         when the review was opened. No file is read again.
     recipe
-        The settings in force and the robot, as a bundle records them.
+        The settings of extraction and the robot, as a bundle records them.
     bundle
         The content of the bundle, if one was given.
     as_opened
@@ -666,8 +666,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
         source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},
     )  # fmt: skip
-    geometry = source.geometry_with(ink)
-    return replace(plan, source=source, geometry=geometry, fit=fit)
+    return replace(plan, source=source, geometry=source.geometry_with(ink), fit=fit)
 
 
 def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -707,8 +706,7 @@ def source_of_slice(
         sha256["curve"] = inputs["curve"]
     return Source(
         path, path, image, extraction, planning, geometry,
-        Fit((), planning, image.pixel_spacing_mm), inputs, sha256,
-        recipe | recorded(planning),
+        Fit((), planning, image.pixel_spacing_mm), inputs, sha256, recipe,
     )  # fmt: skip
 
 
@@ -774,7 +772,7 @@ def source_of_bundle(
     return Source(
         path, slice_path, image, extraction, planning, geometry, fit,
         dict(fixture.provenance.inputs), sha256,
-        recorded(extraction) | recorded(planning) | robot | of_slice, bundle=fixture,
+        recorded(extraction) | robot | of_slice, bundle=fixture,
         as_opened=fixture,
         notes=tuple(overridden(recalled(FixtureSettings, known) or planning, planning)),
         case=seal.get("case") or fixture.case or "",

@@ -219,8 +219,7 @@ def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outlin
     beyond = asked(blocks).reshape(rows, columns).repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
     near = np.argwhere(np.abs(beyond) <= (BLOCK / np.sqrt(2) + 2) * step * metres_per_px)
     beyond[tuple(near.T)] = asked(near.astype(float))
-    contours = find_contours(beyond, 0.0)
-    return Outline("wall", tuple(contour[:, ::-1] * step for contour in contours))
+    return Outline("wall", tuple(line[:, ::-1] * step for line in find_contours(beyond, 0.0)))
 
 
 def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
@@ -446,7 +445,7 @@ def slice_not_shown() -> Finding:
     """The doubt of who looked at a plan without its slice."""
     text = (
         "The slice is not shown, so neither the line's ends nor other ink can be seen. Look at the "
-        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE."
+        "bundle with its slice: vfplan review FIXTURE.h5 --slice IMAGE -o OUT.h5."
     )
     return doubt("slice-not-shown", "extract", text)
 

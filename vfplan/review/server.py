@@ -341,8 +341,8 @@ class ReviewServer:
             elif "draft" in message:
                 self._choose_draft(is_anew=message["draft"] == "anew")
             elif "approve" in message:
-                name = self._name(connection, wish.get("by"))
-                self._wanted.put((connection, {**wish, "by": name}))
+                wish["by"] = self._name(connection, wish.get("by"))
+                self._wanted.put((connection, wish))
             elif "leave" in message:
                 self._wanted.put((connection, None))
             else:
@@ -395,8 +395,7 @@ class ReviewServer:
                 text = "The page showed an earlier state. Look again, and repeat the step."
                 raise SettingError(text, code="stale-step")
             if is_look:
-                who = self._names.get(connection, connection)
-                self.session = self.session.looked_at(step, who)
+                self.session = self.session.looked_at(step, self._names.get(connection, connection))
             else:
                 if "undo" in message:
                     session = self.session.undo()

@@ -32,7 +32,8 @@ from vfplan.review.rendered import described, digest_of, rendered_in_json, visib
 # No places.
 NOTHING = np.zeros(0, complex)
 
-SHOWN_OF_ENTRY = ("number", "u", "v", "pixels")
+SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "what")
+SHOWN_OF_STEP = {"do", "stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"}
 SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from")
 
 
@@ -95,43 +96,50 @@ class Session:
         SettingError
             The step is not understood or does not fit the present state. Nothing has changed.
         """
-        if isinstance(step, dict) and step.get("do") == "viewed":
+        name = step.get("do") if isinstance(step, dict) else None
+        if name == "viewed":
             return self.looked_at(step, visible_name(str(step["by"])) if "by" in step else "")
-        if isinstance(step, dict) and step.get("do") == "answer":
+        if name == "answer":
             # The time belongs to the step, so that a draft gives the same answer again.
             step = {"utc": now_utc(), **step}
         plan = steps_of_a_plan.apply(self.current, step)
-        steps = (*self.steps, dict(step))
-        return replace(self, steps=steps, undone=(), _plans=(*self._plans, plan))
+        steps, plans = self.steps, self._plans
+        if steps and name == steps[-1]["do"] == "choose_slice":
+            # Of slices that are turned one after the other, the last is the one that is chosen.
+            steps, plans = steps[:-1], plans[:-1]
+        return replace(self, steps=(*steps, dict(step)), undone=(), _plans=(*plans, plan))
 
     def looked_at(self, step: dict[str, Any], who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
-        places = as_complex(steps_of_a_plan.points_in_view(self.current, step))
-        return self.with_seen(who, places)
+        return self.with_seen(who, as_complex(steps_of_a_plan.points_in_view(self.current, step)))
 
     def with_seen(self, who: Any, places: np.ndarray) -> Session:
         """The session with further places seen by somebody."""
         seen = np.union1d(self.seen.get(who, NOTHING), places)
-        return replace(self, seen={**self.seen, who: seen})
+        return replace(self, seen=self.seen | {who: seen})
 
     def undo(self) -> Session:
-        """The session before the last step."""
-        if not self.steps:
-            text = "There is no step to undo. Take a step first."
-            raise SettingError(text, code="nothing-to-undo")
+        """The session before the last step; the slice that was chosen first stays."""
+        if not self.steps_on_slice:
+            raise SettingError("There is no step to undo. Take one first.", code="nothing-to-undo")
         undone = (self.steps[-1], *self.undone)
         return replace(self, steps=self.steps[:-1], undone=undone, _plans=self._plans[:-1])
 
     def redo(self) -> Session:
         """The session with the step that was undone last."""
         if not self.undone:
-            text = "There is no step to do again. Undo one first."
-            raise SettingError(text, code="nothing-to-redo")
+            raise SettingError("No step was undone. Undo one first.", code="nothing-to-redo")
         return replace(self.apply(self.undone[0]), undone=self.undone[1:])
 
     def anew(self) -> Session:
         """The session without its steps."""
         return replace(self, steps=(), undone=(), _plans=self._plans[:1])
+
+    @property
+    def steps_on_slice(self) -> tuple[dict[str, Any], ...]:
+        """The steps without the choice of the slice that they began with."""
+        is_chosen = len(self.steps) > 0 and self.steps[0]["do"] == "choose_slice"
+        return self.steps[is_chosen:]
 
     @property
     def current(self) -> Plan:
@@ -175,12 +183,11 @@ class Session:
     def quick_state(self, by: Any = "") -> dict[str, Any]:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
-        titles = [title_of(step) for step in self.steps]
+        steps = self.steps_on_slice
         account = [
             {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
             | {
                 "outline": [] if entry.piece is None else entry.piece.outline,
-                "is_ink": entry.what == "ink",
                 "left_out": entry.middle in geometry.excluded_ink,
             }
             for entry in geometry.account
@@ -195,7 +202,8 @@ class Session:
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
             "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
-            "steps": titles, "can_undo": bool(titles), "can_redo": bool(self.undone),
+            "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
+            "can_undo": bool(steps), "can_redo": bool(self.undone),
             "approved": None,
         }  # fmt: skip
         fixture = self.source.as_opened
@@ -236,11 +244,10 @@ class Session:
         text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
         sha256 = hashlib.sha256(text.encode()).hexdigest()
         settings = {**fixture.provenance.settings, "review_steps_sha256": sha256}
-        provenance = replace(fixture.provenance, settings=settings)
         opened = self.source.as_opened
         fixture = replace(
-            fixture, provenance=provenance, findings=findings, reviewed=None,
-            case=opened and opened.case,
+            fixture, provenance=replace(fixture.provenance, settings=settings), findings=findings,
+            reviewed=None, case=opened and opened.case,
         )  # fmt: skip
         return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))
 
@@ -254,8 +261,7 @@ class Session:
     def unseen(self, by: Any = "") -> list[np.ndarray]:
         """For each stroke whether its points, (M,) bool, were never in view for a person."""
         seen = np.r_[self.seen.get(by, NOTHING), self.seen.get("", NOTHING)]
-        strokes = self.current.geometry.strokes
-        return [~np.isin(as_complex(stroke.points), seen) for stroke in strokes]
+        return [~np.isin(as_complex(line.points), seen) for line in self.current.geometry.strokes]
 
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
@@ -289,15 +295,4 @@ def as_complex(points: np.ndarray) -> np.ndarray:
 
 def first_and_last(flags: np.ndarray) -> list[list[int]]:
     """[first, last] of each run of flags."""
-    return [[int(run[0]), int(run[-1])] for run in runs(flags, False)]
-
-
-def title_of(step: dict[str, Any]) -> str:
-    """A step in the list of steps."""
-    words = step["do"].replace("_", " ")
-    for name in ("stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"):
-        if name in step:
-            # The page counts these from 1.
-            is_from_0 = name in ("stroke", "knot", "finding") and isinstance(step[name], int)
-            words += f", {name} {step[name] + 1 if is_from_0 else step[name]}"
-    return words
+    return [run[[0, -1]].tolist() for run in runs(flags, False)]

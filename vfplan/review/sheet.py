@@ -223,8 +223,9 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
             words.append(f"{entry.number}: {what} at ({coordinates(entry.middle)})")
         smaller = account[MAX_NUMBERED:]
         if smaller:
-            pixels = sum(entry.pixels for entry in smaller)
-            words.append(f"and {len(smaller)} smaller, {pixels} px together")
+            words.append(
+                f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
+            )
         heading = f"Other ink in the pen's colour{'' if words else ': none'}"
         lists.append((heading, [[(line, BODY, 0)] for line in words]))
     if plan.kind:
@@ -237,8 +238,7 @@ def ink_at(plan: Plan, finding: Finding) -> str:
     """The other ink that a finding asks about, by its number; empty for another finding."""
     if finding.code not in ASKS_ABOUT_INK:
         return ""
-    pieces = [entry for entry in plan.other_ink if entry.piece is not None]
-    away = [(away_from(entry.piece, finding), entry.number) for entry in pieces]
+    away = [(away_from(one.piece, finding), one.number) for one in plan.other_ink if one.piece]
     away_px, number = min(away, default=(np.inf, 0))
     return f", other ink {number}" if away_px <= CLOSE_PX else ""
 
@@ -336,8 +336,7 @@ def is_even_ahead(
     if direction is None or stroke.sigma is None:
         return False
     # The blur of the pen's own end reaches two pixels.
-    half_width = (stroke.width or 0.0) / 2
-    centre = end + direction * (half_width + 2.0 + AHEAD_PX)
+    centre = end + direction * ((stroke.width or 0.0) / 2 + 2.0 + AHEAD_PX)
     disc = np.zeros(rgb.shape[:2], np.uint8)
     paper.draw_disc(disc, centre, AHEAD_PX, 255)
     greys = rgb[disc > 127].astype(int)
@@ -498,8 +497,7 @@ class Sheet:
 
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
-        count = len(self.pixels) // paper.PAGE_HEIGHT
-        return [png_of(page) for page in np.split(self.pixels, count)]
+        return list(map(png_of, np.split(self.pixels, len(self.pixels) // paper.PAGE_HEIGHT)))
 
 
 def write_sheet(plan: Plan, path: Path) -> None:

@@ -6,6 +6,7 @@ numbers that the state gives them, from 1. Places are (u, v) in pixels.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -41,7 +42,7 @@ MAX_LABEL = 64
 
 def malformed(step: Step, name: str, wanted: str) -> SettingError:
     """The error that says of a field of a step what is wanted there instead."""
-    value = repr(step.get(name))[:60]
+    value = json.dumps(step.get(name), default=str)[:60]
     return SettingError(
         f"In step {step['do']}, {name} is {value}. Give {wanted}.", code="step-malformed"
     )
@@ -81,7 +82,7 @@ def numbers_of(step: Step, name: str, count: int) -> tuple[float, ...]:
     value = step.get(name)
     is_list = isinstance(value, (list, tuple)) and len(value) == count
     if not is_list or not all(is_number(number) and abs(number) <= 1e9 for number in value):
-        raise malformed(step, name, f"a list of {count} finite numbers")
+        raise malformed(step, name, f"a list of finite numbers, {count} in all")
     return tuple(float(number) for number in value)
 
 
@@ -171,8 +172,7 @@ def with_strokes(plan: Plan, strokes: tuple[MendedStroke, ...]) -> Plan:
 def move_knot(plan: Plan, step: Step) -> Plan:
     """Move a knot; its stretch is measured again where there is ink."""
     number, stroke = stroke_of(plan, step)
-    knot = knot_of(stroke, step)
-    moved = stroke.move_knot(knot, place_of(plan, step, "to"), plan.geometry.ink)
+    moved = stroke.move_knot(knot_of(stroke, step), place_of(plan, step, "to"), plan.geometry.ink)
     return with_stroke(plan, number, moved)
 
 
@@ -185,8 +185,7 @@ def insert_knot(plan: Plan, step: Step) -> Plan:
 def delete_knot(plan: Plan, step: Step) -> Plan:
     """Draw the stretch around a knot without it; without an end's knot, cut back to the next."""
     number, stroke = stroke_of(plan, step)
-    new = stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink)
-    return with_stroke(plan, number, new)
+    return with_stroke(plan, number, stroke.delete_knot(knot_of(stroke, step), plan.geometry.ink))
 
 
 def draw(plan: Plan, step: Step) -> Plan:
@@ -328,8 +327,7 @@ def exclude(plan: Plan, step: Step) -> Plan:
         if extracted.strokes or not geometry.strokes:
             return replace(plan, geometry=replace(extracted, excluded_ink=geometry.excluded_ink))
     strokes = tuple(stroke.without_ink_in(box) for stroke in geometry.strokes)
-    boxed = replace(geometry, strokes=strokes, ink=ink, is_as_found=False)
-    return replace(plan, geometry=boxed)
+    return replace(plan, geometry=replace(geometry, strokes=strokes, ink=ink, is_as_found=False))
 
 
 def take(plan: Plan, step: Step) -> Plan:
@@ -395,8 +393,7 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list."""
     fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    markers = fit.markers[:number] + fit.markers[number + 1 :]
-    return replace(plan, fit=fit.with_markers(markers))
+    return replace(plan, fit=fit.with_markers(fit.markers[:number] + fit.markers[number + 1 :]))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
@@ -450,10 +447,11 @@ def rectify(plan: Plan, step: Step) -> Plan:
 def set_plan(plan: Plan, step: Step) -> Plan:
     """Plan with another model, distance, side from which the slice is seen, or pixel size."""
     source, fit, changes = plan.source, plan.fit, {}
-    for name, allowed in (("model", MODELS), ("seen_from", (None, "above", "below"))):
+    choices = {"model": MODELS, "seen_from": (None, "above", "below"), "arcs_m": (None,)}
+    for name, allowed in choices.items():
         if name in step:
             if step[name] not in allowed:
-                raise malformed(step, name, f"one of {allowed}")
+                raise malformed(step, name, " or ".join(map(json.dumps, allowed)))
             changes[name] = step[name]
     if "contact_radius" in step:
         changes["contact_radius"] = numbers_of(step, "contact_radius", 1)[0]

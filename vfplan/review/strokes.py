@@ -579,8 +579,7 @@ class MendedStroke(Stroke):
 
     def _beside(self, knot: int, *steps: int) -> NDArray[np.int64]:
         """The points of the knots so many steps beside one; of an open stroke no further ones."""
-        mode = "wrap" if self.closed else "clip"
-        return self.knots.take(knot + np.array(steps), mode=mode)
+        return self.knots.take(knot + np.array(steps), mode="wrap" if self.closed else "clip")
 
     def _run(self, first: int, last: int) -> NDArray[np.int64]:
         """Indices from one point to another, on a closed stroke through its seam if need be."""

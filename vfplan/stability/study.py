@@ -140,13 +140,16 @@ def judge(
 
     A verdict names the longest delay of a robot whose delay varies.
     """
-    borne = largest_stiffness_by_rule(results)
-    borne.pop("paper", None)
+    measured = [row for row in results if row.unit == "N/m" and row.measured is not None]
     figures = {name: getattr(robot, name) for name in ROBOT_KEYS}
     figures["delay_ticks"] = worst_delay(robot)
-    k_max = min(borne.values(), default=0.0)
+    borne = [row.measured for row in measured if row.values.get("rule") != "paper"]
     return StabilityVerdict(
-        robot=robot.name, **figures, k_n_per_m=stiffness, k_max_n_per_m=k_max, margin=safety_factor
+        robot=robot.name,
+        **figures,
+        k_n_per_m=stiffness,
+        k_max_n_per_m=min(borne, default=0.0),
+        margin=safety_factor,
     )
 
 
@@ -156,8 +159,8 @@ def verdict_text(verdict: StabilityVerdict) -> str:
         f"K = {verdict.k_n_per_m:g} N/m with robot {verdict.robot!r} (m = {verdict.mass_kg:g} kg,"
         f" b = {verdict.damping_n_s_per_m:g} N·s/m, {verdict.rate_hz:g} Hz, delay "
         f"{count(verdict.delay_ticks, 'tick')}): the loop is stable up to "
-        f"{verdict.k_max_n_per_m:.0f} N/m; allowed with a margin of {verdict.margin:g} is "
-        f"{verdict.k_pass_n_per_m:.0f} N/m"
+        f"{verdict.k_max_n_per_m:.0f} N/m by every rule for robots in every scene tried; allowed "
+        f"with a margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
     )
 
 
@@ -213,9 +216,7 @@ class Study:
         robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
         return {
             **report,
-            "k_max_by_rule_n_per_m": {
-                rule: k for rule, k in largest_stiffness_by_rule(self.rows).items() if rule
-            },
+            "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
             "k_linear_bound_n_per_m": linear_bound(self.robot),
             "k_exact_bound_n_per_m": exact_bound(self.robot),
             "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},
@@ -331,11 +332,11 @@ def pairs_of_rule_and_scene(
     return pairs
 
 
-def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str | None, float]:
-    """The K [N/m] that each rule bore in all scenes that were run; under `None` in the blows."""
+def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
+    """The K [N/m] that each rule bore in all scenes that were run."""
     borne = {}
     for row in rows:
-        if row.unit == "N/m" and row.measured is not None:
-            rule = row.values.get("rule")
+        rule = row.values.get("rule")
+        if rule is not None and row.unit == "N/m" and row.measured is not None:
             borne[rule] = min(row.measured, borne.get(rule, math.inf))
     return borne

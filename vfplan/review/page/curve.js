@@ -159,9 +159,10 @@ export class Curve {
     }
     byId("ways").replaceChildren(...nodes);
     // Once a line was chosen, the others stay at hand.
-    const isJustChosen = state.curve_px.length > 0 && Boolean(state.steps.at(-1)?.startsWith("choose"));
-    const others = isJustChosen ? state.candidates : [];
-    byId("others-card").hidden = others.length < 2;
+    const last = state.steps.at(-1);
+    const isJustChosen = state.curve_px.length > 0 && last?.do === "choose";
+    const others = isJustChosen ? state.candidates.filter((way) => way.number !== last.candidate) : [];
+    byId("others-card").hidden = others.length === 0;
     refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
 
@@ -183,6 +184,7 @@ export class Curve {
   heat(way, isHot) {
     const node = byId("ways").querySelector(`[data-way="${way.number}"]`);
     node?.classList.toggle("hot", isHot);
+    if (!node) byId("preview").setAttribute("points", isHot ? textOf(way.points_px) : "");
   }
 
   // A candidate's number stands in view, off the other lines and off the numbers placed before it,
@@ -230,7 +232,7 @@ export class Curve {
     const outlines = [];
     const rows = [];
     if (state.curve_px.length) {
-      const pieces = state.account.filter((ink) => ink.is_ink);
+      const pieces = state.account.filter((ink) => ink.what === "ink");
       for (const ink of pieces) {
         for (const points of ink.outline) {
           const outline = line(points, true, ink.left_out ? "outline left-out" : "outline");

@@ -34,19 +34,22 @@ export function fixed(number, decimals) {
   return (Number(number.toFixed(decimals)) + 0).toFixed(decimals);
 }
 
-// Options of the command line for which the page has a control, and how it is called there.
+// Options of the command line for which the page has a control, and what stands on it. A label in a
+// sentence is quoted.
 const CONTROLS = {
-  "contact-radius": "Keep a distance of",
-  exclude: "Exclude",
-  "find-markers": "Find marks",
-  model: "From slice to robot",
-  "pixel-spacing": "the size of a pixel",
+  "contact-radius": "“Keep a distance of”",
+  exclude: "“Exclude”",
+  "find-markers": "“Find marks”",
+  model: "“From slice to robot”",
+  "pixel-spacing": "“A pixel is”",
   robust: "its box in the table",
-  "seen-from": "The slice is seen from",
+  "seen-from": "“The slice is seen from”",
 };
 // The same with what the plan says.
 const NAMES = { ...CONTROLS, "max-residual": "the plan", "max-tre": "the plan" };
-const OPTION = /--([a-z][a-z-]*)/g;
+// An option, with what stands for its value in capitals.
+const OPTION = /--([a-z][a-z-]*)(?: [A-Z_]{2,}(?:,[A-Z_]+)*\b)?/g;
+const MODEL = /\b(affine|similarity|rigid)\b/g;
 
 // Advice within a sentence that names an option: in brackets, or after ", or".
 const ADVICE = / \([^()]*--[^()]*\)|, or [^,.;]*--[^,.;]*/g;
@@ -58,7 +61,14 @@ export function inPageWords(text) {
   const plain = text.replaceAll(" with vfplan rectify", "");
   const ofPage = plain.replace(ADVICE, (advice) => (isOfPage(advice, CONTROLS) ? advice : ""));
   const sentences = ofPage.split(/(?<=\.) /).filter((words, k) => k === 0 || isOfPage(words, NAMES));
-  return sentences.map((words) => (isCommand(words) ? words : words.replace(OPTION, nameOf))).join(" ");
+  return sentences.map((words) => (isCommand(words) ? words : withNames(words))).join(" ");
+}
+
+// A sentence with the page's names of options and of the values of --model.
+function withNames(words) {
+  const named = words.replace(OPTION, nameOf).replace(/\bGive (“[^”]*”)(?= if|\.)/g, "Fill in $1");
+  if (!words.includes("--model")) return named;
+  return named.replace(MODEL, (value) => byId("plan-model").querySelector(`[value=${value}]`).textContent);
 }
 
 function isCommand(words) {
@@ -70,8 +80,9 @@ function isOfPage(words, names) {
   return isCommand(words) || [...words.matchAll(OPTION)].every(([, name]) => name in names);
 }
 
-function nameOf(_, option) {
-  return NAMES[option] || option.replaceAll("-", " ");
+function nameOf(_, option, at) {
+  const name = NAMES[option] || option.replaceAll("-", " ");
+  return at === 0 ? name[0].toUpperCase() + name.slice(1) : name;
 }
 
 // Put new elements in place of a holder's. Whoever stood on a control with the keyboard then stands

@@ -5,13 +5,14 @@ import { byId } from "./dom.js";
 const REST_MS = 120; // a slider that moves asks for one picture once it rests
 
 export class Greys {
-  constructor(app, greyMax) {
+  constructor(app, image) {
     this.app = app;
-    this.greyMax = greyMax;
+    this.greyMax = image.grey_max;
+    this.range = this.rangeOf(image);
     this.low = byId("low");
     this.high = byId("high");
-    this.low.max = greyMax - 1;
-    this.high.max = greyMax;
+    this.low.max = this.greyMax - 1;
+    this.high.max = this.greyMax;
     this.reset();
     this.low.addEventListener("input", () => this.changed(this.low));
     this.high.addEventListener("input", () => this.changed(this.high));
@@ -25,12 +26,37 @@ export class Greys {
 
   // A window of a CT, by its middle and width [HU], as far as the picture holds it.
   window(middle, width) {
-    const [black, white] = this.app.state.image.grey_range;
-    const grey = (value) => Math.round((this.greyMax * (value - black)) / (white - black || 1));
-    const ends = [grey(middle - width / 2), grey(middle + width / 2)];
-    this.low.value = Math.min(...ends);
-    this.high.value = Math.max(...ends);
+    this.show(middle - width / 2, middle + width / 2);
     this.changed(this.low);
+  }
+
+  // Put the sliders where two values of the slice are.
+  show(...values) {
+    const [black, white] = this.range;
+    const greys = values.map((value) => Math.round((this.greyMax * (value - black)) / (white - black || 1)));
+    this.low.value = Math.min(...greys);
+    this.high.value = Math.max(...greys);
+  }
+
+  // The value of the slice where a slider stands: Hounsfield units in a CT.
+  valueAt(slider) {
+    const [black, white] = this.range;
+    return black + ((white - black) * slider.value) / this.greyMax;
+  }
+
+  // Another slice: the window stays at its values, and all greys stay all.
+  turn() {
+    const isAll = Number(this.low.value) === 0 && Number(this.high.value) === this.greyMax;
+    const values = [this.low, this.high].map((slider) => this.valueAt(slider));
+    this.range = this.rangeOf(this.app.state.image);
+    if (!isAll) this.show(...values);
+    this.showNumbers();
+    this.load();
+  }
+
+  // The values of the slice at the first and the last grey.
+  rangeOf(image) {
+    return image.grey_range ?? [0, this.greyMax];
   }
 
   // A drag with the right button: to the right for a wider window, down for a brighter slice.
@@ -64,8 +90,11 @@ export class Greys {
   }
 
   showNumbers() {
-    byId("low-text").textContent = this.low.value;
-    byId("high-text").textContent = this.high.value;
+    for (const slider of [this.low, this.high]) {
+      const value = Math.round(this.valueAt(slider));
+      byId(`${slider.id}-text`).textContent = value;
+      slider.setAttribute("aria-valuetext", value);
+    }
   }
 
   load() {

@@ -158,14 +158,43 @@ function withPlanOf(before, quick) {
 function show(state, isWhole) {
   const isFirst = app.state === null;
   if (!isFirst && state.image.is_flat && !app.state.image.is_flat) app.hideToast();
+  if (!isFirst) app.selected = stillSelected(app.state, state);
   app.state = state;
   for (const part of parts) part.render?.(state, isFirst);
   showRefusal(state);
   if (isWhole) goToRefusal(state.refusal);
   byId("undo").disabled = !state.can_undo;
   byId("redo").disabled = !state.can_redo;
-  byId("steps").replaceChildren(...state.steps.map((text) => make("li", {}, text)));
+  byId("steps").replaceChildren(...state.steps.map((step) => make("li", {}, titleOf(step))));
   byId("steps-count").textContent = state.steps.length;
+}
+
+// A step in the list of steps. Strokes, knots and findings count from 1 here.
+function titleOf(step) {
+  const words = [step.do === "leave" ? "leave out" : step.do.replaceAll("_", " ")];
+  for (const name of ["stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"]) {
+    if (!(name in step)) continue;
+    const isFrom0 = ["stroke", "knot", "finding"].includes(name) && Number.isInteger(step[name]);
+    words.push(`${name} ${isFrom0 ? step[name] + 1 : step[name]}`);
+  }
+  return words.join(", ");
+}
+
+// A step may give the number of a piece of ink or of a finding to another one: what is selected is
+// found again by its place and its words.
+function stillSelected(before, state) {
+  const thing = app.selected;
+  if (thing?.kind === "ink") {
+    const ink = before.account.find((one) => one.number === thing.key);
+    const same = state.account.find((one) => one.what === "ink" && one.u === ink?.u && one.v === ink?.v);
+    return same ? { kind: "ink", key: same.number } : null;
+  }
+  if (thing?.kind === "finding") {
+    const sign = (one) => JSON.stringify([one.code, one.text, one.place_px]);
+    const key = state.findings.findIndex((one) => sign(one) === sign(before.findings[thing.key]));
+    return key >= 0 ? { kind: "finding", key } : null;
+  }
+  return thing;
 }
 
 function showRefusal(state) {
@@ -175,8 +204,16 @@ function showRefusal(state) {
   byId("refusal").hidden = !isShown;
   if (!isShown) return;
   const rows = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
-  if (refusal.other_pen) rows.push(penRow(refusal.other_pen));
-  if (!byId("make-flat").hidden) rows.push(flatRow());
+  const colour = refusal.other_pen;
+  if (colour) {
+    const swatch = make("span", { class: "pen", style: `background:${colour}` });
+    rows.push(wayRow(() => app.step({ do: "choose_pen", colour }), swatch, `Take the line in ${colour}`));
+  }
+  if (!byId("make-flat").hidden) rows.push(wayRow(() => app.makeFlat(), "Make the picture flat"));
+  if (refusal.code === "arcs-coarse") {
+    const finer = { do: "set_plan", arcs_m: null };
+    rows.push(wayRow(() => app.step(finer), "Take finer lines and arcs"));
+  }
   let text = refusal.text;
   if (refusal.code === "several-candidates" && rows.length) {
     text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
@@ -187,18 +224,9 @@ function showRefusal(state) {
   refill(byId("candidates"), rows);
 }
 
-// A line of another pen than the command named, by a button.
-function penRow(colour) {
-  const swatch = make("span", { class: "pen", style: `background:${colour}` });
-  const onclick = () => app.step({ do: "choose_pen", colour });
-  const button = make("button", { type: "button", class: "row", onclick }, swatch, `Take the line in ${colour}`);
-  return make("li", {}, button);
-}
-
-// A photograph taken at an angle is refused for its residuals, and mended by a button.
-function flatRow() {
-  const onclick = () => app.makeFlat();
-  return make("li", {}, make("button", { type: "button", class: "row", onclick }, "Make the picture flat"));
+// A way out of a refusal, by a button: another pen than the command named, a photograph made flat.
+function wayRow(onclick, ...words) {
+  return make("li", {}, make("button", { type: "button", class: "row", onclick }, ...words));
 }
 
 // Once, so that the planner can look elsewhere. To choose among several lines he has to see the

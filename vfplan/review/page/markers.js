@@ -1,5 +1,5 @@
 // Markers on the slice and in the table; their residuals, and the bound that follows.
-import { byId, fixed, make, makeAt, refill, translation } from "./dom.js";
+import { byId, fixed, inPageWords, make, makeAt, refill, translation } from "./dom.js";
 
 const CROSS = "M-9 0H9M0 -9V9";
 const ARROW_SCALES = [1, 2, 5, 10, 20, 50, 100, 200, 500];
@@ -28,12 +28,24 @@ export class Markers {
 
   // The fields of the plan: each is a step once it is left.
   fields() {
-    const number = (id) => Number(byId(id).value.trim().replace(",", "."));
-    const set = (id, fields) => byId(id).addEventListener("change", () => this.app.step({ do: "set_plan", ...fields() }));
-    set("plan-spacing", () => ({ pixel_spacing_mm: [number("plan-spacing"), number("plan-spacing")] }));
-    set("plan-model", () => ({ model: byId("plan-model").value }));
-    set("plan-distance", () => ({ contact_radius: [number("plan-distance") / 1e3] }));
-    set("plan-side", () => ({ seen_from: byId("plan-side").value || null }));
+    const set = (id, fields) => byId(id).addEventListener("change", () => this.app.step({ do: "set_plan", ...fields(byId(id).value) }));
+    set("plan-model", (model) => ({ model }));
+    set("plan-side", (side) => ({ seen_from: side || null }));
+    this.setNumber("plan-spacing", (size) => ({ pixel_spacing_mm: [size, size] }));
+    this.setNumber("plan-distance", (distance) => ({ contact_radius: [distance / 1e3] }));
+  }
+
+  // A field of millimetres. What is no number above 0 is told, and the field shows the plan's again.
+  setNumber(id, fields) {
+    byId(id).addEventListener("change", () => {
+      const size = Number(byId(id).value.trim().replace(",", "."));
+      if (size > 0 && Number.isFinite(size)) {
+        this.app.step({ do: "set_plan", ...fields(size) });
+        return;
+      }
+      this.app.toast(`“${byId(id).value}” is no length. Write a number of millimetres above 0.`);
+      this.showFields(this.app.state.plan);
+    });
   }
 
   showFields({ model, contact_radius: distance, seen_from: side, pixel_spacing_mm: spacing }) {
@@ -133,7 +145,7 @@ export class Markers {
     if (state.tre95_m !== null) {
       words.push(`The curve lies within ${mm(state.tre95_m)} of its place (95\u00a0%). FRE ${mm(state.fre_rms_m)}.`);
     } else if (state.markers.length) {
-      words.push(state.markers_why_not || "No bound can be told.");
+      words.push(inPageWords(state.markers_why_not) || (state.curve_px.length ? "No bound can be told." : "The bound follows once there is a curve."));
     } else {
       words.push("No markers: the output is the curve alone, in pixels.");
     }

@@ -67,12 +67,14 @@ export class Selection {
   }
 
   inkButtons(ink) {
-    return [
+    const nodes = [
       `Ink ${ink}`,
       this.stepButton("Take as the curve", "", { do: "take", ink, as: "curve" }),
       this.stepButton("Take as a part", "", { do: "take", ink, as: "part" }),
-      this.stepButton("Leave out", "", { do: "leave", ink }),
     ];
+    const isLeftOut = this.app.state.account.some((one) => one.number === ink && one.left_out);
+    if (!isLeftOut) nodes.push(this.stepButton("Leave out", "", { do: "leave", ink }));
+    return nodes;
   }
 
   markerButtons(marker) {

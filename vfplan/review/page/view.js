@@ -88,16 +88,17 @@ export class View {
     const isTurned = this.image && this.image.position !== state.image.position;
     const isOther = this.image && this.image.is_flat !== state.image.is_flat;
     this.image = state.image;
-    this.mmPerPx = state.mm_per_px;
+    const [along, down] = state.image.pixel_spacing_mm ?? [0, 0];
+    this.mmPerPx = state.mm_per_px ?? Math.sqrt(along * down); // by the markers, else by the file
     byId("title").textContent = `Review of ${state.image.in_words || state.image.name}`;
     document.title = byId("title").textContent;
     if (isFirst) {
-      this.greys = new Greys(this.app, state.image.grey_max);
+      this.greys = new Greys(this.app, state.image);
       this.showLetters(state.image.sides);
       this.fit();
       this.isChosen = false;
     }
-    if (isOther || isTurned) this.greys.load();
+    if (isOther || isTurned) this.greys.turn();
     if (isOther) {
       this.fit();
       this.isChosen = false;
