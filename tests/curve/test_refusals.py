@@ -146,10 +146,12 @@ def test_a_pen_that_is_pressed_harder_over_a_stretch_is_measured_and_asked_about
     assert 100 < finding.place_px[0] < 250
 
 
-@pytest.mark.parametrize("widths", [(2.2, 4.8), (6.0, 3.0), (6.5, 2.0)])
-def test_a_pen_that_is_pressed_more_and_more_is_measured_and_asked_about(widths):
-    extraction = pressed(np.linspace(*widths, len(T)))
-    assert "width-changes" in [finding.code for finding in extraction.findings]
+@pytest.mark.parametrize(("widths", "asked"), [
+    ((2.2, 4.8), True), ((6.0, 3.0), True), ((6.5, 2.0), True), ((2.0, 7.0, 2.0, 7.0), True),
+    ((3.0, 3.6, 3.0), False)])  # fmt: skip
+def test_a_pen_that_is_pressed_now_more_now_less_is_measured_and_asked_about(widths, asked):
+    extraction = pressed(np.interp(T, np.linspace(0, 1, len(widths)), widths))
+    assert ("width-changes" in [finding.code for finding in extraction.findings]) == asked
     errors = normal_errors(extraction.strokes[0].points, BOWED, False)
     assert np.abs(errors[8:-8]).max() < 0.2
 

@@ -291,10 +291,6 @@ LASTING_PX = 0.8
 # lamps do. Over 40 slices the slope was 0.5 to 2.9, but for grounds of one grey.
 GROUND_PX = 3.0
 
-# Correlation of a line's width with its length from which the pen was pressed more and more. Pens
-# that were pressed now more and now less reached 0.77, steady growth of any form 0.96 and more.
-PRESSED_MORE = 0.87
-
 # Pixels along each side of the squares ahead of an end and beside it that show whether a grey cover
 # begins there.
 COVER_PX = 5
