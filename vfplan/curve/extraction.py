@@ -257,6 +257,8 @@ def extract_curve(
         cut = cut_to(curve, start, end)
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
+        if method == "ridge":
+            findings += account.corner_findings(cut)
         strokes.append(_stroke(ink, cut, line, method))
         findings += account.border_findings(strokes[-1], ink.size)
     mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)
