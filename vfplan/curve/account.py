@@ -614,33 +614,27 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     return findings
 
 
-def width_findings(ink: Ink, curve: MeasuredStroke, accept_width: bool) -> list[Finding]:
-    """A finding where the width changes, away from ends, gaps and other colours.
-
-    accept_width: whether it may change slowly, by however much
-    """
+def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
+    """A finding where the width changes, away from ends, gaps and other colours."""
     expected, ratio = _is_expected(curve), choose.relative_width(curve)
     sudden = np.where(expected, 0.0, choose.sudden_changes(ratio))
     at, largest = int(sudden.argmax()), float(sudden.max())
-    is_sudden = largest > max(tuned.SUDDEN, 1.0 / curve.width)
-    unexpected = np.flatnonzero(~expected)
-    window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
-    if len(unexpected) >= 3 * window:
+    if largest <= max(tuned.SUDDEN, 1.0 / curve.width):
+        unexpected = np.flatnonzero(~expected)
+        window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
+        if len(unexpected) < 3 * window:
+            return []
         aside = (curve.width / 2 + tuned.FLANK_PX) * normals(curve.path, curve.closed)
         beside = (curve.path + np.array([aside, -aside]))[:, unexpected]
         ground = brightness(ink.rgb, *np.moveaxis(beside, 2, 0)).mean(axis=0)
+        # A second run may leave the first one slowly. Medians leave out what is short.
         lasting = choose.without_ground(ratio[unexpected], ground, curve.width)
         lasting = running_median(lasting, window)
-        change = choose.lasting_changes(lasting, window)
-        least = max(tuned.LASTING, tuned.LASTING_PX / curve.width)
-        if not accept_width and change.max() <= least:
-            # A second run that leaves the first one slowly, or a pen that is pressed.
-            change = lasting - lasting.min()
-        if change.max() > (largest if is_sudden else least):
-            at, largest, is_sudden = unexpected[change.argmax()], float(change.max()), True
-            ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
-    if not is_sudden:
-        return []
+        largest = float(np.ptp(lasting))
+        if largest <= max(tuned.LASTING, tuned.LASTING_PX / curve.width):
+            return []
+        at = unexpected[choose.changes(lasting, (window + tuned.SUDDEN_PX) // 2).argmax()]
+        ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"
     )
@@ -668,7 +662,7 @@ def with_crossed_ends(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:
     if not curve.closed:
         return curve
     widest = choose.lasting_width(curve)
-    if width_findings(ink, curve, True):
+    if width_findings(ink, curve):
         sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
         widest = np.maximum(widest, sudden)
     _, nearest = _core.nearest(curve.path, curve.points)

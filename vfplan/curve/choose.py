@@ -298,17 +298,6 @@ def without_ground(ratio: NDArray, ground: NDArray, width: float) -> Array:
     return ratio - np.clip(slope, -tuned.GROUND_PX / (255 * width), 0) * ground
 
 
-def lasting_changes(lasting: NDArray, window: int) -> Array:
-    """(M,) lasting change of a relative width, 0 where it changes as much all along.
-
-    lasting: (M,) medians of the width over windows, which are compared before and after, so that
-    noise counts less than at a sudden change
-    """
-    half = (window + tuned.SUDDEN_PX) // 2
-    change = changes(lasting, half)
-    return np.where(change < tuned.LASTING_TIMES * np.median(change[half:-half]), 0.0, change)
-
-
 def lasting_width(curve: MeasuredStroke) -> Array:
     """(M,) the relative width that at least half of a stretch around each profile has."""
     ratio = np.where(curve.whole, relative_width(curve), 1.0)

@@ -248,7 +248,7 @@ def extract_curve(
         findings += account.ring_findings(line, max_gap_px)
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
-            findings += account.width_findings(ink, curve, accept_width)
+            findings += account.width_findings(ink, curve)
     findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)

@@ -275,10 +275,6 @@ AT_ONCE = 8.0
 # Pixels of line over which a sudden change of width is looked for.
 SUDDEN_PX = 12
 
-# Times the usual lasting change of width from which a change is asked about. Pressed pens reached
-# 2, second runs 4 to 400.
-LASTING_TIMES = 3.5
-
 # Share of the usual width below which a lasting change of width is JPEG's. Medians over a stretch
 # are compared, so that noise counts less. Second runs in JPEG had 0.24 and more on seeds from
 # 271828, 0.35 and more on those from 314159; plain lines and linear light 0.20 but for one.
