@@ -199,10 +199,9 @@ def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies(l
 @pytest.mark.parametrize(("turn_deg", "found"), [(0, []), (40, ["corner-near-end"]),
                                                  (90, ["corner-near-end"])])  # fmt: skip
 def test_a_leader_line_that_leaves_the_end_at_a_corner_is_asked_about_there(turn_deg, found):
-    end = CURVE[-1]
-    ahead = complex(*(end - CURVE[-2])) * np.exp(1j * np.radians(turn_deg))
-    leader = np.array([end, end + 50 / abs(ahead) * np.array([ahead.real, ahead.imag])])
-    image = picture((leader, 3.0))
+    end, before = CURVE[[-1, -2]]
+    way = np.radians(turn_deg) + np.arctan2(*(end - before)[::-1])
+    image = picture(([end, np.add(end, (50 * np.cos(way), 50 * np.sin(way)))], 3.0))
     findings = extract_curve(image).findings
     assert [f.code for f in findings] == found
     assert all(np.hypot(*(f.place_px - end)) < 2 for f in findings)

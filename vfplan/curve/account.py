@@ -39,14 +39,14 @@ NEAR_END_SHARE = 0.2
 
 # Degrees of a corner from which a straight stretch beyond it may be a leader line. Of 29 leader
 # lines that left the end of a curve by 35 degrees or more 28 are asked about; of 312 open curves of
-# tests/making/extraction_kinds.py, 3.
+# tests/making/extraction_kinds.py, 1.
 MIN_CORNER_DEG = 30.0
 
 # Pixels to either side of a corner that the spline rounds.
 ROUNDED_PX = 4
 
 # Pixels beyond a corner that run straight, and the range of their headings at most [degrees].
-LEADER_PX, LEADER_DEG = 40, 18.0
+LEADER_PX, LEADER_DEG = 40, 14.0
 
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
@@ -375,10 +375,9 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))
-    others = []
-    if doubts or line.length < 2 * tuned.CRUMB_PX:
-        others = choose.lines_of_other_pens(ink, pen, line.length / tuned.RIVAL_SHARE)
-    if others:
+    if not doubts and line.length >= 2 * tuned.CRUMB_PX:
+        return doubts
+    if others := choose.lines_of_other_pens(ink, pen, line.length / tuned.RIVAL_SHARE):
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
         doubts.insert(0, finding_at(others[0][1].middle, "ink-outweighs", text))
     return doubts
@@ -548,25 +547,21 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
 
 def corner_findings(stroke: Stroke) -> list[Finding]:
     """A doubt for each corner beyond which an open curve runs straight, as a leader line does."""
-    # Each side is carried on into the corner as it bends.
-    side = np.linalg.pinv(np.vander(ROUNDED_PX + np.arange(tuned.TANGENT_PX), 2))[1]
-    kernel = np.concatenate([-side[::-1], np.zeros(2 * ROUNDED_PX), side])
-    if stroke.closed or len(stroke.points) < 2 * len(kernel):
-        return []
-    heading = np.unwrap(np.arctan2(*np.diff(stroke.points, axis=0).T[::-1]))
-    turn = np.degrees(np.abs(np.correlate(heading, kernel, "valid")))
-    is_corner = turn == np.maximum(windows(turn, len(kernel)).max(axis=1), MIN_CORNER_DEG)
-    findings = []
-    for at in np.flatnonzero(is_corner):
-        corner = at + len(kernel) // 2
-        beyond = min(heading[:corner][::-1], heading[corner:], key=len)
-        if np.degrees(np.ptp(beyond[ROUNDED_PX:LEADER_PX])) > LEADER_DEG:
-            continue
-        text = (
-            f"the curve turns by {turn[at]:.0f} degrees and runs straight. Do the "
-            f"{len(beyond)} px beyond the corner belong to the curve?"
-        )
-        findings.append(finding_at(stroke.points[corner], "corner-near-end", text))
+    heading = np.degrees(np.unwrap(np.arctan2(*np.diff(stroke.points, axis=0).T[::-1])))
+    findings: list[Finding] = []
+    if stroke.closed or len(heading) < tuned.CRUMB_PX:
+        return findings
+    turn = choose.changes(heading, ROUNDED_PX)
+    largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
+    for at in np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG)):
+        beyond = min(heading[:at][::-1], heading[at:], key=len)
+        straight = beyond[ROUNDED_PX:LEADER_PX]
+        if len(straight) >= tuned.TANGENT_PX and np.ptp(straight) <= LEADER_DEG:
+            text = (
+                f"the curve turns by {turn[at]:.0f} degrees and runs straight. Do the "
+                f"{len(beyond)} px beyond the corner belong to the curve?"
+            )
+            findings.append(finding_at(stroke.points[at], "corner-near-end", text))
     return findings
 
 
