@@ -69,6 +69,7 @@ BOXED[:, 190:230] = 128  # A quarter of the curve lies beyond.
 cv2.line(OVER_THE_END, (280, 130), (280, 170), GREEN, 4)
 DOT = CURVE[300] + [0.0, 5.2]
 DOTS = [([CURVE[-1] + [gap, 0.0], CURVE[-1] + [gap + 1, 0.0]], 3.0) for gap in (10, 18, 26)]
+SLOWLY = CURVE + np.outer(np.sin(np.pi * T) ** 2, (0.0, 2.0))
 ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
 
 
@@ -78,15 +79,17 @@ ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
         (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[580], 4),
         (BOXED, ["ink-at-end"], (256, 161), 3),
         (picture((CURVE[200:212], 6.0)), ["width-changes"], CURVE[206], 2.8),
-        (painted((ALONG_BORDER, 3.0)), ["curve-on-border", "leaves-picture"], (337, 205), 6),
+        (picture((SLOWLY, 3.0)), ["width-changes"], CURVE[300], 60),
+        (painted((ALONG_BORDER, 3.0)), ["curve-on-border", "corner-near-end", "leaves-picture"],
+         (337, 205), 6),
         (picture()[:, 100:], ["leaves-picture"], (0, 166), 1),
         (picture(([DOT, np.add(DOT, (0.1, 0))], 5.0)), ["ink-touches"], DOT, 1),
         (picture(*DOTS), ["ink-at-end"] * 3, CURVE[-1] + [10.5, 0.0], 1),
         (OVER_THE_END, ["end-other-colour"], CURVE[-1], 6),
         (VEILED, ["ink-at-end"], (230, 170), 3),
     ],
-    ids=["beyond a long gap", "beyond a box", "a wider stretch", "along the border", "on it",
-         "a dot beside", "dots ahead", "another colour", "under a veil"],
+    ids=["beyond a long gap", "beyond a box", "a wider stretch", "drawn twice", "along the border",
+         "on it", "a dot beside", "dots ahead", "another colour", "under a veil"],
 )  # fmt: skip
 def test_a_finding_lies_where_its_cause_is_seen(image, found, place, within):
     extraction = extract_curve(image)
@@ -148,7 +151,7 @@ def test_faint_ink_that_is_listed_is_asked_about_once():
 
 @pytest.mark.parametrize(
     ("kind", "seed"),
-    [("linear light", 13), ("thin", 14), ("pressure", 0), ("taper", 19), ("leader", 7),
+    [("linear light", 13), ("thin", 14), ("taper", 19), ("leader", 7),
      ("window frame", 15), ("leader", 3), ("leader", 16)],
 )  # fmt: skip
 def test_what_the_picture_explains_is_not_asked_about(kind, seed):
@@ -193,12 +196,34 @@ def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies(l
     assert np.hypot(*(stroke[1] - extraction.findings[0].place_px)) < 10
 
 
+@pytest.mark.parametrize(("turn_deg", "found"), [(0, []), (40, ["corner-near-end"]),
+                                                 (90, ["corner-near-end"])])  # fmt: skip
+def test_a_leader_line_that_leaves_the_end_at_a_corner_is_asked_about_there(turn_deg, found):
+    end, before = CURVE[[-1, -2]]
+    way = np.radians(turn_deg) + np.arctan2(*(end - before)[::-1])
+    image = picture(([end, np.add(end, (50 * np.cos(way), 50 * np.sin(way)))], 3.0))
+    findings = extract_curve(image).findings
+    assert [f.code for f in findings] == found
+    assert all(np.hypot(*(f.place_px - end)) < 2 for f in findings)
+    assert codes(extract_curve(image, end=tuple(end))) == []
+
+
 @pytest.mark.parametrize(("gap_px", "found"), [(26.0, [("ink-at-end", True)]), (60.0, [])])
 def test_ends_that_face_each_other_over_a_gap_are_asked_about(gap_px, found):
     angle = np.linspace(0, 2 * np.pi, 801) + (gap_px + 3.0) / 160 * np.linspace(1, -1, 801)
     ring = np.column_stack([170 + 80 * np.cos(angle), 150 + 80 * np.sin(angle)])
     findings = extract_curve(painted((ring, 3.0))).findings
     assert [(f.code, f.place_px == pytest.approx((250, 150), abs=3)) for f in findings] == found
+
+
+def test_strong_ink_on_a_pale_line_and_a_colour_across_a_broad_one_break_no_line():
+    pale = blend(flat(SHAPE), coverage(SHAPE, CURVE, 3.0), RED, 0.45)
+    rested = to_uint8(blend(pale, coverage(SHAPE, CURVE[300:325], 3.0), RED))
+    bent = np.column_stack([CURVE[:, 0], 150 + 60 * np.sin(2 * np.pi * T)])
+    crossed = painted((bent, 12.0))
+    cv2.line(crossed, (150, 94), (191, 206), (0, 255, 255), 8, cv2.LINE_AA)
+    for image, length in ((rested, 230), (crossed, 338)):
+        assert extract_curve(image).strokes[0].length == pytest.approx(length, abs=4)
 
 
 @pytest.mark.parametrize("end", [260, 380])

@@ -37,6 +37,17 @@ NAMED = 3
 # the whole of a line: with 0.2, 17 % of the slices with two lifts are asked about, with 0.25, 46 %.
 NEAR_END_SHARE = 0.2
 
+# Degrees of a corner from which a straight stretch beyond it may be a leader line. Of 29 leader
+# lines that left the end of a curve by 35 degrees or more 28 are asked about; of 312 open curves of
+# tests/making/extraction_kinds.py, 1.
+MIN_CORNER_DEG = 30.0
+
+# Pixels to either side of a corner that the spline rounds.
+ROUNDED_PX = 4
+
+# Pixels beyond a corner that run straight, and the range of their headings at most [degrees].
+LEADER_PX, LEADER_DEG = 40, 14.0
+
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
 
@@ -364,10 +375,9 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     if share < tuned.SMALL_SHARE and not any(f.code == "ink-outweighs" for f in doubts):
         text = f"the curve is {share:.0%} of the pen's ink only. Is the curve meant?"
         doubts.append(finding_at(line.middle, "ink-outweighs", text))
-    others = []
-    if doubts or line.length < 2 * tuned.CRUMB_PX:
-        others = choose.lines_of_other_pens(ink, pen, line.length / tuned.RIVAL_SHARE)
-    if others:
+    if not doubts and line.length >= 2 * tuned.CRUMB_PX:
+        return doubts
+    if others := choose.lines_of_other_pens(ink, pen, line.length / tuned.RIVAL_SHARE):
         text = f"another pen drew a longer line. If it is meant: {choose.advice_on_pens(others)}."
         doubts.insert(0, finding_at(others[0][1].middle, "ink-outweighs", text))
     return doubts
@@ -535,6 +545,26 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     return findings
 
 
+def corner_findings(stroke: Stroke) -> list[Finding]:
+    """A doubt for each corner beyond which an open curve runs straight, as a leader line does."""
+    heading = np.degrees(np.unwrap(np.arctan2(*np.diff(stroke.points, axis=0).T[::-1])))
+    findings: list[Finding] = []
+    if stroke.closed or len(heading) < tuned.CRUMB_PX:
+        return findings
+    turn = choose.changes(heading, ROUNDED_PX)
+    largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
+    for at in np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG)):
+        beyond = min(heading[:at][::-1], heading[at:], key=len)
+        straight = beyond[ROUNDED_PX:LEADER_PX]
+        if len(straight) >= tuned.TANGENT_PX and np.ptp(straight) <= LEADER_DEG:
+            text = (
+                f"the curve turns by {turn[at]:.0f} degrees and runs straight. Do the "
+                f"{len(beyond)} px beyond the corner belong to the curve?"
+            )
+            findings.append(finding_at(stroke.points[at], "corner-near-end", text))
+    return findings
+
+
 def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:
     """A doubt for each end at which the line runs out of the picture."""
     reach = (stroke.width or 0.0) / 2 + tuned.FLANK_PX
@@ -580,20 +610,25 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
 
 
 def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
-    """A finding where the width changes suddenly, away from ends, gaps and other colours."""
+    """A finding where the width changes, away from ends, gaps and other colours."""
     expected, ratio = _is_expected(curve), choose.relative_width(curve)
     sudden = np.where(expected, 0.0, choose.sudden_changes(ratio))
-    unexpected = np.flatnonzero(~expected)
-    aside = (curve.width / 2 + tuned.FLANK_PX) * normals(curve.path, curve.closed)
-    beside = (curve.path + np.array([aside, -aside]))[:, unexpected]
-    ground = brightness(ink.rgb, *np.moveaxis(beside, 2, 0)).mean(axis=0)
-    lasting = choose.lasting_changes(ratio[unexpected], ground, curve.width)
     at, largest = int(sudden.argmax()), float(sudden.max())
-    if lasting.max() > largest or largest <= max(tuned.SUDDEN, 1.0 / curve.width):
-        largest = float(lasting.max())
+    if largest <= max(tuned.SUDDEN, 1.0 / curve.width):
+        unexpected = np.flatnonzero(~expected)
+        window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
+        if len(unexpected) < 3 * window:
+            return []
+        aside = (curve.width / 2 + tuned.FLANK_PX) * normals(curve.path, curve.closed)
+        beside = (curve.path + np.array([aside, -aside]))[:, unexpected]
+        ground = brightness(ink.rgb, *np.moveaxis(beside, 2, 0)).mean(axis=0)
+        # A second run may leave the first one slowly. Medians leave out what is short.
+        lasting = choose.without_ground(ratio[unexpected], ground, curve.width)
+        lasting = running_median(lasting, window)
+        largest = float(np.ptp(lasting))
         if largest <= max(tuned.LASTING, tuned.LASTING_PX / curve.width):
             return []
-        at = unexpected[lasting.argmax()]
+        at = unexpected[choose.changes(lasting, (window + tuned.SUDDEN_PX) // 2).argmax()]
         ratio = running_median(ratio, 2 * tuned.SUDDEN_PX + 1)
     text = (
         f"the width of the line changes by {largest * curve.width:.1f} px. Is all of it the curve?"

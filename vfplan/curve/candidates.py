@@ -82,8 +82,9 @@ class Candidate:
     def tangent(self, end: int) -> Array:
         """(2,) unit direction in which the line would go on at its first (0) or last (-1) point."""
         run = self.path[::-1] if end == -1 else self.path
-        run = run[: tuned.TANGENT_PX + 1]
-        run = run[len(run) // 6 :]  # Thinning bends the last pixels.
+        bent = round(self.width / 2)
+        run = run[: tuned.TANGENT_PX + bent]
+        run = run[min(bent, len(run) // 3) :]  # Thinning bends the last pixels.
         degree = 2 if len(run) > tuned.TANGENT_PX // 2 else 1
         slope = np.polynomial.polynomial.polyfit(np.arange(len(run)), run, degree)[1]
         return -slope / max(np.hypot(*slope), 1e-9)

@@ -287,22 +287,15 @@ def sudden_changes(ratio: Array) -> Array:
     return np.where(change < tuned.AT_ONCE * np.median(change), 0.0, change)
 
 
-def lasting_changes(ratio: NDArray, ground: NDArray, width: float) -> Array:
-    """(M,) lasting change of a relative width, 0 where it changes as much all along.
+def without_ground(ratio: NDArray, ground: NDArray, width: float) -> Array:
+    """(M,) a relative width less what the brightness of the ground (M,) beside the line explains.
 
-    The medians before and after are compared, so that noise counts less than at a sudden change.
-    What the brightness of the ground (M,) beside the line explains is taken off: programs that
-    blend light as lamps do, and JPEG, draw a line the narrower, the brighter its ground is.
+    Programs that blend light as lamps do, and JPEG, draw a line the narrower, the brighter its
+    ground is.
     """
-    window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * width))
-    if len(ratio) < 3 * window:
-        return np.zeros(1)
     ground = ground - ground.mean()
     slope = ground @ ratio / max(ground @ ground, 1e-9)
-    explained = np.clip(slope, -tuned.GROUND_PX / (255 * width), 0) * ground
-    half = (window + tuned.SUDDEN_PX) // 2
-    change = changes(running_median(ratio - explained, window), half)
-    return np.where(change < tuned.LASTING_TIMES * np.median(change[half:-half]), 0.0, change)
+    return ratio - np.clip(slope, -tuned.GROUND_PX / (255 * width), 0) * ground
 
 
 def lasting_width(curve: MeasuredStroke) -> Array:
@@ -313,27 +306,22 @@ def lasting_width(curve: MeasuredStroke) -> Array:
     return running_median(ratio, min(run, len(ratio)), **beyond)
 
 
-def wide_findings(curve: MeasuredStroke) -> list[Finding]:
-    """A doubt where a lasting stretch of the line is wider than the rest, and grows so smoothly.
+def refuse_two_runs(curve: MeasuredStroke) -> None:
+    """Raise `CurveError` where a lasting stretch of the line grows wide at once.
 
-    Raises `CurveError` where it grows wide at once, as where a second run begins beside the first.
+    A second run may begin there beside the first.
     """
     sudden, lasting = sudden_changes(relative_width(curve)), lasting_width(curve)
     widest, place = float(lasting.max()), curve.path[lasting.argmax()]
     if widest <= tuned.WIDE or (widest - 1) * curve.width <= 1.0:
-        return []
-    # A hand presses now more and now less. It is asked about one that presses more and more.
-    trend = np.corrcoef(np.flatnonzero(curve.whole), lasting[curve.whole])[0, 1]
-    if not sudden.any() and (curve.closed or abs(trend) < tuned.PRESSED_MORE):
-        return []
+        return
     # At its ends the line falls to nothing, however evenly it was pressed.
     falls = np.array([[end.fall] for end in curve.ends]).reshape(-1, 1)
     is_inner = (curve.inside > tuned.SUDDEN_PX + curve.width / 2 + falls).all(axis=0)
     change = float(sudden[is_inner].max(initial=0.0))
     range_px = widest - float(lasting[is_inner].min(initial=1.0))
     if change < tuned.HALF * range_px:
-        text = f"the line is {widest:.2f} times as wide here as elsewhere. Is it one line?"
-        return [finding_at(place, "width-changes", text)]
+        return
     text = (
         f"The line is {widest:.2f} times as wide here as elsewhere, so two runs may lie side by "
         "side. Look at it: vfplan review IMAGE. If one pen was pressed harder: --accept-width."

@@ -263,7 +263,7 @@ def _ink_on(rgb: NDArray, pen: Pen) -> tuple[Ink, bool]:
         is_broad |= bool(cv2.erode(tinted, third).any())
         foreign = np.where(other, np.maximum(np.abs(across), -along), 0) / strength
         inner = window[1]
-        ink.mask[inner] = inner_part(_mask(unmixed, along, across), window)
+        ink.mask[inner] = inner_part(_mask(unmixed, along, across, strength), window)
         coverage = inner_part(unmixed, window) / strength
         ink.coverage[inner] = np.where(np.abs(coverage) > TINY_COVERAGE, coverage, 0)
         ink.other[inner] = inner_part(np.minimum(OTHER_UNIT * foreign, 255), window)
@@ -422,11 +422,15 @@ def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
     return np.where(known & same_side, along - across * np.clip(slope, -2, 2), along)
 
 
-def _mask(unmixed: NDArray, along: NDArray, across: NDArray) -> Flags:
-    """Ink above half of the strongest nearby, so that each line keeps its own width."""
+def _mask(unmixed: NDArray, along: NDArray, across: NDArray, strength: float) -> Flags:
+    """Ink above half of the strongest nearby, so that each line keeps its own width.
+
+    More than the pen's own strength is noise of JPEG, and leaves the line beside it as it is.
+    """
     import cv2
 
     inked = np.where(np.abs(across) < 1.5 * _gate() * along, unmixed, 0)
     smooth = cv2.GaussianBlur(inked, (0, 0), tuned.MASK_BLUR_PX)
     strongest = cv2.dilate(smooth, np.ones((tuned.LOCAL_PX, tuned.LOCAL_PX), np.uint8))
-    return (strongest > tuned.CHROMA_FLOOR) & (smooth > tuned.HALF * strongest)
+    level = np.minimum(strongest, strength)
+    return (strongest > tuned.CHROMA_FLOOR) & (smooth > tuned.HALF * level)

@@ -216,7 +216,7 @@ def extract_curve(
         chosen = [line.in_order() for line in chosen]
 
         # Centre lines: measured across the ink, or refused where that is ambiguous.
-        curves, asked = [], []
+        curves = []
         for line in chosen:
             if method != "mask":
                 choose.refuse_junctions(line)
@@ -225,7 +225,7 @@ def extract_curve(
                 continue
             curve = measure(ink, line)
             if not accept_width:
-                asked += choose.wide_findings(curve)
+                choose.refuse_two_runs(curve)
             choose.refuse_double_line(curve)
             choose.refuse_long_bridge(curve, max_gap_px)
             choose.refuse_fit_off_ink(curve, line)
@@ -235,7 +235,7 @@ def extract_curve(
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
-    findings = asked + account.leftover_findings(leftover, max_gap_px)
+    findings = account.leftover_findings(leftover, max_gap_px)
     if stroke == "all":
         findings += account.shorter_findings(unchosen, lines, ink)
     if len(chosen) == 1:
@@ -257,6 +257,8 @@ def extract_curve(
         cut = cut_to(curve, start, end)
         findings = without_cut_off(findings, curve, cut)
         findings += _region_findings(cut, region, ink.size)
+        if method == "ridge":
+            findings += account.corner_findings(cut)
         strokes.append(_stroke(ink, cut, line, method))
         findings += account.border_findings(strokes[-1], ink.size)
     mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)

@@ -275,10 +275,6 @@ AT_ONCE = 8.0
 # Pixels of line over which a sudden change of width is looked for.
 SUDDEN_PX = 12
 
-# Times the usual lasting change of width from which a change is asked about. Pressed pens reached
-# 2, second runs 4 to 400.
-LASTING_TIMES = 3.5
-
 # Share of the usual width below which a lasting change of width is JPEG's. Medians over a stretch
 # are compared, so that noise counts less. Second runs in JPEG had 0.24 and more on seeds from
 # 271828, 0.35 and more on those from 314159; plain lines and linear light 0.20 but for one.
@@ -290,10 +286,6 @@ LASTING_PX = 0.8
 # Pixels by which a line is at most wider over black than over white where a program blends light as
 # lamps do. Over 40 slices the slope was 0.5 to 2.9, but for grounds of one grey.
 GROUND_PX = 3.0
-
-# Correlation of a line's width with its length from which the pen was pressed more and more. Pens
-# that were pressed now more and now less reached 0.77, steady growth of any form 0.96 and more.
-PRESSED_MORE = 0.87
 
 # Pixels along each side of the squares ahead of an end and beside it that show whether a grey cover
 # begins there.

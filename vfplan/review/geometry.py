@@ -177,6 +177,7 @@ QUESTION, ON_PURPOSE = re.compile(r" [A-Z][^.?]*\?"), " A person left it out."
 OF_INK = {
     "curve-on-border", "curve-straight", "curve-short", "ink-outweighs", "ink-joins", "ink-touches",
     "leaves-picture", "bridge", "bridge-long", "bridge-near-end", "stretch-hidden",
+    "corner-near-end",
 }  # fmt: skip
 MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
 
@@ -318,7 +319,7 @@ class Geometry:
             findings += account.ahead_findings(line, lines[:number], 0.0)
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
-            findings += account.stretch_findings(line)
+            findings += account.stretch_findings(line) + account.corner_findings(line)
         return self._of_line() + findings
 
     def _of_line(self) -> list[Finding]:
