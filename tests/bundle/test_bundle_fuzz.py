@@ -29,6 +29,7 @@ def test_the_fuzz_target_runs_under_atheris(tmp_path):
         [*map(str, command)], capture_output=True, text=True, cwd=tmp_path, timeout=200, check=False
     )
     assert done.returncode == 0, done.stderr[-3000:]
+    assert "NEW" in done.stderr  # its modules are watched
     assert "Done 60" in done.stderr
 
 

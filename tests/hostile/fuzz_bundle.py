@@ -24,7 +24,7 @@ if __name__ == "__main__":
     import atheris
 
     with atheris.instrument_imports(include=["vfplan.bundle"]):
-        pass
+        import vfplan.bundle.validation  # and with it the reader
 
 import bundles
 import damage
@@ -120,7 +120,7 @@ def main() -> None:
     def mutate(data, max_size, number):
         return mutated(data if len(data) > 64 else seed, random.Random(number))[:max_size]
 
-    atheris.Setup(sys.argv, attempt, custom_mutator=mutate)
+    atheris.Setup([*sys.argv, "-max_len=65536"], attempt, custom_mutator=mutate)
     atheris.Fuzz()
 
 
