@@ -24,7 +24,7 @@ if __name__ == "__main__":
     import atheris
 
     with atheris.instrument_imports(include=["vfplan.bundle"]):
-        import vfplan.bundle.validation  # and with it the reader
+        import vfplan.bundle.validation  # noqa: F401 - and with it the reader
 
 import bundles
 import damage
