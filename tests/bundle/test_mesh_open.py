@@ -37,7 +37,7 @@ def plate(width, length, wave=0.0):
 
 def imported(path, points, faces):
     """The fixture of a mesh [mm] that went through a PLY [m]."""
-    export(replace(bundles.small(), points=1e-3 * points, mesh=faces), path, overwrite=True)
+    export(replace(bundles.small(), points=1e-3 * points, mesh=faces), path)
     return import_cloud(path, units="m", contact_radius=1e-3 * RADIUS_MM)
 
 
