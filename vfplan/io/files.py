@@ -201,7 +201,7 @@ def nameless_file() -> BinaryIO:
     return cast("BinaryIO", tempfile.TemporaryFile())
 
 
-def stream_over(descriptor: int, owner: object) -> BinaryIO:
+def stream_over(descriptor: int, owner: object = None) -> BinaryIO:
     """A stream with a position of its own in an open file.
 
     owner: the object that closes the descriptor; the stream keeps it alive
