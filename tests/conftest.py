@@ -22,6 +22,14 @@ ENDS = (".png", "_markers_image.csv", "_markers_robot.csv")
 # The sample: a drawn slice, and its markers' places in the image and before the robot.
 ELBOW = tuple(ROOT / "samples" / f"elbow{end}" for end in ENDS)
 
+# What a child runs first: whoever runs the tests may ignore signals, as `nohup` and a shell's
+# background do.
+AWAKE = (
+    "import signal\n"
+    "for n in (signal.SIGTERM, signal.SIGHUP): signal.signal(n, signal.SIG_DFL)\n"
+    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+)
+
 
 def dimple_depth(spacing: float, radius: float, *, planar: bool) -> float:
     """How deep a ball sinks in the middle of a square of samples, or between two of a line [m]."""

@@ -122,10 +122,6 @@ def touched(source, target):
     refine_by_touch(registration, registration.apply(tips), corners, triangles)
 
 
-def labelled(layers):
-    return volumes.places_of_labels(layers)
-
-
 def empty_bag(path):
     """A bag that says that it holds a message."""
     with rosbag2.Writer(path, version=9) as writer:
@@ -229,8 +225,8 @@ CALLS = {
         as_is(outlines=[as_is(rings=[RING])], z=np.array([0.0, 1.0])), 1e-2, False),
     "voxel-size": lambda d: volumes.checked_place(1e-9 * np.eye(4)),
     "voxel-axes": lambda d: volumes.checked_place(np.full((4, 4), 1e-3)),
-    "volume-unsupported": lambda d: labelled(np.zeros((2, 1, 1, 1), int)),
-    "not-a-label-map": lambda d: labelled(np.full((1, 1, 1, 1), -1)),
+    "volume-unsupported": lambda d: volumes.places_of_labels(np.zeros((2, 1, 1, 1), int)),
+    "not-a-label-map": lambda d: volumes.places_of_labels(np.full((1, 1, 1, 1), -1)),
     "outline-not-finite": lambda d: sources.ring_of_contour(
         as_is(get_item=lambda name: as_is(value=["1", "nan", "2"]))),
     "source-several": lambda d: read_contours([Path("a.nrrd"), Path("b.nrrd")], None, None),

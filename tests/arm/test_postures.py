@@ -20,7 +20,7 @@ DAMPING, HOLDS = 5.0, 10  # [N s/m]; physics steps in a tick, over which the for
 PUSH, R, UP = 2.0, 5e-3, np.array([0.0, 0.0, 1.0])
 
 
-def swings(arm, stiffness, ticks=3000):
+def swings(arm, stiffness):
     """(T,) height [m] of the tip on a level wall under a constant push, after a light blow.
 
     The engine renders the wall, a tick late. The damping acts along its normal in every physics
@@ -36,7 +36,7 @@ def swings(arm, stiffness, ticks=3000):
     mass = 1 / (UP @ arm.read_tip()[2][:3] @ inverse @ UP)
     data.qvel[:] = inverse @ UP * mass * 2e-3  # 2 mm/s along the normal
     held, heights = PUSH, []
-    for _ in range(ticks):
+    for _ in range(3000):
         mj.mj_step1(model, data)
         at = arm.read_tip()[0].copy()
         heights.append(at[2])

@@ -33,16 +33,16 @@ def pressed(depth, at=0.03, seconds=1.2):
     return Session(1e-3 * np.arange(ticks), hip)
 
 
-def pulled_off(depth=25e-3):
+def pulled_off():
     """Presses hard near the line's end and goes on past it: the force is gone in a tick."""
-    down = pressed(depth, at=0.05).hip
+    down = pressed(25e-3, at=0.05).hip
     along = np.linspace(down[-1], down[-1] + [0.05, 0, 0], 400)
     hip = np.concatenate((down, along))
     return Session(1e-3 * np.arange(len(hip)), hip)
 
 
-def without_friction(name="panda"):
-    arm = Arm(name)
+def without_friction():
+    arm = Arm("panda")
     arm.model.dof_frictionloss[:] = 0
     return arm
 

@@ -114,10 +114,10 @@ def test_what_is_not_used_is_named(tmp_path, vfplan_cli):
     assert settings["left_out"] == "stroke, sigma_m"
 
 
-def text_stl(points=POINTS, faces=FACES, name="bone", upper=False):
+def text_stl(faces=FACES, name="bone", upper=False):
     lines = [f"solid {name}"]
     for face in faces:
-        corners = ["vertex " + " ".join(map(repr, points[i].tolist())) for i in face]
+        corners = ["vertex " + " ".join(map(repr, POINTS[i].tolist())) for i in face]
         lines += ["facet normal 0 0 1", "outer loop", *corners, "endloop", "endfacet"]
     text = "\n".join([*lines, f"endsolid {name}", ""])
     return (text.upper() if upper else text).encode()
@@ -254,13 +254,13 @@ def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):
     )
     moved = made.points @ T[:3, :3].T + T[:3, 3]
     carried = replace(made, frame="robot_base", points=moved, registration=record)
-    for fixture in (made, carried):
-        export(fixture, tmp_path / "b.stl", overwrite=True)
-        back = import_cloud(tmp_path / "b.stl", units="mm")
+    for name, fixture in (("b.stl", made), ("c.stl", carried)):
+        export(fixture, tmp_path / name)
+        back = import_cloud(tmp_path / name, units="mm")
         assert back.frame == "patient_lps"
         assert np.abs(back.points[back.mesh] - made.points[made.mesh]).max() < 1e-7
-    export(replace(made, frame="robot_base"), tmp_path / "b.stl", overwrite=True)
-    assert import_cloud(tmp_path / "b.stl", units="mm").frame == "robot_base"
+    export(replace(made, frame="robot_base"), tmp_path / "d.stl")
+    assert import_cloud(tmp_path / "d.stl", units="mm").frame == "robot_base"
 
 
 def test_points_at_one_place_become_one_in_order():

@@ -138,6 +138,7 @@ def test_every_command_refuses_a_review_of_another_plan(command, vfplan_cli, tmp
     run = vfplan_cli(command, path, *words.get(command, []), "--json")
     assert run.code == 4
     assert "unsafe.review" in json.dumps(run.json)
+    assert not (tmp_path / "s.h5").exists()
 
 
 def test_a_verdict_drops_the_review():

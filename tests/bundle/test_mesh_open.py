@@ -37,7 +37,7 @@ def plate(width, length, wave=0.0):
 
 def imported(path, points, faces):
     """The fixture of a mesh [mm] that went through a PLY [m]."""
-    export(replace(bundles.small(), points=1e-3 * points, mesh=faces), path, overwrite=True)
+    export(replace(bundles.small(), points=1e-3 * points, mesh=faces), path)
     return import_cloud(path, units="m", contact_radius=1e-3 * RADIUS_MM)
 
 
@@ -64,4 +64,4 @@ def test_an_opening_that_the_proxy_fits_through_is_told(tmp_path, width, length,
 
 def test_a_closed_mesh_and_a_bare_sheet_have_no_opening(tmp_path):
     for wave in (0.0, 8.0):
-        assert not imported(tmp_path / "m.ply", *plate(0.5, 0.5, wave)).findings
+        assert not imported(tmp_path / f"{wave}.ply", *plate(0.5, 0.5, wave)).findings

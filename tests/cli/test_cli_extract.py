@@ -109,9 +109,11 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
 
 
 def test_vector_curves(vfplan_cli, image, tmp_path):
-    alone = vfplan_cli("extract", slicer(tmp_path, RING_MM), "-o", tmp_path / "a.h5",
-                       "--json").sound  # fmt: skip
-    assert alone.json["frame"] == "patient_lps"
+    ring = slicer(tmp_path, RING_MM, "ClosedCurve")
+    alone = vfplan_cli("extract", ring, "-o", tmp_path / "a.h5", "--json").sound.json
+    assert (alone["frame"], "image" in alone) == ("patient_lps", False)
+    assert alone["strokes"][0]["length_mm"] == pytest.approx(20 * np.pi, rel=1e-3)
+    assert vfplan.read_fixture(tmp_path / "a.h5").sigma is None
     line = polyline(tmp_path, [(10, 10), (100, 40)])
     beside = vfplan_cli("extract", image, "--curve", line, "-o", tmp_path / "b.h5", "--overlay-out",
                         tmp_path / "o.png", "--json").sound  # fmt: skip

@@ -82,6 +82,7 @@ def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
     a, b = vfplan.read_fixture(one), vfplan.read_fixture(two)
     assert np.array_equal(a.points, b.points)
     assert a.provenance.settings == b.provenance.settings
+    assert a.provenance.created_utc == b.provenance.created_utc == "2023-11-14T22:13:20Z"
 
 
 def test_options_reach_the_bundle(vfplan_cli, tmp_path):

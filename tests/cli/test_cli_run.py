@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from conftest import output
+from conftest import AWAKE, output
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 
@@ -83,11 +83,7 @@ long(["--json"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_command_told_to_stop_leaves_nothing_behind(number, how, tmp_path):
     """Also where the signal comes inside a destructor, out of which Python raises nothing."""
-    # Whoever runs the tests may ignore it, as `nohup` and a shell's background do.
-    wake = f"import signal; signal.signal({int(number)}, signal.SIG_DFL)\n"
-    if number == signal.SIGINT:
-        wake = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    words = [sys.executable, "-c", wake + STOPPED, tmp_path / "out.h5", str(int(number)), how]
+    words = [sys.executable, "-c", AWAKE + STOPPED, tmp_path / "out.h5", str(int(number)), how]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 128 + number
     assert json.loads(done.stdout)["error"]["kind"] == "Stopped"

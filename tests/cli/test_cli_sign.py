@@ -128,14 +128,6 @@ def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, vfpla
     assert not (desk / "none.h5").exists()
 
 
-def test_a_truncated_bundle_is_code_4_in_one_line_and_not_signed(desk, vfplan_cli):
-    bad = desk / "bad.h5"
-    bad.write_bytes((desk / "a.h5").read_bytes()[:-1])
-    assert vfplan_cli("info", bad).fails(4, str(bad)).stdout == ""
-    vfplan_cli("sign", bad, "--key", desk / "alice.key", "-o", desk / "x.h5").fails(4, str(bad))
-    assert not (desk / "x.h5").exists()
-
-
 @pytest.mark.parametrize(("given", "says"), [
     *(({"keys": {}, "max_age": age}, "maximum age") for age in (float("nan"), float("inf"), -1.0)),
     *(({"keys": keys}, "read_keys") for keys in ("alice.pub", [], None, {"alice": 1})),

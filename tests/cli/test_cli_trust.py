@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import bundles
 import pytest
 from click.testing import CliRunner
-from conftest import ELBOW
+from conftest import AWAKE, ELBOW
 from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
@@ -21,11 +21,6 @@ from vfplan import view3d
 from vfplan.bundle.seal import keygen, sign
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
-AWAKE = (
-    "import signal\n"
-    "for n in (signal.SIGTERM, signal.SIGHUP): signal.signal(n, signal.SIG_DFL)\n"
-    "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-)  # whoever runs the tests may ignore signals, as nohup does
 
 # Everything that a program of this kind might import, each a trap.
 TRAPS = ["sitecustomize", "multiprocessing", "concurrent", "timeit", "runpy", "pyvista", "vtk",

@@ -27,7 +27,7 @@ def walked(place, **settings):
     """The breach over a random walk."""
     engine = engine_at(place, **settings)
     place = replace(place, radius=engine.parameters.R)
-    return breach(place, engine, play(engine, random_path(place, 3000), place.start))
+    return breach(engine, play(engine, random_path(place, 3000), place.start))
 
 
 ALONG = np.array([np.cos(np.pi / 360), np.sin(np.pi / 360)])
@@ -81,7 +81,7 @@ def test_every_rule_keeps_its_promises_on_extreme_geometry(outline, noise, scale
         hips = interpolated(at, np.arange(len(way)), way)
         trace = play(engine, hips, start)
         case = engine.rule, axis
-        assert breach(place, engine, trace) <= rounding, case
+        assert breach(engine, trace) <= rounding, case
         stretch = (trace.proxy - hips) * [1, 1, axis is None]
         assert np.abs(trace.force / stiffness - stretch).max() <= rounding, case
         axis = None if axis is None else np.array([0.0, 0.0, 1.0])
@@ -159,7 +159,7 @@ def test_the_proxy_stays_outside_of_curves_with_every_trap(curve):
         way += [p + np.array([2e-3, 1e-3, 0]), p - np.array([1e-3, 3e-3, 0])]
     at = np.linspace(0, len(way) - 1, 40 * len(way))
     hips = interpolated(at, np.arange(len(way)), np.array(way))
-    assert breach(place, engine, engine.run(hips)) <= ROUNDING_M
+    assert breach(engine, engine.run(hips)) <= ROUNDING_M
 
 
 @pytest.mark.parametrize("settings", [

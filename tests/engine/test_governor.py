@@ -13,9 +13,9 @@ from vfplan.errors import SceneError, SettingError
 K, M, T = 1000.0, 1.0, 1e-3
 
 
-def governor(step=0.5, most=20.0, **more):
+def governor(step=0.5, **more):
     settings = {"stiffness_n_per_m": K, "mass_kg": M} | more
-    return vfplan.Governor(force_step_n=step, force_max_n=most, **settings)
+    return vfplan.Governor(force_step_n=step, force_max_n=20.0, **settings)
 
 
 def test_below_its_limits_it_is_not_there():

@@ -63,7 +63,7 @@ def test_replay_gate_and_probes_stand_on_the_triangles():
     place = next(contacts_along(fixture, 2))
     engine = engine_for(place, "exact")
     for measure in (
-        lambda: breach(place, engine, engine.run(random_path(place, 500))),
+        lambda: breach(engine, engine.run(random_path(place, 500))),
         lambda: breach_by_jump(place, engine, 1.0),
     ):
         engine.reset(place.start)

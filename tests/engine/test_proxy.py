@@ -111,15 +111,15 @@ def cluttered(rng):
     yield np.vstack([np.c_[a, b, zero], np.c_[a, zero, b], np.c_[zero, a, b]])
 
 
-def hands(rng, start, count=1000):
+def hands(rng, start):
     """A hand that holds still, goes straight, wanders, trembles; at rest in the end."""
     speed = 10 ** rng.uniform(-6, -3)
-    walk = np.cumsum(rng.normal(size=(count, 3)), axis=0)
+    walk = np.cumsum(rng.normal(size=(1000, 3)), axis=0)
     way = rng.normal(size=3)
-    yield np.tile(start, (count, 1))
-    yield start + np.outer(np.arange(count), speed * way / np.linalg.norm(way))
+    yield np.tile(start, (1000, 1))
+    yield start + np.outer(np.arange(1000), speed * way / np.linalg.norm(way))
     yield start + np.cumsum(speed * walk / np.linalg.norm(walk, axis=1, keepdims=True), axis=0)
-    yield start + speed * rng.normal(size=(count, 3))
+    yield start + speed * rng.normal(size=(1000, 3))
 
 
 @pytest.mark.parametrize("seed", range(12))

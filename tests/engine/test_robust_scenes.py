@@ -19,13 +19,13 @@ def engine_of(scene, **settings):
 # -- accuracy on smooth scenes -------------------------------------------------------------------
 
 
-def circling(radius=0.03):
+def circling():
     """Once around a cylinder, 2 to 13 mm deep, at 1 kHz, as algorithm's table has it."""
     turn = np.linspace(0, 2 * np.pi, 3000)
     deep = (7.5 - 5.5 * np.cos(3 * turn)) * 1e-3
-    r = radius + R - deep
+    r = 0.03 + R - deep
     path = np.column_stack([r * np.cos(turn), r * np.sin(turn), 0.3e-3 * np.sin(5 * turn)])
-    start = scenes.travel([[radius + 2 * R, 0, 0], path[0]], 0.05)
+    start = scenes.travel([[0.03 + 2 * R, 0, 0], path[0]], 0.05)
     return np.vstack([start, path]), len(start)
 
 

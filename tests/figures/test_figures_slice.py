@@ -37,11 +37,11 @@ def drawn(monkeypatch, tmp_path):
     return draw
 
 
-def sagittal(spacing=(0.5, 0.7)):
+def sagittal():
     """u runs to the back, v to the feet, as a sagittal slice of DICOM lies."""
     place = np.zeros((4, 3))
-    place[1, 0], place[2, 1], place[3, 2] = spacing[0] * 1e-3, -spacing[1] * 1e-3, 1
-    return PlannedImage(np.full((300, 400, 3), 90, np.uint8), spacing, "", place)
+    place[1, 0], place[2, 1], place[3, 2] = 0.5e-3, -0.7e-3, 1
+    return PlannedImage(np.full((300, 400, 3), 90, np.uint8), (0.5, 0.7), "", place)
 
 
 def test_bar_is_as_long_as_it_says(drawn):

@@ -224,7 +224,7 @@ def check_engine(browser):
     assert "all 3000 proxies and forces are the recorded ones to the bit" in told
     browser.run("document.querySelector('[data-act=whole]').click()")
     browser.run("push.click(), view.scrollIntoView()")
-    browser.move_down("view", 0.6)
+    browser.move_down(0.6)
     felt = browser.until("readout.textContent", lambda text: "hand" in text)
     assert float(re.search(r"F\| = ([\d.]+) N", felt)[1]) > 0.5
     browser.run("push.click()")

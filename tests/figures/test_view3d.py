@@ -33,10 +33,10 @@ def rgb(colour):
     return tuple(bytes.fromhex(colour[1:]))
 
 
-def share(picture, rgb, within=60):
+def share(picture, rgb):
     """The share of pixels close to a colour."""
     pixels = np.asarray(Image.open(picture).convert("RGB"), int)
-    return (np.abs(pixels - rgb).max(axis=2) < within).mean()
+    return (np.abs(pixels - rgb).max(axis=2) < 60).mean()
 
 
 def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):

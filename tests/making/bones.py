@@ -161,7 +161,7 @@ def grid_round(bone, gap, pixel=0.5):
     return Grid(corner, np.diag([pixel, pixel, gap]), count)
 
 
-def write_nrrd(path, labels, grid, names=("bone",), space="left-posterior-superior"):
+def write_nrrd(path, labels, grid, space="left-posterior-superior"):
     import nrrd
 
     sign = np.array([1, 1, 1]) if space.startswith("left") else np.array([-1, -1, 1])
@@ -170,10 +170,11 @@ def write_nrrd(path, labels, grid, names=("bone",), space="left-posterior-superi
         "space directions": (grid.axes * sign[:, None]).T,
         "space origin": grid.corner * sign,
         "encoding": "gzip",
+        "Segment0_ID": "s0",
+        "Segment0_Name": "bone",
+        "Segment0_LabelValue": "1",
+        "Segment0_Layer": "0",
     }
-    for k, name in enumerate(names):
-        header |= {f"Segment{k}_ID": f"s{k}", f"Segment{k}_Name": name}
-        header |= {f"Segment{k}_LabelValue": str(k + 1), f"Segment{k}_Layer": "0"}
     nrrd.write(str(path), labels, header)
     return path
 

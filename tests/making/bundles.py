@@ -153,9 +153,10 @@ def reviewed():
     return approved(replace(doubtful(), findings=tuple(answered)))
 
 
-def approved(fixture, by="A. Planner"):
+def approved(fixture):
     """A fixture that a person has approved."""
-    return replace(fixture, reviewed=Review(by, "2026-01-02T03:06:00Z", review_digest(fixture)))
+    review = Review("A. Planner", "2026-01-02T03:06:00Z", review_digest(fixture))
+    return replace(fixture, reviewed=review)
 
 
 def same(a, b, path="fixture"):

@@ -53,7 +53,7 @@ def coverage(shape, points, width, closed=False, cap="round"):
     return result
 
 
-def straight_coverage(slope, start, width, turned=False, strips=64):
+def straight_coverage(slope, start, width, turned=False):
     """(2, 2) ends, and exact coverage, of a line over 300 px of columns, or `turned`, of rows.
 
     It begins at row `start` of column 60 and is cut off upright. `coverage` counts samples, 12 in a
@@ -62,11 +62,11 @@ def straight_coverage(slope, start, width, turned=False, strips=64):
     shape, columns = (420, 420), (60, 360)
     share = np.zeros(shape)
     row = np.arange(shape[0])[:, None]
-    for strip in (np.arange(strips) + 0.5) / strips - 0.5:
+    for strip in (np.arange(64) + 0.5) / 64 - 0.5:
         u = np.arange(shape[1]) + strip
         middle, half = start + slope * (u - columns[0]), width / 2 * np.hypot(1, slope)
         inside = np.minimum(row + 0.5, middle + half) - np.maximum(row - 0.5, middle - half)
-        share += np.clip(inside, 0, 1) * ((u > columns[0]) & (u < columns[1])) / strips
+        share += np.clip(inside, 0, 1) * ((u > columns[0]) & (u < columns[1])) / 64
     ends = np.array([[columns[0], start], [columns[1], start + slope * 300]])
     return (ends[:, ::-1], share.T) if turned else (ends, share)
 

@@ -30,10 +30,10 @@ class Drawn:
     box: tuple[int, int, int, int] | None
 
 
-def draw(seed, *, covered="end", tone=None, shape=SHAPE):
+def draw(seed, *, covered="end", tone=None):
     """A hand-drawn line; a box hides 35 to 60 px of it at its "start", its "end" or nowhere."""
     rng = np.random.default_rng([seed, 36])
-    canvas = Canvas(anatomy(shape, int(rng.integers(1000))), "exact")
+    canvas = Canvas(anatomy(SHAPE, int(rng.integers(1000))), "exact")
     line, width = drawn(canvas, rng)
     hidden_length = rng.uniform(35, 60)
     box = None

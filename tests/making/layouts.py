@@ -23,8 +23,8 @@ def planar(source, noise=3e-4, seed=0):
     return flat @ R.T + [0.4, -0.1, 0.02] + error
 
 
-def solid(n=6, noise=3e-4, seed=5):
-    rng = np.random.default_rng(seed)
+def solid(n=6, noise=3e-4):
+    rng = np.random.default_rng(5)
     source = rng.uniform(-0.1, 0.1, (n, 3))
     return source, source @ R.T + [0.4, 0.1, 0.2] + rng.normal(0, noise, (n, 3))
 
@@ -50,7 +50,7 @@ def photograph(shared_data, view):
     return [np.loadtxt(folder / f"calib.{name}.{view}.txt") for name in names]
 
 
-def bent(source, q=(2e-4, -1e-4), noise=3e-4, seed=0):
+def bent(source, noise=3e-4):
     """Markers whose picture is the homography of a plane."""
-    target = planar(source, 0) / (1 + (source - [400, 380]) @ q)[:, None]
-    return target + np.random.default_rng(seed).normal(0, noise, target.shape)
+    target = planar(source, 0) / (1 + (source - [400, 380]) @ [2e-4, -1e-4])[:, None]
+    return target + np.random.default_rng(0).normal(0, noise, target.shape)

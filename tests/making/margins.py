@@ -17,8 +17,8 @@ def drawn(points, closed=False):
     return Fixture("image", np.c_[points, np.zeros(len(points))], MADE, curve=stroke)
 
 
-def registered(model="affine"):
-    return fit_registration(grid(), planar(grid()), model=model, pixel_spacing=PX)
+def registered():
+    return fit_registration(grid(), planar(grid()), model="affine", pixel_spacing=PX)
 
 
 T = np.linspace(0, 2 * np.pi, 800, endpoint=False)

@@ -53,10 +53,10 @@ def line(length=0.1, spacing=0.5e-3):
     return np.stack([x, 0 * x, 0 * x], axis=1)
 
 
-def probing(seconds=3.0, rate=1000.0, deepest=1e-3, seed=None):
+def probing(seconds=3.0, seed=None):
     """A hand that slides along x and presses into the line once every 1.5 s."""
-    t = np.arange(round(seconds * rate)) / rate
-    y = 0.015 - (0.015 - deepest) * np.sin(2 * np.pi * t / 1.5) ** 2
+    t = np.arange(round(seconds * 1000.0)) / 1000.0
+    y = 0.015 - (0.015 - 1e-3) * np.sin(2 * np.pi * t / 1.5) ** 2
     hip = np.stack([0.02 + 0.02 * t, y, 0.001 * np.sin(t)], axis=1)
     if seed is not None:
         hip += np.random.default_rng(seed).normal(0, 1e-5, hip.shape)

@@ -111,11 +111,11 @@ def hidden_end(path):
     return _write(path, picture), truth, (300, 20, 50, 70)
 
 
-def miss(curve, truth, ends_px=2.0):
+def miss(curve, truth):
     """How far a curve lies from the truth across it at most, its last pixels at open ends apart."""
     curve = np.asarray(curve)
-    inner = np.hypot(*(curve - truth[0]).T) > ends_px
-    inner &= np.hypot(*(curve - truth[-1]).T) > ends_px
+    inner = np.hypot(*(curve - truth[0]).T) > 2.0
+    inner &= np.hypot(*(curve - truth[-1]).T) > 2.0
     return float(np.abs(normal_errors(curve[inner], truth, False)).max())
 
 
@@ -137,12 +137,12 @@ def marker_table(path, places_px, robot_m, labels=None):
     return path
 
 
-def photographed(folder, seed=0, tilt=1.0):
+def photographed(folder, seed=0):
     """The sample seen by a camera beside it, its markers' pixels there, and the homography."""
     picture = cv2.imread(str(SLICE))
     height, width = picture.shape[:2]
     corners = np.float32([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]])
-    pulled = np.random.default_rng(seed).uniform(0.02, 0.12, (4, 2)) * [width, height] * tilt
+    pulled = np.random.default_rng(seed).uniform(0.02, 0.12, (4, 2)) * [width, height]
     inward = np.sign([width / 2, height / 2] - corners)
     homography = cv2.getPerspectiveTransform(corners, np.float32(corners + inward * pulled))
     path = folder / f"photo-{seed}.png"

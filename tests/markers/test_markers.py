@@ -116,11 +116,6 @@ def test_two_slicer_files_the_first_is_the_source(write):
     np.testing.assert_allclose(found.target - found.source, [[1e-3, 0, 0]] * 3, atol=1e-15)
 
 
-def test_slicer_target_of_image_markers(write):
-    found = read_markers(write("a.mrk.json", mrk(POINTS)), write("i.csv", IMAGE))
-    assert (found.source_frame, found.target_frame) == ("image", "patient_lps")
-
-
 def test_real_slicer_files(shared_data):
     folder = shared_data / "markers_slicer"
     (l1,) = read_sides(folder / "L1.fcsv")

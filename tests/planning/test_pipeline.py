@@ -58,14 +58,6 @@ def test_sample_reproduces_the_papers_cloud():
     assert made.fixture.curve is None
 
 
-def test_same_input_gives_the_same_fixture(monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
-    first, second = elbow().fixture, elbow().fixture
-    assert np.array_equal(first.points, second.points)
-    assert first.provenance == second.provenance
-    assert first.provenance.created_utc == "2023-11-14T22:13:20Z"
-
-
 @pytest.mark.slow
 def test_another_linear_algebra_kernel_gives_the_same_fixture(vfplan_cli, tmp_path):
     curve = tmp_path / "curve.h5"

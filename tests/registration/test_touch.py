@@ -35,10 +35,10 @@ def marked(rng, error=1e-3):
     return fit_registration(MARKS, target, model="rigid")
 
 
-def touches(bone, rng, count, where, noise=1e-4):
+def touches(bone, rng, count, where):
     """Places on the true bone that a robot touched."""
     chosen = np.flatnonzero(where(1e3 * bone.points))
-    return robot(bone.points[rng.choice(chosen, count)]) + rng.normal(0, noise, (count, 3))
+    return robot(bone.points[rng.choice(chosen, count)]) + rng.normal(0, 1e-4, (count, 3))
 
 
 def flank(points):

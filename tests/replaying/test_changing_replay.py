@@ -266,11 +266,11 @@ def test_a_fixture_is_exchanged_within_its_frame_alone_and_an_event_that_never_c
 PANDA = vfplan.read_robot("franka")
 
 
-def off_the_edge(depth=12e-3):
+def off_the_edge():
     """Pressed on a wall 40 mm long, slid along it and off its end, and on: a release in a tick."""
     wall = np.column_stack([np.arange(0, 0.04, 2e-4), np.zeros(200), np.zeros(200)])
-    down = np.linspace([0.02, 0.01, 0], [0.02, 5e-3 - depth, 0], 400)
-    along = np.linspace(down[-1], [0.06, 5e-3 - depth, 0], 800)
+    down = np.linspace([0.02, 0.01, 0], [0.02, -7e-3, 0], 400)
+    along = np.linspace(down[-1], [0.06, -7e-3, 0], 800)
     hip = np.concatenate((down, along))
     fixture = fixture_of(wall)
     return fixture, vfplan.Session(T * np.arange(len(hip)), hip)

@@ -76,7 +76,7 @@ def test_the_page_of_the_simulations_feels_all_four_without_a_network(vfplan_cli
             choice = f"which.value = '{scene}', rule.value = '{by}'"
             browser.run(f"{choice}, rule.dispatchEvent(new Event('change'))")
             time.sleep(0.3)
-            browser.move_down("view", 0.5)
+            browser.move_down(0.5)
             told = browser.run("readout.textContent")
             # The paper's rule loses touch with a fast hand, or lets it in.
             assert by == "paper" or told.startswith("in contact")

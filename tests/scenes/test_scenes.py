@@ -64,10 +64,10 @@ def wedge(hips):
     return x
 
 
-def above(axis, level, sign):
+def above(level, sign):
     def closed(scene, hips):
         x = hips.copy()
-        x[:, axis] = sign * np.maximum(sign * hips[:, axis], level(scene))
+        x[:, 1] = sign * np.maximum(sign * hips[:, 1], level(scene))
         return x
 
     return closed
@@ -84,9 +84,9 @@ def around(c, r, closed=ball):
 FORMS = {
     "point": {"across": around(R, lambda s: 0)},
     "segment": {"above": lambda s, h: capsule(s.length / 2, h)},
-    "sheet": {"front": above(1, lambda s: 0.1 + R, 1), "back": above(1, lambda s: R - 0.1, -1)},
-    "double-sheet": {"above": above(1, lambda s: s.gap / 2 + R, 1),
-                     "below": above(1, lambda s: s.gap / 2 + R, -1)},
+    "sheet": {"front": above(lambda s: 0.1 + R, 1), "back": above(lambda s: R - 0.1, -1)},
+    "double-sheet": {"above": above(lambda s: s.gap / 2 + R, 1),
+                     "below": above(lambda s: s.gap / 2 + R, -1)},
     "circle": {"outside": flat_z(around(R, lambda s: s.radius)),
                "inside": flat_z(around(-R, lambda s: s.radius, hollow))},
     "sphere": {"outside": around(R, lambda s: s.radius),

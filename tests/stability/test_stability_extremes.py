@@ -63,9 +63,9 @@ def test_breach_sees_what_it_should():
     proxy, state = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]]), np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3
-    assert breach(place, engine, trace) == pytest.approx(expected)
+    assert breach(engine, trace) == pytest.approx(expected)
     untouched = Trace(proxy, proxy, 0 * proxy, state, state.astype(np.uint8))
-    assert breach(place, engine, untouched) == np.inf
+    assert breach(engine, untouched) == np.inf
 
 
 def test_the_long_run_takes_the_bundles_own_points():

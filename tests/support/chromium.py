@@ -103,15 +103,15 @@ class Page:
         self.do("Input.dispatchMouseEvent", type="mouseWheel", x=x, y=y, deltaX=0, deltaY=turned,
                 modifiers=modifiers)  # fmt: skip
 
-    def move_down(self, name, share):
-        """Move over an element by its id, down its middle from its top to a share of its height."""
-        where = f"(b => [b.left + b.width / 2, b.top, b.height])({name}.getBoundingClientRect())"
+    def move_down(self, share):
+        """Move over the view, down its middle from its top to a share of its height."""
+        where = "(b => [b.left + b.width / 2, b.top, b.height])(view.getBoundingClientRect())"
         x, top, height = self.run(where)
         for k in range(1, 21):
             self.press(x, top + share * height * k / 20, "mouseMoved", "none")
             time.sleep(0.02)
 
-    def key(self, key, modifiers=0, code=None):
+    def key(self, key, modifiers=0):
         """Press and release a key by its name, such as "a", "Enter" or "ArrowLeft"."""
         text = {"text": key} if len(key) == 1 and not modifiers & 2 else {}
         text = {"text": "\r"} if key == "Enter" else text
@@ -123,12 +123,12 @@ class Page:
     def type(self, text):
         self.do("Input.insertText", text=text)
 
-    def size(self, width, height, scale=1):
+    def size(self, width, height):
         self.do("Emulation.setDeviceMetricsOverride", width=width, height=height,
-                deviceScaleFactor=scale, mobile=False)  # fmt: skip
+                deviceScaleFactor=1, mobile=False)  # fmt: skip
 
-    def dark(self, is_dark=True):
-        feature = {"name": "prefers-color-scheme", "value": "dark" if is_dark else "light"}
+    def dark(self):
+        feature = {"name": "prefers-color-scheme", "value": "dark"}
         self.do("Emulation.setEmulatedMedia", features=[feature])
 
     def picture(self, path):
@@ -164,8 +164,8 @@ class Page:
         assert "error" not in found[0], found[0]
         return found[0]["result"]
 
-    def _until(self, ready, seconds=30):
-        end = time.monotonic() + seconds
+    def _until(self, ready):
+        end = time.monotonic() + 30
         while not ready():
             assert time.monotonic() < end, "the browser did not answer"
             try:

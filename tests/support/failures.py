@@ -23,9 +23,9 @@ def floor(h=0.5e-3, half=0.03):
     return grid(np.array([-half, 0, -half]), np.array([side, 0, 0]), np.array([0, 0, side]), h)
 
 
-def inside(points, proxy, radius=RC):
-    """Depth of the proxy below `radius` from the nearest point, a value a tick [m]."""
-    return radius - cKDTree(points).query(proxy)[0]
+def inside(points, proxy):
+    """Depth of the proxy below RC from the nearest point, a value a tick [m]."""
+    return RC - cKDTree(points).query(proxy)[0]
 
 
 def measure(points, hips, rule, **settings):

@@ -77,9 +77,9 @@ class Hand:
     def until_steps(self, count):
         self.browser.until(f"review.state.steps.length === {count} && {READY}")
 
-    def name(self, text="A. Planner"):
+    def name(self):
         self.press("name")
-        self.browser.type(text)
+        self.browser.type("A. Planner")
 
     def look_along(self):
         """Look along the line until all of it was in view."""

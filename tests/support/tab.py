@@ -46,9 +46,9 @@ class Tab:
         shown = {"version": self.version, "digest": self.digest}
         self.send(approve={"by": by, **shown, **wish})
 
-    def approvable(self, by="A. Planner"):
+    def approvable(self):
         """Look along the line as somebody, until the plan may be approved."""
-        self.send(name=by)
+        self.send(name="A. Planner")
         self.send(step={"do": "viewed"})
         while not self.heard("state")["state"]["approvable"]:
             pass

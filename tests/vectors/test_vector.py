@@ -72,14 +72,6 @@ def test_a_curve_laid_on_itself_often_takes_little_memory(tmp_path):
     assert peak < 40e6
 
 
-def test_a_curve_alone_is_in_the_patients_frame(tmp_path):
-    made = extract(slicer(tmp_path, RING_MM, "ClosedCurve"), ExtractSettings())
-    assert made.fixture.frame == "patient_lps"
-    assert made.fixture.sigma is None
-    assert made.report["strokes"][0]["length_mm"] == pytest.approx(20 * np.pi, rel=1e-3)
-    assert "image" not in made.report
-
-
 def grey_slice(tmp_path):
     pixels = np.tile(np.arange(100, dtype=np.uint8), (80, 1))
     return capture(

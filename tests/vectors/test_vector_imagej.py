@@ -33,12 +33,12 @@ def selection(tmp_path, kind, points, version=229, name="c.roi", **more):
     return path
 
 
-def by_hand(points, kind=5, version=229, count=None):
+def by_hand(points, kind=5, count=None):
     """A selection of whole pixels, byte by byte: the format as ImageJ's RoiDecoder reads it."""
     x, y = np.array(points).T
     left, top = x.min(), y.min()
     count = len(points) if count is None else count
-    head = struct.pack(">4shBxhhhhH", b"Iout", version, kind, top, left, y.max(), x.max(), count)
+    head = struct.pack(">4shBxhhhhH", b"Iout", 229, kind, top, left, y.max(), x.max(), count)
     return head.ljust(64, b"\0") + struct.pack(f">{2 * len(x)}h", *(x - left), *(y - top))
 
 

@@ -251,7 +251,9 @@ class Arm:
             if distance < best_distance:
                 best_q, best_distance = q, distance
             J = weights * jacobian
-            turn = rotation_error(rotation, tip_rotation)
+            # The turn [rad] from one rotation to the other: its axis by its sine, below 90°.
+            R = rotation @ tip_rotation.T
+            turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
             error = weights[:, 0] * np.concatenate((difference, turn))
             length = float(np.linalg.norm(error))
             if length < SOLVED_M:
@@ -327,9 +329,3 @@ def move_base(model: Any, pose: Array) -> None:
         mujoco().mju_mulPose(
             position, rotation, pose[:3], quaternion, position.copy(), rotation.copy()
         )
-
-
-def rotation_error(target: Array, current: Array) -> Array:
-    """(3,) the turn from one rotation to another [rad]: its axis by its sine, below 90°."""
-    R = target @ current.T
-    return 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])

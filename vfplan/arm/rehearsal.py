@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from vfplan.arm.model import Arm, mujoco
 from vfplan.display import MAX_LISTED, millimetres
-from vfplan.engine.governor import Governor, GovernorStatus
+from vfplan.engine.governor import Governed, Governor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
+from vfplan.replaying.guiding import GovernorMeasure
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, rendered_ticks, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
@@ -298,7 +299,8 @@ def rehearse(
     time_s = session.time[:tick_count]
     ticks = rendered_ticks(time_s, motion.tip, motion, fixture.contact_radius)
 
-    # The figures.
+    # The figures; the first step of the force is from 0.
+    force_steps = row_norms(np.diff(motion.force, axis=0, prepend=np.zeros((1, 3))))
     stops = safety_stops(arm, motion)
     if ruler is not None:
         for stop in stops:
@@ -315,7 +317,7 @@ def rehearse(
         **posture_figures(arm, motion, ruler),
         "k_n_per_m": stiffness,
         "force_max_n": float(row_norms(motion.force).max()),
-        "force_step_max_n": largest_step(motion.force),
+        "force_step_max_n": float(force_steps.max()),
         "hand_force_max_n": float(row_norms(motion.pull).max()),
         "contact_ticks": int(np.count_nonzero(ticks.penetration > CONTACT_M)),
         "penetration_max_m": float(ticks.penetration.max()),
@@ -326,7 +328,11 @@ def rehearse(
     if unreached:
         metrics["unreached"] = unreached
     if governor is not None:
-        metrics["governor"] = governor_figures(governor, motion)
+        held_back = row_norms(motion.force - motion.rendered)
+        governed = Governed(motion.force, motion.torque, held_back, motion.governed)
+        measure = GovernorMeasure()
+        measure.update(motion.rendered, governed, motion.tip)
+        metrics["governor"] = measure.report(governor)
     metrics["elapsed_s"] = time.perf_counter() - started
     return Rehearsal(metrics, ticks, motion, session, fixture, arm)
 
@@ -393,11 +399,6 @@ def largest_of(values: Array) -> tuple[float, int, int]:
     return float(values[tick, joint]), int(tick), int(joint) + 1
 
 
-def largest_step(force: Array) -> float:
-    """The largest change of a force (T, 3) in a tick, the first from 0 [N]."""
-    return float(row_norms(np.diff(force, axis=0, prepend=np.zeros((1, 3)))).max())
-
-
 def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> dict[str, Any]:
     """How close joints are to their limits, the worst condition, and the smallest mass."""
     beyond_rad, tick, joint = largest_of(np.maximum(arm.low - motion.q, motion.q - arm.high))
@@ -419,24 +420,6 @@ def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> di
         figures["condition_max_along"] = ruler.locate(motion.tip[worst])
         figures["mass_min_along"] = ruler.locate(motion.tip[lightest])
     return figures
-
-
-def governor_figures(governor: Governor, motion: ArmMotion) -> dict[str, Any]:
-    """What the governor held back, and the energy that it accounts for."""
-    difference = motion.force - motion.rendered
-    size = row_norms(difference)
-    work = (difference[:-1] * np.diff(motion.tip, axis=0)).sum()
-    overdrawn = motion.governed & GovernorStatus.OVERDRAWN
-    return {
-        "held_ticks": int(np.count_nonzero(size)),
-        "held_back_max_n": float(size.max()),
-        "engine_force_max_n": float(row_norms(motion.rendered).max()),
-        "engine_force_step_max_n": largest_step(motion.rendered),
-        "energy_given_j": governor.energy_given_j,
-        "energy_stored_j": governor.energy_stored_j,
-        "overdrawn_ticks": int(np.count_nonzero(overdrawn)),
-        "work_j": float(work),
-    }
 
 
 def objections(metrics: dict[str, Any]) -> list[str]:

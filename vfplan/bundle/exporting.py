@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle import dicom
 from vfplan.bundle.content import UNITS_OF_FRAME
@@ -22,12 +21,9 @@ MRK_SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/"
     "Schema/markups-schema-v1.0.3.json#"
 )
-Vector = NDArray[np.float64]
 
 
-def export(
-    fixture: Fixture, path: str | Path, *, overwrite: bool = False, study: str | Path | None = None
-) -> None:
+def export(fixture: Fixture, path: str | Path, *, study: str | Path | None = None) -> None:
     """Write points as .ply or .csv, a mesh as .stl, strokes as .mrk.json, lines and arcs as .dxf.
 
     For a PACS, strokes as .rtstruct.dcm and the inside of a closed mesh as .seg.dcm, in the patient
@@ -43,7 +39,7 @@ def export(
         Another ending, pixels or a cloud without strokes as .mrk.json, no mesh, or no lines and
         arcs.
     OutputError
-        The path exists and `overwrite` is false, or cannot be written.
+        The path exists, or cannot be written.
     """
     suffix = suffix_of(path)
     make, _ = FORMS[suffix]
@@ -51,7 +47,7 @@ def export(
     if study is not None and not is_dicom:
         raise SettingError("Only .dcm is of a study. Leave --study out.", code="study-unused")
     data = make(fixture, study) if is_dicom else make(fixture)
-    write_whole(Path(path), [data], overwrite=overwrite)
+    write_whole(Path(path), [data], overwrite=False)
 
 
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
@@ -165,7 +161,11 @@ def dxf(fixture: Fixture) -> bytes:
         raise InputError(
             "It has no lines and arcs, which a .dxf would hold. Write its points as .ply or .csv."
         )
-    frame = arbitrary_axes(axis)
+    # The axes that DXF gives to what is extruded; by its rule for those that are almost along z.
+    is_upright = max(abs(axis[0]), abs(axis[1])) < 1 / 64
+    x = np.cross([0.0, 1.0, 0.0] if is_upright else [0.0, 0.0, 1.0], axis)
+    x /= np.linalg.norm(x)
+    frame = np.stack([x, np.cross(axis, x), axis])
     rows: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
     rows += [(1, "AC1009"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
     for number, is_closed in enumerate(pieces.closed):
@@ -179,15 +179,6 @@ def dxf(fixture: Fixture) -> bytes:
         rows.append((0, "SEQEND"))
     rows += [(0, "ENDSEC"), (0, "EOF")]
     return "".join(f"{code:3}\n{value}\n" for code, value in rows).encode()
-
-
-def arbitrary_axes(axis: Vector) -> Vector:
-    """(3, 3) rows x, y and z of the coordinates that DXF gives to what is extruded along z."""
-    # DXF's own rule for axes that are almost along z.
-    is_upright = max(abs(axis[0]), abs(axis[1])) < 1 / 64
-    x = np.cross([0.0, 1.0, 0.0] if is_upright else [0.0, 0.0, 1.0], axis)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(axis, x), axis])
 
 
 # Ending -> what makes such a file, and the parts of a fixture that it holds besides the points.

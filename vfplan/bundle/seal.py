@@ -92,7 +92,7 @@ def describe(sealed: Sealed) -> dict[str, Any]:
 # --- Bytes --------------------------------------------------------------------------------------
 
 
-def seal_length(case: str = "", robot_serial: str = "") -> int:
+def seal_length(case: str, robot_serial: str) -> int:
     """The least length of a seal that has room for its texts [bytes].
 
     Raises `SettingError` when they do not fit into the longest.

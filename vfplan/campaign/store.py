@@ -221,7 +221,7 @@ def run_campaign(
     sessions: list[Session],
     folder: Path,
     trials: int,
-    settings: CampaignSettings | None = None,
+    settings: CampaignSettings,
     *,
     workers: int = 1,
     scheduler: str | None = None,
@@ -249,7 +249,7 @@ def run_campaign(
         Without pyarrow, or without distributed where a scheduler is given.
     """
     parquet()
-    campaign = Trials(fixture, sessions, settings or CampaignSettings())
+    campaign = Trials(fixture, sessions, settings)
     open_folder(folder, campaign_question(fixture, sessions, campaign.settings))
     paths = [block_path(folder, block) for block in range(-(-trials // BLOCK))]
     missing = [block for block, path in enumerate(paths) if not path.exists()]

@@ -76,7 +76,9 @@ def valid_files() -> Iterator[tuple[str, bytes]]:
         approved = fixtures.approved(getattr(fixtures, name)())
         yield f"{name}_reviewed", vectors.of_content(completed(to_content(approved)))
     yield "newer_minor", vectors.of_items(vectors.items("later"))
-    yield "quoted_setting", vectors.quoted_setting()
+    # A setting's text holds a double quote and a backslash.
+    quoted = {"/provenance/setting_values": ('"a"b\\c"', "1e-05", "false")}
+    yield "quoted_setting", vectors.changed("curve", quoted)
     yield "signed", vectors.signed("reviewed", False)
     yield "signed_despite_findings", vectors.signed("findings", True)
 

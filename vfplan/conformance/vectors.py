@@ -578,8 +578,3 @@ UNTRUSTED: Rows = (
      signed, "reviewed", False, KIT_SEED, b"vfplan bundle seal 1\0"),
 )
 # fmt: on
-
-
-def quoted_setting() -> bytes:
-    """A sound file with a setting's text that holds a double quote and a backslash."""
-    return changed("curve", {"/provenance/setting_values": ('"a"b\\c"', "1e-05", "false")})

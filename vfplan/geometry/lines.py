@@ -37,6 +37,11 @@ def ring_of(points: NDArray, closed: bool) -> Array:
     return np.asarray(points, float)
 
 
+def rms_length(vectors: Array) -> float:
+    """RMS length of vectors (N, k)."""
+    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
+
+
 def step_lengths(points: NDArray) -> Array:
     """(M - 1,) the distances of neighbouring points."""
     steps = np.diff(points, axis=0)

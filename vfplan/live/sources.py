@@ -93,7 +93,7 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
 Portion = tuple[NDArray[np.void], dict[str, Any]]
 
 
-def stream_of(source: str, fixture_sha256: str | None = None) -> Iterator[Portion]:
+def stream_of(source: str, fixture_sha256: str | None) -> Iterator[Portion]:
     """The ticks of a controller that sends to `udp://HOST:PORT`, or of a result at its pace.
 
     A result of `vfplan replay -o` is read before this returns; `fixture_sha256` as in

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
+from vfplan.geometry.lines import rms_length
 from vfplan.markers.find_marks import (
     CLEAR_MISFIT,
     MATCH_RADIUS_PX,
@@ -166,9 +167,8 @@ def compare_with_marks(
         if mark is not None and mark.moved_px < np.hypot(*offset[k]):
             offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
-    rms_px = float(np.sqrt((offset**2).sum(axis=1).mean()))
     report = {
-        "near": len(matched), "drawn": max(drawn, len(matched)), "rms_px": rms_px,
+        "near": len(matched), "drawn": max(drawn, len(matched)), "rms_px": rms_length(offset),
         "shift_px": tuple(shift.tolist()),
     }  # fmt: skip
     return report, tuple(offset_findings(labels, places, matched, offset))
@@ -207,7 +207,7 @@ def offset_findings(
     common = offset[~is_single]
     shift = common.mean(axis=0)
     standard_error = common.std(axis=0, ddof=1) / np.sqrt(len(common))
-    rms_px = float(np.sqrt((common**2).sum(axis=1).mean()))
+    rms_px = rms_length(common)
     is_shifted = (np.abs(shift) - 3 * standard_error > COMMON_SHIFT_PX).any()
     if is_shifted or rms_px > CLICKED_RMS_PX:
         text = (

@@ -23,6 +23,7 @@ from vfplan.display import MM
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry import CORNER_PX
+from vfplan.geometry.lines import rms_length
 from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
@@ -408,7 +409,7 @@ def unit_of(
     """
     if "_" in names[0]:
         return names[0].rsplit("_", 1)[-1], ()
-    radius = float(np.sqrt(((raw - raw.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    radius = rms_length(raw - raw.mean(axis=0))
     for unit in ("m", "mm"):
         if MIN_RADIUS_M <= radius / PER_METRE[unit] <= MAX_RADIUS_M:
             text = (

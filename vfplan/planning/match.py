@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
+from vfplan.geometry.lines import rms_length
 from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -283,7 +284,7 @@ def refuse_implausible(
     if correspondences.source_frame != "image":
         layouts["source"] = correspondences.source
     for name, positions in layouts.items():
-        radius = float(np.sqrt(((positions - positions.mean(axis=0)) ** 2).sum(axis=1).mean()))
+        radius = rms_length(positions - positions.mean(axis=0))
         # Markers in one place, but for rounding, are left to the fit, which names them.
         is_spread = radius > 1e-9 * np.abs(positions).max()
         # Millimetres read as metres are above.

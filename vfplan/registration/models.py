@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, rms_length
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -150,11 +150,6 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
 def rms(values: ArrayLike) -> float:
     """Root mean square of numbers."""
     return float(np.sqrt(np.square(values).mean()))
-
-
-def rms_length(vectors: Array) -> float:
-    """RMS length of vectors (N, k)."""
-    return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
 def homogeneous(s: Array) -> Array:

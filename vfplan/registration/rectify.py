@@ -23,7 +23,7 @@ from vfplan.registration.checks import (
     mapped_by_homography,
     perspective_test,
 )
-from vfplan.registration.models import GOOD_SET_PROBABILITY, rms
+from vfplan.registration.models import GOOD_SET_PROBABILITY, homogeneous, rms
 from vfplan.registration.registration import fit_registration
 
 # Smallest over largest singular value of the equations of a homography that is determined. Markers
@@ -83,7 +83,7 @@ class Flattening:
 
 def projected(homography: Array, places: Array) -> Array:
     """(N, 2) places (N, 2) mapped by a homography (3, 3)."""
-    mapped = np.column_stack([places, np.ones(len(places))]) @ homography.T
+    mapped = homogeneous(places) @ homography.T
     return mapped[:, :2] / mapped[:, 2:]
 
 

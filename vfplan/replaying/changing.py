@@ -13,6 +13,7 @@ from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import Status, Trace, best_rule, check_renderable
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import step_lengths
 from vfplan.io.files import naming_place
 from vfplan.replaying.guiding import make_engine
 from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
@@ -225,7 +226,7 @@ def jumps_of(poses: Poses, frame: MovingFrame) -> Vector:
     order = np.argsort(poses.time, kind="stable")
     time, pose = poses.time[order], poses.pose[order]
     dt = np.diff(time)
-    way = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
+    way = step_lengths(pose[:, :3])
     turn = 2 * np.arccos(np.clip(np.abs((pose[1:, 3:] * pose[:-1, 3:]).sum(1)), 0, 1))
     jumped = (way > POSE_JUMP_M) & (way > frame.max_speed_m_s * dt)
     jumped |= (turn > POSE_JUMP_RAD) & (turn > frame.max_turn_rad_s * dt)

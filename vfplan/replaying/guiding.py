@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.engine.governor import Governor, GovernorStatus
+from vfplan.engine.governor import Governed, Governor, GovernorStatus
 from vfplan.engine.guide import Guide, GuideTrace
 from vfplan.engine.parameters import ProxyParameters, Vector
 from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled, settings_of
@@ -173,6 +173,39 @@ def trace_of_guide(guide: GuideTrace) -> Trace:
     return Trace(guide.proxy, normal, guide.force, state, guide.status)
 
 
+class GovernorMeasure:
+    """What a governor changed of an engine's forces."""
+
+    def __init__(self) -> None:
+        # Of the force that the engine wanted, and of what the governor added to it.
+        self._wanted, self._added = ForceMeasure(), ForceMeasure()
+        # Ticks whose force was held back, and the most that was held back [N].
+        self._held_ticks = self._overdrawn_ticks = 0
+        self._held_back_max_n = 0.0
+
+    def update(self, wanted: Vector, governed: Governed, hips: Vector) -> None:
+        """Take in the next ticks: forces and HIPs (T, 3), T at least 1."""
+        self._held_back_max_n = max(self._held_back_max_n, float(governed.held_back.max()))
+        self._held_ticks += int(np.count_nonzero(governed.held_back))
+        overdrawn = governed.status & GovernorStatus.OVERDRAWN
+        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
+        self._wanted.update(wanted, hips)
+        self._added.update(governed.force - wanted, hips)
+
+    def report(self, governor: Governor) -> dict[str, Any]:
+        """What replays and rehearsals report of it."""
+        return {
+            "engine_force_max_n": self._wanted.max_n,
+            "engine_force_step_max_n": self._wanted.step_max_n,
+            "held_ticks": self._held_ticks,
+            "held_back_max_n": self._held_back_max_n,
+            "energy_given_j": governor.energy_given_j,
+            "energy_stored_j": governor.energy_stored_j,
+            "overdrawn_ticks": self._overdrawn_ticks,
+            "work_j": self._added.work_j,
+        }
+
+
 class GovernedForces:
     """Pass an engine's forces through the governor of a robot's limits, block by block.
 
@@ -182,40 +215,23 @@ class GovernedForces:
     def __init__(self, robot: Robot, stiffness: Vector) -> None:
         self._robot = robot
         self._governor = Governor.of(robot, float(stiffness.max()))
-        # Of the force that the engine wanted, and of what the governor added to it.
-        self._wanted, self._added = ForceMeasure(), ForceMeasure()
-        # Ticks whose force was held back, and the most that was held back [N].
-        self._held_ticks = self._overdrawn_ticks = 0
-        self._held_back_max_n = 0.0
+        self._measure = GovernorMeasure()
 
     def run(self, hip: Vector, trace: Trace) -> Trace:
         """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
         if not len(hip):
             return trace
         governed = self._governor.trace(trace.force)
-        self._held_back_max_n = max(self._held_back_max_n, float(governed.held_back.max()))
-        self._held_ticks += int(np.count_nonzero(governed.held_back))
-        overdrawn = governed.status & GovernorStatus.OVERDRAWN
-        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
-        self._wanted.update(trace.force, hip)
-        self._added.update(governed.force - trace.force, hip)
+        self._measure.update(trace.force, governed, hip)
         return replace(trace, force=governed.force)
 
     def report(self) -> dict[str, Any]:
         """The `governor` part of a replay's report."""
-        governor, robot = self._governor, self._robot
         return {
-            "force_step_n": robot.force_step_limit_n,
-            "force_max_n": robot.force_limit_n,
-            "mass_kg": robot.mass_kg,
-            "engine_force_max_n": self._wanted.max_n,
-            "engine_force_step_max_n": self._wanted.step_max_n,
-            "held_ticks": self._held_ticks,
-            "held_back_max_n": self._held_back_max_n,
-            "energy_given_j": governor.energy_given_j,
-            "energy_stored_j": governor.energy_stored_j,
-            "overdrawn_ticks": self._overdrawn_ticks,
-            "work_j": self._added.work_j,
+            "force_step_n": self._robot.force_step_limit_n,
+            "force_max_n": self._robot.force_limit_n,
+            "mass_kg": self._robot.mass_kg,
+            **self._measure.report(self._governor),
         }
 
 

@@ -435,7 +435,7 @@ class Metrics:
     robot: whose limits to watch, or `None`
     """
 
-    def __init__(self, fixture: Fixture, engine: Any, robot: Robot | None = None) -> None:
+    def __init__(self, fixture: Fixture, engine: Any, robot: Robot | None) -> None:
         # As reported; a limit that the robot does not have is absent.
         self._robot = {}
         if robot is not None:

@@ -25,7 +25,7 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
-from vfplan.geometry.lines import flattened, plane
+from vfplan.geometry.lines import flattened, length_of, plane
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -108,7 +108,7 @@ def at_origin(contact: Contact) -> Contact:
     return replace(contact, points=points, touch=np.zeros(3), exact_shape=shape)
 
 
-def breach(contact: Contact, engine: ProxyEngine, trace: Trace) -> float:
+def breach(engine: ProxyEngine, trace: Trace) -> float:
     """How far the proxy came inside R - band of what is rendered, at most over the ticks [m].
 
     It is 0 where the proxy never did. It is infinite where an answer is not finite, or where the
@@ -169,7 +169,7 @@ def breach_by_jump(contact: Contact, engine: ProxyEngine, distance: float) -> fl
     pressed = contact.touch - 0.25 * contact.radius * contact.normals[0]
     beyond = -distance * contact.normals[0]
     hips = np.array([start, pressed, beyond, start, -beyond, start, pressed, beyond, beyond, start])
-    return breach(contact, engine, engine.run(hips))
+    return breach(engine, engine.run(hips))
 
 
 def breach_by_piercing(contact: Contact, engine: ProxyEngine, speed: float, rate: float) -> float:
@@ -184,10 +184,10 @@ def breach_by_piercing(contact: Contact, engine: ProxyEngine, speed: float, rate
         across = 3 * np.cos(2 * np.pi * s) * contact.normals[0]
         return contact.touch + contact.radius * (across + 0.5 * s * surface_direction(contact))
 
-    length = float(np.linalg.norm(np.diff(path(2000), axis=0), axis=1).sum())
+    length = length_of(path(2000), closed=False)
     hips = path(min(max(int(length / speed * rate), 8), BLOCK_TICKS))
     engine.reset(hips[0])
-    return breach(contact, engine, engine.run(hips))
+    return breach(engine, engine.run(hips))
 
 
 def breach_by_denormals(contact: Contact, engine: ProxyEngine) -> float:
@@ -195,13 +195,13 @@ def breach_by_denormals(contact: Contact, engine: ProxyEngine) -> float:
     normal = contact.normals[0]
     tiny = np.arange(-500, 500)[:, None] * 5e-324 * np.ones(3)
     hips = np.concatenate([tiny, tiny - 1e-310 * normal, tiny - 1e-3 * normal])
-    return breach(contact, engine, engine.run(hips))
+    return breach(engine, engine.run(hips))
 
 
 def breach_on_points(contact: Contact, engine: ProxyEngine) -> float:
     """Breach with the HIP exactly on the nearest point, and on the next ones [m]."""
     nearest = np.argsort(np.linalg.norm(contact.points - contact.touch, axis=1))[:50]
-    return breach(contact, engine, engine.run(np.repeat(contact.points[nearest], 3, axis=0)))
+    return breach(engine, engine.run(np.repeat(contact.points[nearest], 3, axis=0)))
 
 
 def difference_by_bad_ticks(contact: Contact, engine: ProxyEngine) -> float:
@@ -234,7 +234,7 @@ def breach_by_long_walk(contact: Contact, engine: ProxyEngine, ticks: int) -> fl
         # Mirrors around the contact keep the walk within a box.
         folded = np.arcsin(np.sin((hips - contact.touch) / WANDER_M))
         hips = contact.touch + WANDER_M * (2 / np.pi) * folded
-        largest = max(largest, breach(contact, engine, engine.run(hips)))
+        largest = max(largest, breach(engine, engine.run(hips)))
         hip = hips[-1]
     return largest
 

@@ -361,7 +361,7 @@ class SlicedVolume:
         return np.concatenate([np.diff(stack.z) for stack in self.stacks])
 
 
-def slice_contours(contours: Contours, max_gap_m: float | None = None) -> SlicedVolume:
+def slice_contours(contours: Contours, max_gap_m: float | None) -> SlicedVolume:
     """Sort rings into slices and slices into runs.
 
     Parameters
