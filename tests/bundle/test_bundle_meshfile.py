@@ -259,8 +259,8 @@ def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):
         back = import_cloud(tmp_path / name, units="mm")
         assert back.frame == "patient_lps"
         assert np.abs(back.points[back.mesh] - made.points[made.mesh]).max() < 1e-7
-    export(replace(made, frame="robot_base"), tmp_path / "d.stl")
-    assert import_cloud(tmp_path / "d.stl", units="mm").frame == "robot_base"
+    export(replace(made, frame="robot_base"), tmp_path / "b.stl", overwrite=True)
+    assert import_cloud(tmp_path / "b.stl", units="mm").frame == "robot_base"
 
 
 def test_points_at_one_place_become_one_in_order():

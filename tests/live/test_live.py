@@ -581,7 +581,8 @@ def tracker(monkeypatch):
 def test_a_trackers_poses_arrive_as_the_protocols_library_sends_them(is_ras, tracker):
     port, send = tracker
     frame = vfplan.MovingFrame()
-    receiver = igtl.PoseReceiver(f"igtl://127.0.0.1:{port}/Body", is_ras=is_ras)
+    address, take = f"igtl://127.0.0.1:{port}/Body", lambda t, pose: frame.pose(t - 1e9, pose)
+    receiver = igtl.PoseReceiver(address, is_ras=is_ras, take=take)
     send(placed(0.5, (10, -20, 30)), 1e9 + 0.25)
     send(placed(0.1, (0, 0, 0)), 1e9, "Probe")
     send(placed(0.6, (10, -20, 31)), 1e9 + 0.5, status="OK")
@@ -595,8 +596,6 @@ def test_a_trackers_poses_arrive_as_the_protocols_library_sends_them(is_ras, tra
     true = signs @ [placed(0.5, (0.01, -0.02, 0.03)), placed(0.6, (0.01, -0.02, 0.031))] @ signs
     np.testing.assert_allclose([pose for *_, pose in receiver.poses], true, atol=1e-6)
     assert (len(receiver.left_out), receiver.other_devices) == (2, {"Probe"})
-    for time_s, _, pose in receiver.poses:
-        frame.pose(time_s - 1e9, pose)
     np.testing.assert_allclose(frame.at(0.3), true[0], atol=1e-6)
 
 

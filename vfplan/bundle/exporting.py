@@ -23,7 +23,9 @@ MRK_SCHEMA = (
 )
 
 
-def export(fixture: Fixture, path: str | Path, *, study: str | Path | None = None) -> None:
+def export(
+    fixture: Fixture, path: str | Path, *, overwrite: bool = False, study: str | Path | None = None
+) -> None:
     """Write points as .ply or .csv, a mesh as .stl, strokes as .mrk.json, lines and arcs as .dxf.
 
     For a PACS, strokes as .rtstruct.dcm and the inside of a closed mesh as .seg.dcm, in the patient
@@ -39,7 +41,7 @@ def export(fixture: Fixture, path: str | Path, *, study: str | Path | None = Non
         Another ending, pixels or a cloud without strokes as .mrk.json, no mesh, or no lines and
         arcs.
     OutputError
-        The path exists, or cannot be written.
+        The path exists and `overwrite` is false, or cannot be written.
     """
     suffix = suffix_of(path)
     make, _ = FORMS[suffix]
@@ -47,7 +49,7 @@ def export(fixture: Fixture, path: str | Path, *, study: str | Path | None = Non
     if study is not None and not is_dicom:
         raise SettingError("Only .dcm is of a study. Leave --study out.", code="study-unused")
     data = make(fixture, study) if is_dicom else make(fixture)
-    write_whole(Path(path), [data], overwrite=False)
+    write_whole(Path(path), [data], overwrite=overwrite)
 
 
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")

@@ -22,7 +22,7 @@ import struct
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
 from html import escape
@@ -274,15 +274,20 @@ class PoseReceiver:
 
     address: igtl://HOST:PORT/DEVICE of an OpenIGTLink server
     is_ras: the poses are of Slicer's world; they are turned into LPS
+    take: is called in the receiver's thread with the time since 1970 [s] at which the tracker
+        measured, by its computer's clock, and the pose (4, 4) [m], e.g. for a `MovingFrame`
     Raises SettingError: another address
     Raises InputError: nobody answers there
     """
 
-    def __init__(self, address: str, *, is_ras: bool = False) -> None:
+    def __init__(
+        self, address: str, *, is_ras: bool = False,
+        take: Callable[[float, Array], Any] = lambda time_s, pose: None,
+    ) -> None:  # fmt: skip
         host, port, self._device = host_and_port(address, "igtl")
+        self._take = take
         self._signs = np.append(np.sign(TO_RAS), 1) if is_ras else np.ones(4)
-        # Each (4, 4) [m] with the time since 1970 [s] at which the tracker measured, by its
-        # computer's clock, and the time of its receipt.
+        # Each with its time, and the time of its receipt.
         self.poses: list[tuple[float, float, Array]] = []
         # How many transforms of the device were not taken, by reason.
         self.left_out: Counter[str] = Counter()
@@ -343,6 +348,7 @@ class PoseReceiver:
                     measured = stamp / 2**32 or received
                     self.poses.append((measured, received, matrix))
                     self.heard_s = time.monotonic()
+                    self._take(measured, matrix)
             if self._closing.wait(WAIT_S):
                 return
             with suppress(OSError):
