@@ -90,7 +90,7 @@ class Leftover:
     is_ahead
         Whether it lies in the direction of that end, or is about as strong as the curve.
     is_onward
-        Whether it lies in that direction, is about as strong, and runs along it itself.
+        Whether it lies in that direction, is about as strong, and is a line that runs along it.
     is_dot
         Whether it is too short beside the pen's width to carry a line on.
     """
@@ -114,11 +114,6 @@ class Leftover:
         """Whether it lies so near to an end that it may carry the curve on."""
         is_near = self.end_distance <= tuned.END_REACH_GAPS * max_gap_px
         return is_near and self.is_ahead and not self.is_dot
-
-    def lies_onward(self, max_gap_px: float) -> bool:
-        """Whether it carries the curve on as a line farther away would."""
-        is_near = self.end_distance <= JOINED_GAPS * max_gap_px
-        return is_near and self.is_onward and not self.is_dot
 
     @property
     def mask(self) -> Flags:
@@ -207,7 +202,7 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=end_distance,
                 is_ahead=is_ahead,
-                is_onward=is_onward,
+                is_onward=is_onward and size >= least_size,
                 is_dot=size < least_size,
             )
             pieces.append(piece)
@@ -218,27 +213,33 @@ def _to_end(ink: Ink, places: NDArray, curves: Sequence[Stroke]) -> tuple[float,
     """How far ink is from the end closest to it [px], and its `is_ahead` and `is_onward`."""
     distance, is_ahead, is_onward = np.inf, False, False
     for curve in curves:
-        for end, (ahead_u, ahead_v) in zip(curve.end_points, headings_of(curve), strict=False):
+        for end, heading in zip(curve.end_points, headings_of(curve), strict=False):
             away = np.hypot(*(places - end).T)
             if away.min() < distance:
-                distance, (u, v) = float(away.min()), places[away.argmin()] - end
-                turn = np.arctan2(abs(u * ahead_v - v * ahead_u), u * ahead_u + v * ahead_v)
-                turn -= np.arctan2(tuned.FLANK_PX, distance)  # So far an end may lie off its line.
+                distance = float(away.min())
+                # So far an end may lie off its line.
+                slack_deg = np.degrees(np.arctan2(tuned.FLANK_PX, distance))
+                turn_deg = turn_between(heading, places[away.argmin()] - end) - slack_deg
                 strength = strength_along(ink, half_covered(ink, places))
                 is_strong = strength > tuned.PALE * strength_along(ink, curve.points)
-                is_along = np.degrees(turn) <= tuned.MAX_TURN_DEG
+                is_along = turn_deg <= tuned.MAX_TURN_DEG
                 is_ahead = is_along or is_strong
                 is_onward = is_along and is_strong and runs_from(end, places)
     return distance, bool(is_ahead), bool(is_onward)
 
 
+def turn_between(one: NDArray, other: NDArray) -> float:
+    """Degrees from 0 to 180 between two directions (u, v)."""
+    return float(abs(np.degrees(np.angle(complex(*one).conjugate() * complex(*other)))))
+
+
 def runs_from(end: NDArray, places: NDArray) -> bool:
     """Whether ink is longer than wide, roughly along the way to its middle from an end."""
-    way = places.mean(axis=0) - end
-    _, sizes, axes = np.linalg.svd(places - places.mean(axis=0), full_matrices=False)
-    cosine = abs(axes[0] @ way) / np.hypot(*way)
-    least = np.cos(np.radians(tuned.MAX_TURN_DEG))
-    return bool(sizes[0] > tuned.ALIKE * sizes[1] and cosine >= least)
+    middle = places.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
+    turn_deg = turn_between(axes[0], middle - end)
+    is_along = min(turn_deg, 180 - turn_deg) <= tuned.MAX_TURN_DEG
+    return bool(is_along and sizes[0] > tuned.ALIKE * sizes[1])
 
 
 def headings_of(curve: Stroke) -> Array:
@@ -473,11 +474,7 @@ def join_findings(
             continue
         if piece.touches:
             where = "joins the curve"
-        elif (
-            piece.is_at_end(max_gap_px)
-            or piece.lies_onward(max_gap_px)
-            or _goes_on(lines, piece, ink)
-        ):
+        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink, max_gap_px):
             where = f"lies {piece.end_distance:.0f} px from the end of the curve"
         else:
             continue
@@ -500,8 +497,10 @@ def line_of(stroke: Stroke, ink: Ink) -> Candidate:
     )  # fmt: skip
 
 
-def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
-    """Whether a line of ink lies in the direction of the end of one of these lines."""
+def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink, max_gap_px: float) -> bool:
+    """Whether a piece, or a line of its ink, carries on one of these lines from farther away."""
+    if piece.is_onward and piece.end_distance <= JOINED_GAPS * max_gap_px:
+        return True
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
     others = find_pieces(ink, [piece.places])
@@ -638,12 +637,12 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         is_long = length > tuned.LONG_STRETCH_PX
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         beyond = min(heading[: run[0]][::-1], heading[run[-1] :], key=len)
-        shorter_part = len(beyond)
-        largest_share = LEADER_SHARE if runs_straight(beyond) else NEAR_END_SHARE
-        is_near_end = not curve.closed and shorter_part < largest_share * len(curve.points)
+        share = len(beyond) / len(curve.points)
+        is_short = share < NEAR_END_SHARE or (share < LEADER_SHARE and runs_straight(beyond))
+        is_near_end = is_short and not curve.closed
         is_near_end &= length >= tuned.FLANK_PX
         if is_near_end and reason != "hidden":
-            text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
+            text = f"{carried} Do the {len(beyond)} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:
             code = "stretch-hidden" if reason == "hidden" else "bridge-long"
@@ -687,8 +686,8 @@ def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         for flags in (is_wide, ~is_wide & is_line)
     )
     is_line[thin] = False
-    is_odd = len(thin) < LEADER_SHARE * is_line.sum()
-    is_odd &= is_line.any() and is_wide[is_line].mean() > tuned.FRAME_SHARE
+    is_short = len(thin) < LEADER_SHARE * is_line.sum()
+    is_odd = is_short and is_wide[is_line].mean() > tuned.FRAME_SHARE
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
