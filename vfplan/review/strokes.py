@@ -75,6 +75,9 @@ LACK_SHARE = 0.2
 # Points along a ring whose median width counts where its ends overlap.
 OVERLAP_POINTS = 11
 
+# Share of a path that shows ink, from which it is no dotted line: of dots and dashes 0.8 shows.
+WITHOUT_GAPS = 0.9
+
 # Steps of a path, from which on it has gone around an end of ink if it is back at one place.
 SPUR_STEPS = 6
 
@@ -284,7 +287,8 @@ class SliceInk:
         wider = running_median(lasting, OVERLAP_POINTS, BEYOND[closed])
         if closed:
             wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
-        if closed or sudden_changes(lasting.clip(1)).max() > tuned.SUDDEN:
+        is_joined = sudden_changes(lasting.clip(1)).max() > tuned.SUDDEN
+        if closed or (is_joined and has_ink.mean() > WITHOUT_GAPS):
             nearby = usual
         sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
         if closed:
