@@ -37,6 +37,10 @@ NAMED = 3
 # the whole of a line: with 0.2, 17 % of the slices with two lifts are asked about, with 0.25, 46 %.
 NEAR_END_SHARE = 0.2
 
+# The same where that part runs straight, as leader lines do. Of 21 leader lines that were bridged
+# none had more than 0.33.
+LEADER_SHARE = 0.35
+
 # Degrees of a corner from which a straight stretch beyond it may be a leader line. Of 29 leader
 # lines that left the end of a curve by 35 degrees or more 28 are asked about; of 312 open curves of
 # tests/making/extraction_kinds.py, 1.
@@ -47,6 +51,10 @@ ROUNDED_PX = 4
 
 # Pixels beyond a corner that run straight, and the range of their headings at most [degrees].
 LEADER_PX, LEADER_DEG = 40, 14.0
+
+# Times the longest gap that is bridged, up to which a person is asked whether a line goes on beyond
+# it, and is offered the lines joined over it. Hands that lift a pen put it down again before that.
+JOINED_GAPS = 3.0
 
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
@@ -81,6 +89,8 @@ class Leftover:
         From the closest end of an open curve to its closest pixel [px].
     is_ahead
         Whether it lies in the direction of that end, or is about as strong as the curve.
+    is_onward
+        Whether it lies in that direction, is about as strong, and is a line that runs along it.
     is_dot
         Whether it is too short beside the pen's width to carry a line on.
     """
@@ -92,6 +102,7 @@ class Leftover:
     edge_distance: float
     end_distance: float
     is_ahead: bool
+    is_onward: bool
     is_dot: bool
 
     @property
@@ -180,7 +191,7 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
-            end_distance, is_ahead = _to_end(ink, pixels[members], curves)
+            end_distance, is_ahead, is_onward = _to_end(ink, pixels[members], curves)
             low, high = pixels[members].min(0), pixels[members].max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
@@ -191,26 +202,44 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=end_distance,
                 is_ahead=is_ahead,
+                is_onward=is_onward and size >= least_size,
                 is_dot=size < least_size,
             )
             pieces.append(piece)
     return sorted(pieces, key=lambda piece: (-len(piece.places), *piece.middle))
 
 
-def _to_end(ink: Ink, places: NDArray, curves: Sequence[Stroke]) -> tuple[float, bool]:
-    """How far ink is from the end closest to it [px], and whether it `is_ahead` of that end."""
-    distance, is_ahead = np.inf, False
+def _to_end(ink: Ink, places: NDArray, curves: Sequence[Stroke]) -> tuple[float, bool, bool]:
+    """How far ink is from the end closest to it [px], and its `is_ahead` and `is_onward`."""
+    distance, is_ahead, is_onward = np.inf, False, False
     for curve in curves:
-        for end, (ahead_u, ahead_v) in zip(curve.end_points, headings_of(curve), strict=False):
+        for end, heading in zip(curve.end_points, headings_of(curve), strict=False):
             away = np.hypot(*(places - end).T)
             if away.min() < distance:
-                distance, (u, v) = float(away.min()), places[away.argmin()] - end
-                turn = np.arctan2(abs(u * ahead_v - v * ahead_u), u * ahead_u + v * ahead_v)
-                turn -= np.arctan2(tuned.FLANK_PX, distance)  # So far an end may lie off its line.
+                distance = float(away.min())
+                # So far an end may lie off its line.
+                slack_deg = np.degrees(np.arctan2(tuned.FLANK_PX, distance))
+                turn_deg = turn_between(heading, places[away.argmin()] - end) - slack_deg
                 strength = strength_along(ink, half_covered(ink, places))
-                is_ahead = np.degrees(turn) <= tuned.MAX_TURN_DEG
-                is_ahead |= strength > tuned.PALE * strength_along(ink, curve.points)
-    return distance, bool(is_ahead)
+                is_strong = strength > tuned.PALE * strength_along(ink, curve.points)
+                is_along = turn_deg <= tuned.MAX_TURN_DEG
+                is_ahead = is_along or is_strong
+                is_onward = is_along and is_strong and runs_from(end, places)
+    return distance, bool(is_ahead), bool(is_onward)
+
+
+def turn_between(one: NDArray, other: NDArray) -> float:
+    """Degrees from 0 to 180 between two directions (u, v)."""
+    return float(abs(np.degrees(np.angle(complex(*one).conjugate() * complex(*other)))))
+
+
+def runs_from(end: NDArray, places: NDArray) -> bool:
+    """Whether ink is longer than wide, roughly along the way to its middle from an end."""
+    middle = places.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
+    turn_deg = turn_between(axes[0], middle - end)
+    is_along = min(turn_deg, 180 - turn_deg) <= tuned.MAX_TURN_DEG
+    return bool(is_along and sizes[0] > tuned.ALIKE * sizes[1])
 
 
 def headings_of(curve: Stroke) -> Array:
@@ -434,19 +463,18 @@ def join_findings(
 ) -> list[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece that a known finding speaks of: one of ink has its place in the middle
-    of the piece, any other one somewhere on it.
+    There is none for a piece that a known finding speaks of, which has its place in the middle of
+    the piece or somewhere on it.
     """
     findings = []
     for piece in leftover:
-        middle = piece.middle[None]
-        places = {"ink-touches": middle, "ink-at-end": middle}
-        away = [np.abs(places.get(f.code, piece.places) - f.place_px).max(1).min() for f in known]
+        places = np.vstack([piece.middle, piece.places])
+        away = [np.abs(places - f.place_px).max(1).min() for f in known if f.place_px]
         if min(away, default=np.inf) < 0.6:
             continue
         if piece.touches:
             where = "joins the curve"
-        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink):
+        elif piece.is_at_end(max_gap_px) or _goes_on(lines, piece, ink, max_gap_px):
             where = f"lies {piece.end_distance:.0f} px from the end of the curve"
         else:
             continue
@@ -469,8 +497,10 @@ def line_of(stroke: Stroke, ink: Ink) -> Candidate:
     )  # fmt: skip
 
 
-def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink) -> bool:
-    """Whether a line of ink lies in the direction of the end of one of these lines."""
+def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink, max_gap_px: float) -> bool:
+    """Whether a piece, or a line of its ink, carries on one of these lines from farther away."""
+    if piece.is_onward and piece.end_distance <= JOINED_GAPS * max_gap_px:
+        return True
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
     others = find_pieces(ink, [piece.places])
@@ -545,9 +575,20 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
     return findings
 
 
+def headings_along(stroke: Stroke) -> Array:
+    """(M - 1,) the direction of each step along a stroke [degrees]."""
+    return np.degrees(np.unwrap(np.arctan2(*np.diff(stroke.points, axis=0).T[::-1])))
+
+
+def runs_straight(heading: Array) -> bool:
+    """Whether a line of these headings begins straight, as a leader line does."""
+    straight = heading[ROUNDED_PX:LEADER_PX]
+    return len(straight) >= tuned.TANGENT_PX and np.ptp(straight) <= LEADER_DEG
+
+
 def corner_findings(stroke: Stroke) -> list[Finding]:
     """A doubt for each corner beyond which an open curve runs straight, as a leader line does."""
-    heading = np.degrees(np.unwrap(np.arctan2(*np.diff(stroke.points, axis=0).T[::-1])))
+    heading = headings_along(stroke)
     findings: list[Finding] = []
     if stroke.closed or len(heading) < tuned.CRUMB_PX:
         return findings
@@ -555,8 +596,7 @@ def corner_findings(stroke: Stroke) -> list[Finding]:
     largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
     for at in np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG)):
         beyond = min(heading[:at][::-1], heading[at:], key=len)
-        straight = beyond[ROUNDED_PX:LEADER_PX]
-        if len(straight) >= tuned.TANGENT_PX and np.ptp(straight) <= LEADER_DEG:
+        if runs_straight(beyond):
             text = (
                 f"the curve turns by {turn[at]:.0f} degrees and runs straight. Do the "
                 f"{len(beyond)} px beyond the corner belong to the curve?"
@@ -588,6 +628,7 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     It is a doubt where the stretch is long, or where a small share of the stroke lies beyond a gap.
     """
     findings = []
+    heading = headings_along(curve)
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
         carried = f"the curve is carried across a gap of {length} px."
@@ -595,11 +636,13 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
             carried = f"another colour hides {length} px of the curve."
         is_long = length > tuned.LONG_STRETCH_PX
         # What lies beyond the gap may be a leader line or a letter, if it is short.
-        shorter_part = min(run[0], len(curve.points) - 1 - run[-1])
-        is_near_end = not curve.closed and shorter_part < NEAR_END_SHARE * len(curve.points)
-        is_near_end &= length > tuned.FLANK_PX
+        beyond = min(heading[: run[0]][::-1], heading[run[-1] :], key=len)
+        share = len(beyond) / len(curve.points)
+        is_short = share < NEAR_END_SHARE or (share < LEADER_SHARE and runs_straight(beyond))
+        is_near_end = is_short and not curve.closed
+        is_near_end &= length >= tuned.FLANK_PX
         if is_near_end and reason != "hidden":
-            text = f"{carried} Do the {shorter_part} px beyond it belong to the curve?"
+            text = f"{carried} Do the {len(beyond)} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif is_long:
             code = "stretch-hidden" if reason == "hidden" else "bridge-long"
@@ -643,22 +686,21 @@ def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         for flags in (is_wide, ~is_wide & is_line)
     )
     is_line[thin] = False
-    is_odd = len(thin) < NEAR_END_SHARE * is_line.sum()
-    is_odd &= is_line.any() and is_wide[is_line].mean() > tuned.FRAME_SHARE
+    is_short = len(thin) < LEADER_SHARE * is_line.sum()
+    is_odd = is_short and is_wide[is_line].mean() > tuned.FRAME_SHARE
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
 def with_crossed_ends(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:
-    """The curve; a closed one with a larger deviation where it is wide.
+    """The curve with a larger deviation where other ink may make it wide.
 
-    Its ends may cross or overlap there. They pull the centre aside by at most half of what they add
-    to the width.
+    The ends of a closed one may cross or overlap there, or a letter may lie on it. They pull the
+    centre aside by at most half of what they add to the width.
     """
-    if not curve.closed:
-        return curve
-    widest = choose.lasting_width(curve)
+    mode = "wrap" if curve.closed else "edge"
+    widest = choose.lasting_width(curve) if curve.closed else np.ones(len(curve.path))
     if width_findings(ink, curve):
-        sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, "wrap").max(axis=1)
+        sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, mode).max(axis=1)
         widest = np.maximum(widest, sudden)
     _, nearest = _core.nearest(curve.path, curve.points)
     wider_px = curve.width * (widest[nearest] - 1).clip(0)

@@ -70,9 +70,6 @@ MAX_ROUTES = 9
 # Free ends of a forked line at most, from which a route is offered.
 MAX_FREE_ENDS = 12
 
-# Times the longest gap that is bridged, up to which a person is offered lines joined over a gap.
-JOINED_GAPS = 3.0
-
 # Length [px] of the way around a hole from which that is no letter's.
 MIN_RING_PX = 60
 
@@ -581,7 +578,7 @@ def candidates_of(
             if max(entry.box[2:]) >= MIN_LINE_PX:
                 routes += routes_over(entry)
         routes.sort(key=lambda route: -route.length)
-    for line in lines_of(ink, JOINED_GAPS * settings.max_gap_px):
+    for line in lines_of(ink, account.JOINED_GAPS * settings.max_gap_px):
         is_new = not any(np.array_equal(line.path, route.points) for route in routes)
         if is_new and line.bridged.any():
             routes.append(route_along(line.path, line.closed))

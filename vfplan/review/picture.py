@@ -251,16 +251,18 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
     return region
 
 
-# What a line means, its colour, and where its sample is drawn [px of the page].
-LegendRow = tuple[str, paper.Colour, tuple[tuple[int, int], ...]]
+# What a line means, and its colour.
+LegendRow = tuple[str, paper.Colour]
+
+# Where the sample of a line is drawn [px of the page]; that of the band is dashed.
 SOLID = ((0, 44),)
 DASHED = ((0, 12), (17, 29), (34, 44))
 
 # What the legend says of what the robot renders, and its colour. The tool is kept off a wall, and
 # held in a guide's tube.
 RENDERED = {
-    "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR, SOLID),
-    "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR, SOLID),
+    "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR),
+    "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }
 
 # Length of the tick at a point that was set in Slicer [px of the page].
@@ -275,7 +277,7 @@ def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     drawn = [outline for outline in outlines if outline.lines]
     rows = [RENDERED[kind] for kind in sorted({outline.kind for outline in drawn})]
     if any(outline.pull is not None for outline in drawn):
-        rows.append(("Green arrow: the guide's pull", paper.GUIDE_COLOUR, SOLID))
+        rows.append(("Green arrow: the guide's pull", paper.GUIDE_COLOUR))
     return rows
 
 
@@ -396,19 +398,19 @@ def draw_legend(
     sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool, y: float
 ) -> float:
     """What the lines on the picture mean, those alone that are drawn there."""
-    rows = [("Blue outline: beside the line that was taken", LINE_COLOUR, SOLID)]
+    rows = [("Blue outline: beside the line that was taken", LINE_COLOUR)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
-        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR, SOLID))
+        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR))
     if any(stroke.bridged.any() for stroke in plan.strokes):
-        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR, SOLID))
+        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR))
     if has_band:
         words = "Purple dashes: 95 % band of markers and drawing, at true scale"
-        rows.append((words, paper.BAND_COLOUR, DASHED))
+        rows.append((words, paper.BAND_COLOUR))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
-        rows.append((f"{words}in the slice, {length}", BLACK, SOLID))
+        rows.append((f"{words}in the slice, {length}", BLACK))
     y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
     if plan.other_ink:
         y = sheet.paragraph(COLUMN_X, y, "Plain numbers: other ink, listed below.", COLUMN_WIDTH)
@@ -421,9 +423,9 @@ def draw_legend_rows(
     """A sample of each line beside what it means; returns where the next thing begins."""
     sheet.text(x, y, heading, paper.HEADING)
     y += paper.HEADING.line_height + 4
-    for words, colour, dashes in rows:
+    for words, colour in rows:
         middle = y + BODY.line_height / 2
-        for start, end in dashes:
+        for start, end in DASHED if colour == paper.BAND_COLOUR else SOLID:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
         y = sheet.paragraph(x + 56, y, words, width - 56) + 6

@@ -22,6 +22,7 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import box_of, path_through
 from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
+from vfplan.curve.choose import sudden_changes
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
@@ -73,6 +74,9 @@ LACK_SHARE = 0.2
 
 # Points along a ring whose median width counts where its ends overlap.
 OVERLAP_POINTS = 11
+
+# Share of a path that shows ink, from which it is no dotted line: of dots and dashes 0.8 shows.
+WITHOUT_GAPS = 0.9
 
 # Steps of a path, from which on it has gone around an end of ink if it is back at one place.
 SPUR_STEPS = 6
@@ -277,11 +281,14 @@ class SliceInk:
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
         sigma = np.hypot(deviation, INK_SIGMA_PX)
-        # Ink that joins the line, as the ends of a ring may, pulls the centre aside by at most half
-        # of what it adds to the width.
-        wider = running_median(np.where(alone, mass, 1.0), OVERLAP_POINTS, BEYOND[closed])
+        # Ink that joins the line, as a letter or the ends of a ring may, pulls the centre aside by
+        # at most half of what it adds to the width. It does so at once, and a pressed pen does not.
+        lasting = np.where(alone, mass, 1.0)
+        wider = running_median(lasting, OVERLAP_POINTS, BEYOND[closed])
         if closed:
             wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
+        is_joined = sudden_changes(lasting.clip(1)).max() > tuned.SUDDEN
+        if closed or (is_joined and has_ink.mean() > WITHOUT_GAPS):
             nearby = usual
         sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
         if closed:
