@@ -142,13 +142,14 @@ def move_off_opposite(
     """
     reach = profiles.x[-1] + tuned.BESIDE_PX
     x = np.arange(-reach, reach + tuned.STEP_PX, tuned.STEP_PX)
-    values = sample(ink.coverage, *places_across(path, normal, x)).astype(float)
-    near = np.where(np.abs(x) <= profiles.x[-1], values, 0)
     for side in (1, -1):
-        is_beside = near[:, side * x < 0].min(1) < -tuned.RISE
-        is_beside &= (near[:, side * x > 0].min(1) > -tuned.RISE) & profiles.valid
+        is_beside = profiles.coverage[:, side * profiles.x < 0].min(1) < -tuned.RISE
+        is_beside &= profiles.coverage[:, side * profiles.x > 0].min(1) > -tuned.RISE
+        is_beside &= profiles.valid
         if is_beside.sum() >= tuned.LONG_STRETCH_PX:
-            place = place_beside(x, values[is_beside, ::side].mean(0), profiles.width)
+            places = places_across(path[is_beside], normal[is_beside], side * x)
+            profile = sample(ink.coverage, *places).mean(0, dtype=float)
+            place = place_beside(x, profile, profiles.width)
             if place is not None:
                 offset[is_beside] += side * place - np.median(offset[is_beside])
 
