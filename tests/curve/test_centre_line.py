@@ -126,6 +126,19 @@ def test_a_translucent_pen(opacity):
     assert rms(inner_errors(stroke, hand(5))[0]) < 0.08
 
 
+@pytest.mark.parametrize("colour", [(0, 255, 255), (40, 60, 220), (0, 200, 60), (255, 0, 255)])
+@pytest.mark.parametrize(("quality", "limit_px"), [(None, 0.06), (90, 0.3)])
+def test_a_line_of_another_colour_along_one_edge_moves_no_centre(colour, quality, limit_px):
+    for width, gap, angle in ((1.5, 0.5, 0.3), (2.0, 0.2, 4.4), (3.0, 0.0, 1.2), (5.0, 1.5, 2.1)):
+        way = np.array([np.cos(angle), np.sin(angle)])
+        truth = np.array([170.3, 149.6]) + np.outer((-110, 110), way)
+        beside = truth + ((width + 2) / 2 + gap) * np.array([-way[1], way[0]])
+        ground = blend(flat(SHAPE, 118), coverage(SHAPE, beside, 2.0), colour)
+        image = drawn(truth, width, ground=ground)
+        stroke = stroke_of(image if quality is None else jpeg(image, quality))
+        assert rms(inner_errors(stroke, truth)[0]) < limit_px, (width, gap)
+
+
 SYMMETRIES = {
     "mirrored": np.fliplr,
     "upside down": np.flipud,

@@ -412,14 +412,16 @@ def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
 
     if not other.any():
         return along
-    weight = other.astype(np.float32)
+    # Mixed pixels count less: the purest ones have the most chroma across the pen's hue.
+    weight = other * (across / 255) ** 4
     reach = (0, 0), tuned.OTHER_REACH_PX
     other_along = cv2.GaussianBlur(weight * along, *reach)
     other_across = cv2.GaussianBlur(weight * across, *reach)
-    known = np.abs(other_across) > 1e-2
-    slope = np.where(known, other_along / np.where(known, other_across, 1), 0)
-    same_side = across * other_across > 0
-    return np.where(known & same_side, along - across * np.clip(slope, -2, 2), along)
+    is_mixed = (across * other_across > 0) & (np.abs(other_across) > 1e-5)
+    slope = other_along / np.where(is_mixed, other_across, 1)
+    # The chroma across a nearly opposite hue is noise; `profiles` tells such lines apart.
+    is_mixed &= slope >= -2
+    return np.where(is_mixed, along - across * np.minimum(slope, 2), along)
 
 
 def _mask(unmixed: NDArray, along: NDArray, across: NDArray, strength: float) -> Flags:

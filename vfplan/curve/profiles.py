@@ -73,7 +73,10 @@ class Profiles:
     def offset(self, ink: Ink, path: NDArray, normal: NDArray, noisy: bool) -> Array:
         """(M,) how far off the path, along its (M, 2) normals, the line lies [px]."""
         by_colour = self.offset_of_colour(noisy)
-        return add_brightness(ink, path, normal, self, by_colour) if noisy else by_colour
+        if noisy:
+            by_colour = add_brightness(ink, path, normal, self, by_colour)
+        move_off_opposite(ink, path, normal, self, by_colour)
+        return by_colour
 
     def offset_of_colour(self, noisy: bool) -> Array:
         """(M,) the same by the pen's coverage alone.
@@ -128,6 +131,51 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     valid = (mass > lowest_mass) & inside[:, len(x) // 2]
     is_line &= inside
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
+
+
+def move_off_opposite(
+    ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray
+) -> None:
+    """Take from (M,) offsets what a line of the opposite hue along one edge adds to all of them.
+
+    Its coverage is below 0, and takes from the pen's own where blur mixes both.
+    """
+    reach = profiles.x[-1] + tuned.BESIDE_PX
+    x = np.arange(-reach, reach + tuned.STEP_PX, tuned.STEP_PX)
+    for side in (1, -1):
+        is_beside = profiles.coverage[:, side * profiles.x < 0].min(1) < -tuned.RISE
+        is_beside &= profiles.coverage[:, side * profiles.x > 0].min(1) > -tuned.RISE
+        is_beside &= profiles.valid
+        if is_beside.sum() >= tuned.LONG_STRETCH_PX:
+            places = places_across(path[is_beside], normal[is_beside], side * x)
+            profile = sample(ink.coverage, *places).mean(0, dtype=float)
+            place = place_beside(x, profile, profiles.width)
+            if place is not None:
+                offset[is_beside] += side * place - np.median(offset[is_beside])
+
+
+# Limits of a pen's place and half its width [px], of the paper between it and another pen, of the
+# width of that one, of the blur of both, and of their coverage.
+STRIPES = ((-5, 0.25, -2, 0.5, 0.3, 0.3, 0.1), (5, 6, 5, 8, 3, 4, 6))
+
+
+def place_beside(x: NDArray, profile: NDArray, width: float) -> float | None:
+    """Where a pen lies in a (K,) profile, beside another one at smaller `x`.
+
+    Each is a stripe, and both are blurred alike. `None` where they are not.
+    """
+    from scipy.optimize import least_squares
+    from scipy.special import ndtr
+
+    def misfit(numbers: NDArray) -> Array:
+        place, size, gap, other, blur, height, depth = numbers
+        edges = place - np.cumsum([-size, 2 * size, gap, other])
+        steps = ndtr((x - edges[:, None]) / blur)
+        return np.array([-height, height, depth, -depth]) @ steps - profile
+
+    start = np.clip([0, width / 2, 0.5, 2, 0.8, 1, 1], *STRIPES)
+    fit = least_squares(misfit, start, bounds=STRIPES)
+    return fit.x[0] if np.abs(fit.fun).max() <= tuned.RISE else None
 
 
 def symmetric(profile: NDArray) -> Array:

@@ -88,6 +88,9 @@ STEP_PX = 0.5
 # Pixels that a profile reaches beyond the line's edge. A blur of 1.5 px has ended there.
 FLANK_PX = 2.0
 
+# Pixels that a profile reaches farther where another pen runs along the line: as wide as a pen.
+BESIDE_PX = 4.0
+
 # Share of the line's usual ink below which a profile lies in a gap.
 VISIBLE = 0.25
 
