@@ -587,18 +587,19 @@ def runs_straight(heading: Array) -> bool:
 
 
 def corner_findings(stroke: Stroke) -> list[Finding]:
-    """A doubt for each corner beyond which an open curve runs straight, as a leader line does."""
+    """A doubt for an open curve's outermost corners that it leaves straight, as leader lines do."""
     heading = headings_along(stroke)
     findings: list[Finding] = []
-    if stroke.closed or len(heading) < tuned.CRUMB_PX:
+    if stroke.closed or not stroke.is_ordered or len(heading) < tuned.CRUMB_PX:
         return findings
     turn = choose.changes(heading, ROUNDED_PX)
     largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
-    for at in np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG)):
+    corners = np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG))
+    for at in sorted({*corners[:1], *corners[-1:]}):
         beyond = min(heading[:at][::-1], heading[at:], key=len)
         if runs_straight(beyond):
             text = (
-                f"the curve turns by {turn[at]:.0f} degrees and runs straight. Do the "
+                f"the curve turns by {turn[at]:.0f} degrees and leaves straight. Do the "
                 f"{len(beyond)} px beyond the corner belong to the curve?"
             )
             findings.append(finding_at(stroke.points[at], "corner-near-end", text))

@@ -390,8 +390,10 @@ class Geometry:
 
 
 def stated(finding: Finding) -> tuple[str, str]:
-    """Its code, and what it says of ink without what it asks or what stands in place of that."""
-    return finding.code, QUESTION.sub("", finding.text.removesuffix(ON_PURPOSE))
+    """Its code, and what it says: of other ink without what it asks or what stands for that."""
+    is_of_ink = finding.code in ASKS_ABOUT_INK
+    text = finding.text.removesuffix(ON_PURPOSE)
+    return finding.code, QUESTION.sub("", text) if is_of_ink else text
 
 
 def away_from(piece: Leftover, finding: Finding) -> float:
