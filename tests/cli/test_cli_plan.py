@@ -138,9 +138,7 @@ def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
 @pytest.mark.parametrize(("name", "value", "says"), [
     ("--stroke", 9, ""), ("--start", "5,5", "--start 5,5 lies"), ("--settings", '{"stroke": 9}', "")
 ])  # fmt: skip
-def test_the_page_that_a_refusal_names_opens_without_what_was_refused(
-    vfplan_cli, tmp_path, name, value, says
-):
+def test_the_page_of_a_refusal_opens_without_what_was(vfplan_cli, tmp_path, name, value, says):
     kept = ("--margin", "tre95", "-o", tmp_path / "f.h5")
     refused = vfplan_cli("plan", *ELBOW, name, value, *kept).fails(3, says)
     assert not (tmp_path / "f.h5").exists()

@@ -175,9 +175,7 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
 
 @pytest.mark.parametrize(("arcs", "offers"), [
     ((), ""), (("--arcs", 0.05), "Take finer lines and arcs")])  # fmt: skip
-def test_finer_arcs_are_offered_only_in_place_of_those_that_were_asked_for(
-    arcs, offers, browser, opened
-):
+def test_finer_arcs_are_offered_in_place_of_typed_ones_only(arcs, offers, browser, opened):
     opened(SLICE, *MARKERS, "--guide", 0.015, *arcs)
     assert browser.run("review.state.refusal.code") == "arcs-coarse"
     assert browser.run("document.getElementById('candidates').textContent") == offers
@@ -685,7 +683,6 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     hand.fill("#low", 30_000, "input")
     window = browser.run(WINDOW)
     for way, position in ((100, 5), (-100, 3), (100, 5)):
-        assert position == 5 or browser.run(WINDOW) != window
         browser.run(
             "for (let k = 0; k < 2; k += 1) document.getElementById('stage').dispatchEvent("
             f"new WheelEvent('wheel', {{deltaY: {way}, shiftKey: true, cancelable: true}}))"
