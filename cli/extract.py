@@ -33,7 +33,6 @@ MENDED_ON_PAGE = {
     *("labels-mistaken", "residual-large", "tre-large", "markers-meet-no-marks", "no-mark-near"),
     *("one-mark-two-markers", "mirrored", "scale-wrong", "one-side-only"),
     *("too-few-markers", "markers-coincide", "markers-collinear", "markers-coplanar"),
-    "arcs-coarse",
 }
 
 # Options, typed or from a file, that the page would refuse as the command did: it opens without.
@@ -128,7 +127,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
             here = rectify_command(*files, **options)
             ways = f"on a page ({page}) or with two commands: {here}"
             error.message = error.message.replace(TO_RECTIFY, ways)
-        elif error.code in MENDED_ON_PAGE:
+        elif error.code in MENDED_ON_PAGE or error.numbers.get("arcs_m"):
+            # The page can leave out the lines and arcs that were asked for.
             error.message = f"{error.message.rstrip('.')}. To mend it on a page: {page}"
         raise
 

@@ -17,6 +17,7 @@ from vfplan.cli.main import cli
 from vfplan.cli.next_commands import (
     file_beside,
     page_command,
+    register_command,
     review_command,
     sign_command,
     verify_command,
@@ -34,10 +35,20 @@ def test_a_file_that_begins_like_an_option_gets_its_folder():
     assert verify_command(DASH, Path("-k.pub"), {}) == "vfplan verify ./-dash.h5 --keys ./-k.pub"
 
 
-def test_names_and_serials_with_blanks_are_quoted():
-    words = shlex.split(sign_command(ODD, SEAL))
-    assert words[:5] == ["vfplan", "sign", str(ODD), "--key", "KEY"]
-    assert words[5:9] == ["--case", "it's", "--robot-serial", "a 7"]
+@pytest.mark.parametrize(("printed", "known"), [
+    (register_command(ODD, Path("my slice.png")), {"image": "my slice.png"}),
+    (review_command(ODD, Path("my slice.png")), {"slice_path": "my slice.png"}),
+    (page_command(ODD, None, Path("b 2.csv"), output=ODD), {"markers": "b 2.csv"}),
+    (sign_command(ODD, SEAL), {"key": "KEY", **SEAL}),
+    (verify_command(ODD, "my keys.pub", SEAL), {"keys": "my keys.pub", **SEAL}),
+])  # fmt: skip
+def test_names_with_blanks_and_apostrophes_are_understood(printed, known):
+    _, name, *words = shlex.split(printed)
+    command = cli.get_command(click.Context(cli), name)
+    parsed, rest, _ = command.make_parser(click.Context(command)).parse_args(words)
+    assert not rest
+    assert {word: parsed[word] for word in known} == known
+    assert str(ODD) in parsed.values()
 
 
 def test_options_without_a_value_are_repeated_without_one(monkeypatch):

@@ -136,14 +136,20 @@ def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("option", [
-    ("--stroke", 9), ("--start", "5,5"), ("--settings", '{"stroke": 9}')])  # fmt: skip
-def test_the_page_that_a_refusal_names_opens_without_what_was_refused(vfplan_cli, tmp_path, option):
+@pytest.mark.parametrize(("name", "value", "says"), [
+    ("--stroke", 9, ""), ("--start", "5,5", "--start 5,5 lies"), ("--settings", '{"stroke": 9}', "")
+])  # fmt: skip
+def test_the_page_of_a_refusal_opens_without_what_was(vfplan_cli, tmp_path, name, value, says):
     kept = ("--margin", "tre95", "-o", tmp_path / "f.h5")
-    refused = vfplan_cli("plan", *ELBOW, *option, *kept).fails(3)
+    refused = vfplan_cli("plan", *ELBOW, name, value, *kept).fails(3, says)
     assert not (tmp_path / "f.h5").exists()
     page = shlex.split(refused.error_line.partition("on a page: ")[2])
     assert page == ["vfplan", "review", *map(str, (*ELBOW, *kept))]
+
+
+def test_no_page_is_named_for_arcs_that_it_cannot_make_finer(vfplan_cli, tmp_path):
+    run = vfplan_cli("plan", *ELBOW, "--guide", 0.015, "-o", tmp_path / "f.h5")
+    assert "on a page" not in run.fails(2, "Give --arcs").error_line
 
 
 @pytest.mark.parametrize("case", BAD)

@@ -115,6 +115,8 @@ def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
     # Each number says what it is for: `vfplan stability` tries more than the bundle's own rule.
     largest = f"{stored.k_max_n_per_m:.0f} N/m"
     assert f"stable up to {largest} with robot franka, on this curve alone\n" in run.stdout
+    again = vfplan_cli("plan", *ELBOW, "-o", output, "--robot", "franka", "--overwrite", "--json")
+    assert again.json["stability"]["k_max_n_per_m"] == stored.k_max_n_per_m
     words = ("stability", output, "--robot", "franka", "--part", "closed-loop")
     assert "1629 N/m by every rule for robots in every scene" in vfplan_cli(*words).sound.stdout
 

@@ -104,6 +104,9 @@ def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
     digest = digest_of(given)
     with refuses(CheckFailed, "findings-unanswered", unanswered=["end-other-colour"]):
         accept(given, digest, "A", answers=["ink-left"])
+    for other in ("", digest[:-1]):
+        with refuses(CheckFailed, "digest-other"):
+            accept(given, other, "A", answer_all=True)
     accepted = accept(given, digest, "A. Surgeon", answer_all=True)
     assert not accepted.open_findings
     assert [f.answered_by for f in accepted.findings] == ["A. Surgeon", "A. Surgeon", None]

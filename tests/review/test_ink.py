@@ -70,9 +70,22 @@ def coloured(paths, width):
 def crossing(seed):
     """A ring whose ends cross."""
     slice_ = as_people_draw.draw("ends that cross", seed)
-    ink = SliceInk(slice_.image, "red")
+    return ring_in(SliceInk(slice_.image, "red")), slice_.truth
+
+
+def straight(seed):
+    """A ring through whose seam a straight pen's line runs."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0, 2 * np.pi, 900)
+    ring = np.column_stack([180 + rng.uniform(90, 140) * np.cos(t), 140 + 100 * np.sin(t)])
+    end = slices.turned((0, rng.uniform(10, 22)), -np.radians(rng.uniform(20, 70)))
+    path = np.vstack([ring[0] - end, ring, ring[0] + end])
+    return ring_in(coloured([path], rng.uniform(2.5, 4.5))), ring
+
+
+def ring_in(ink):
     (route,) = (way for way in routes_through(ink.found.mask) if way.closed)
-    return ink.trace(route.points, True), slice_.truth
+    return ink.trace(route.points, True)
 
 
 def pointed(seed):
@@ -87,7 +100,7 @@ def pointed(seed):
 BENT = np.column_stack([np.linspace(40, 320, 600), 140 + 20 * np.sin(np.linspace(0, 3, 600))])
 
 
-@pytest.mark.parametrize(("kind", "usual"), [(crossing, 0.3), (pointed, 0.05)])
+@pytest.mark.parametrize(("kind", "usual"), [(crossing, 0.3), (straight, 0.3), (pointed, 0.05)])
 def test_a_line_that_other_ink_joins_lies_within_a_bound_that_is_not_far_off(kind, usual):
     shares = []
     for seed in range(12):

@@ -173,6 +173,14 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
     browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
 
 
+@pytest.mark.parametrize(("arcs", "offers"), [
+    ((), ""), (("--arcs", 0.05), "Take finer lines and arcs")])  # fmt: skip
+def test_finer_arcs_are_offered_in_place_of_typed_ones_only(arcs, offers, browser, opened):
+    opened(SLICE, *MARKERS, "--guide", 0.015, *arcs)
+    assert browser.run("review.state.refusal.code") == "arcs-coarse"
+    assert browser.run("document.getElementById('candidates').textContent") == offers
+
+
 @pytest.mark.slow
 def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")
@@ -339,6 +347,8 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     hand.press("Turn round")
     hand.until_steps(3)
     assert np.allclose(hand.state("review.state.curve_px[0].at(-1)"), place, atol=0.1)
+    last = "document.querySelector('#steps li:last-child').textContent"
+    assert browser.run(last) == "reverse, stroke 1"
     lengths = hand.state("review.state.curve_px.map((line) => line.length)")
     hand.press("Join with stroke 2")
     hand.until_steps(4)
@@ -348,19 +358,23 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     assert hand.state("review.state.account.length")
 
 
+PREVIEW = "document.getElementById('preview').getAttribute('points')"
+
+
 def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
     """Ink that was taken or left out, and the line that was chosen."""
     _, hand = opened(two_candidates(tmp_path / "slice.png")[0])
-    hand.press("1Take this line")
-    hand.until_steps(1)
-    assert hand.state("document.getElementById('others').textContent").startswith("2Take")
+    for chosen, other in ("12", "21", "12"):
+        hand.press(f"{chosen}Take this line")
+        browser.until(f"document.getElementById('others').textContent.startsWith('{other}Take')")
+        assert browser.run(PREVIEW) == ""
     browser.run("document.querySelector('#account button').click()")
     offered = "[...document.querySelectorAll('#context button')].map((one) => one.textContent)"
     assert browser.run(offered) == ["Take as the curve", "Take as a part", "Leave out"]
     hand.press("Leave out")
     browser.until(offered, lambda words: words == ["Take as the curve", "Take as a part"])
     hand.press("Take as a part")
-    hand.until_steps(3)
+    hand.until_steps(5)
     assert browser.run(offered) == []
 
 
@@ -401,11 +415,10 @@ def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(brows
     knot = hand.state("review.state.knots_px[0][12]")
     home = (knot[0] + 30, knot[1] + 50)
     browser.drag(hand.at(knot), hand.at(home), release=False)
-    preview = "document.getElementById('preview').getAttribute('points')"
-    before = browser.run(preview)
+    before = browser.run(PREVIEW)
     browser.run(RENEW)
     time.sleep(0.2)
-    assert before == browser.run(preview) != ""
+    assert before == browser.run(PREVIEW) != ""
     browser.press(*hand.at(home), "mouseReleased")
     hand.until_steps(1)
     assert np.allclose(hand.state("review.state.knots_px[0][12]"), home, atol=1.0)
@@ -666,11 +679,16 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     program, hand = opened(ct_series(tmp_path / "ct"))
     stack = hand.state("review.state.image")
     assert (stack["series"], stack["position"]) == (["CT 1"] * 6 + ["CT 2"] * 5, 3)
-    browser.run(
-        "for (let k = 0; k < 2; k += 1) document.getElementById('stage').dispatchEvent("
-        "new WheelEvent('wheel', { deltaY: 100, shiftKey: true, cancelable: true }))"
-    )
-    browser.until("review.state.image.position === 5")
+    # A window stays at its values, also behind slices that do not hold them.
+    hand.fill("#low", 30_000, "input")
+    window = browser.run(WINDOW)
+    for way, position in ((100, 5), (-100, 3), (100, 5)):
+        browser.run(
+            "for (let k = 0; k < 2; k += 1) document.getElementById('stage').dispatchEvent("
+            f"new WheelEvent('wheel', {{deltaY: {way}, shiftKey: true, cancelable: true}}))"
+        )
+        browser.until(f"review.state.image.position === {position}")
+        assert position == 5 or browser.run(WINDOW) == window
     assert hand.state("review.state.image.name").endswith("-5.dcm")
     hand.fill("#series", "CT 2")
     browser.until("review.state.image.position === 8")

@@ -439,5 +439,5 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
                 f"the {name} of {1e3 * length_m:.4g} mm allows {100 * share:g} % of that. "
                 f"Give --arcs {950 * share * length_m:.2g} or less, or none",
                 code="arcs-coarse",
-                numbers={"error_m": pieces.error, "length_m": length_m},
+                numbers={"error_m": pieces.error, "length_m": length_m, "arcs_m": settings.arcs_m},
             )

@@ -34,7 +34,7 @@ NOTHING = np.zeros(0, complex)
 
 SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "what")
 SHOWN_OF_STEP = {"do", "stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"}
-SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from")
+SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from", "arcs_m")
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ export class Curve {
     this.view = view;
     view.zoomed = () => this.sizeKnots();
     view.settled.push(() => {
-      if (app.state) this.candidates(app.state);
+      if (app.state?.curve_px.length === 0) this.candidates(app.state);
     });
     byId("show-bands").addEventListener("change", () => this.render(app.state));
   }
@@ -39,10 +39,11 @@ export class Curve {
     });
     byId("bands").replaceChildren(...bands);
     byId("lines").replaceChildren(...lines);
-    byId("preview").setAttribute("points", "");
     this.knots(state);
     this.otherInk(state);
     this.candidates(state);
+    // The row that takes the focus of the one before it showed its line.
+    byId("preview").setAttribute("points", "");
     this.legend(state);
   }
 
@@ -217,7 +218,7 @@ export class Curve {
         type: "button",
         class: "row",
         onclick: () => this.choose(way),
-        onpointerenter: () => this.heat(way, true),
+        onpointermove: () => this.heat(way, true), // and not where a row comes to lie below it
         onpointerleave: () => this.heat(way, false),
         onfocus: () => this.heat(way, true),
         onblur: () => this.heat(way, false),

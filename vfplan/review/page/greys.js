@@ -26,16 +26,17 @@ export class Greys {
 
   // A window of a CT, by its middle and width [HU], as far as the picture holds it.
   window(middle, width) {
-    this.show(middle - width / 2, middle + width / 2);
-    this.changed(this.low);
+    this.wanted = [middle - width / 2, middle + width / 2];
+    this.show();
+    this.loadSoon();
   }
 
-  // Put the sliders where two values of the slice are.
-  show(...values) {
+  // Put the sliders where the wanted values are, as far as this slice holds them.
+  show() {
     const [black, white] = this.range;
-    const greys = values.map((value) => Math.round((this.greyMax * (value - black)) / (white - black || 1)));
+    const greys = this.wanted.map((value) => Math.round((this.greyMax * (value - black)) / (white - black || 1)));
     this.low.value = Math.min(...greys);
-    this.high.value = Math.max(...greys);
+    this.high.value = Math.max(...greys, Number(this.low.value) + 1);
   }
 
   // The value of the slice where a slider stands: Hounsfield units in a CT.
@@ -44,12 +45,10 @@ export class Greys {
     return black + ((white - black) * slider.value) / this.greyMax;
   }
 
-  // Another slice: the window stays at its values, and all greys stay all.
+  // Another slice: the wanted values stay, though a slice may not hold them; all greys stay all.
   turn() {
-    const isAll = Number(this.low.value) === 0 && Number(this.high.value) === this.greyMax;
-    const values = [this.low, this.high].map((slider) => this.valueAt(slider));
     this.range = this.rangeOf(this.app.state.image);
-    if (!isAll) this.show(...values);
+    if (this.wanted) this.show();
     this.showNumbers();
     this.load();
   }
@@ -70,6 +69,7 @@ export class Greys {
   }
 
   reset() {
+    this.wanted = null;
     this.low.value = 0;
     this.high.value = this.greyMax;
     this.showNumbers();
@@ -84,6 +84,12 @@ export class Greys {
         this.low.value = Number(this.high.value) - 1;
       }
     }
+    this.wanted = [this.low, this.high].map((one) => this.valueAt(one));
+    if (Number(this.low.value) === 0 && Number(this.high.value) === this.greyMax) this.wanted = null;
+    this.loadSoon();
+  }
+
+  loadSoon() {
     this.showNumbers();
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.load(), REST_MS);

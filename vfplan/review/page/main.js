@@ -210,7 +210,7 @@ function showRefusal(state) {
     rows.push(wayRow(() => app.step({ do: "choose_pen", colour }), swatch, `Take the line in ${colour}`));
   }
   if (!byId("make-flat").hidden) rows.push(wayRow(() => app.makeFlat(), "Make the picture flat"));
-  if (refusal.code === "arcs-coarse") {
+  if (refusal.code === "arcs-coarse" && state.plan.arcs_m) {
     const finer = { do: "set_plan", arcs_m: null };
     rows.push(wayRow(() => app.step(finer), "Take finer lines and arcs"));
   }
