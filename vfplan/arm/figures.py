@@ -28,12 +28,12 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     motion = rehearsal.motion
     drawn = np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int)
     for k, q in enumerate(motion.q[drawn]):
-        rehearsal.arm.hold(q)
-        chain = [rehearsal.arm.read_tip()[0].copy()]
-        body = int(rehearsal.arm.model.site_bodyid[rehearsal.arm.site])
+        arm.hold(q)
+        chain = [arm.read_tip()[0].copy()]
+        body = int(arm.model.site_bodyid[arm.site])
         while body:
-            chain.append(rehearsal.arm.data.xpos[body].copy())
-            body = int(rehearsal.arm.model.body_parentid[body])
+            chain.append(arm.data.xpos[body].copy())
+            body = int(arm.model.body_parentid[body])
         line = np.array(chain)[::-1]
         look = {"alpha": 0.25}
         if not k:

@@ -156,8 +156,7 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
         rows.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(points - points[rows[-1]], axis=1))
     for row in rows:
-        place = fixture.points[row]
-        yield from contacts_beside(fixture.points, place, fixture.ignore_axis, radius, shape)
+        yield from contacts_beside(points, points[row], fixture.ignore_axis, radius, shape)
 
 
 def contacts_beside(
