@@ -57,7 +57,16 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     refuse_folder(output, *names)
     document = measure(stages, peers, quick)
     if output is not None:
-        write_bench(document, drawn, [output / name for name in names])
+        from vfplan.bench.figures import draw_stage, draw_summary
+
+        with outputs(*(output / name for name in names)) as (json_path, *pictures):
+            text = json.dumps(to_json_types(document), indent=1) + "\n"
+            write_whole(json_path, [text.encode()], overwrite=True)
+            for name, picture in zip(drawn, pictures, strict=True):
+                if name == "summary":
+                    draw_summary(document, picture)
+                else:
+                    draw_stage(document, name, picture)
 
     # The table, the machine, and a sentence a stage; the last sentence is the verdict.
     sentences = document["summary"]
@@ -100,20 +109,6 @@ def measure(stages: list[str], commands: tuple[str, ...], quick: bool) -> dict[s
         document = bench(stages, quick=quick, peers=peers, progress=progress)
     document["peers"] += absent
     return document
-
-
-def write_bench(document: dict[str, Any], drawn: list[str], files: list[Path]) -> None:
-    """Write the document as JSON, a diagram of each stage, and the summary's."""
-    from vfplan.bench.figures import draw_stage, draw_summary
-
-    with outputs(*files) as (json_path, *pictures):
-        text = json.dumps(to_json_types(document), indent=1) + "\n"
-        write_whole(json_path, [text.encode()], overwrite=True)
-        for name, picture in zip(drawn, pictures, strict=True):
-            if name == "summary":
-                draw_summary(document, picture)
-            else:
-                draw_stage(document, name, picture)
 
 
 @command("conformance")

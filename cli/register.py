@@ -126,18 +126,6 @@ def registered_text(report: dict[str, Any]) -> str:
         )
     if report.get("seen_from"):
         lines.append(f"  The slice is seen from {report['seen_from']}.")
-    lines.append(rendering_line(report))
-    if "margin" in report:
-        lines.append(
-            f"margin: {millimetres(report['margin']['largest_m'])} added to the point radius"
-        )
-    if "guide" in report:
-        lines.append(guide_line(report["guide"]))
-    return "\n".join(lines)
-
-
-def rendering_line(report: dict[str, Any]) -> str:
-    """What the robot renders, and how far that is from the curve."""
     line = f"{report['points']} points, {millimetres(report['spacing_m'])} apart"
     if "pieces" in report:
         pieces = report["pieces"]
@@ -148,18 +136,23 @@ def rendering_line(report: dict[str, Any]) -> str:
             "; between points the surface departs from the curve's by at most "
             f"{micrometres(report['sampling_error_m'], 1)}"
         )
-    return line
-
-
-def guide_line(guide: dict[str, Any]) -> str:
-    """The tube of a guide."""
-    which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
-    line = (
-        f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
-        f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"
-    )
-    if guide["lead_force_n"]:
-        line += f"; led by {guide['lead_force_n']:g} N"
-    if "clearance_min_m" in guide:
-        line += f"; at least {millimetres(guide['clearance_min_m'])} before the forbidden region"
-    return line
+    lines.append(line)
+    if "margin" in report:
+        lines.append(
+            f"margin: {millimetres(report['margin']['largest_m'])} added to the point radius"
+        )
+    if "guide" in report:
+        guide = report["guide"]
+        which = f"stroke {guide['stroke']}" if "stroke" in guide else "the curve"
+        line = (
+            f"guide: a tube of {1e3 * guide['radius_m']:.6g} mm around {which}, "
+            f"{millimetres(sum(guide['lengths_m']))} long; ends {guide['ends']}"
+        )
+        if guide["lead_force_n"]:
+            line += f"; led by {guide['lead_force_n']:g} N"
+        if "clearance_min_m" in guide:
+            line += (
+                f"; at least {millimetres(guide['clearance_min_m'])} before the forbidden region"
+            )
+        lines.append(line)
+    return "\n".join(lines)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import click
 from vfplan.cli import options
@@ -85,7 +83,16 @@ def vfplan_stability(
         )  # fmt: skip
     lines = [studied.as_text()]
     if output is not None:
-        write_study(output, studied)
+        from vfplan.figures.style import passivity_plot, save_png
+
+        picture_path = None
+        if any(row.case.startswith("passivity/") for row in studied.rows):
+            picture_path = output / PICTURE_FILE
+        with outputs(output / REPORT_FILE, picture_path) as (report, picture):
+            text = json.dumps(to_json_types(studied.as_dict()), indent=2) + "\n"
+            write_whole(report, [text.encode()], overwrite=True)
+            if picture is not None:
+                save_png(passivity_plot(studied.rows), picture)
         lines.append(wrote(output))
 
     # What did not hold, and what to do about it.
@@ -120,17 +127,3 @@ def vfplan_stability(
         studied.as_dict(), "\n".join(lines), failed="; ".join(failed), verdict=verdict,
         next_step=next_step,
     )  # fmt: skip
-
-
-def write_study(folder: Path, studied: Any) -> None:
-    """Write the report, and a picture where there is something to draw."""
-    from vfplan.figures.style import passivity_plot, save_png
-
-    picture_path = None
-    if any(row.case.startswith("passivity/") for row in studied.rows):
-        picture_path = folder / PICTURE_FILE
-    with outputs(folder / REPORT_FILE, picture_path) as (report, picture):
-        text = json.dumps(to_json_types(studied.as_dict()), indent=2) + "\n"
-        write_whole(report, [text.encode()], overwrite=True)
-        if picture is not None:
-            save_png(passivity_plot(studied.rows), picture)

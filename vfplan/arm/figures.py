@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from html import escape
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -29,7 +28,13 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     motion = rehearsal.motion
     drawn = np.linspace(0, len(motion.q) - 1, DRAWN_POSTURES).astype(int)
     for k, q in enumerate(motion.q[drawn]):
-        line = arm_outline(rehearsal, q)
+        arm.hold(q)
+        chain = [arm.read_tip()[0].copy()]
+        body = int(arm.model.site_bodyid[arm.site])
+        while body:
+            chain.append(arm.data.xpos[body].copy())
+            body = int(arm.model.body_parentid[body])
+        line = np.array(chain)[::-1]
         look = {"alpha": 0.25}
         if not k:
             look = {"alpha": 0.85, "label": f"{arm.name}, at the start"}
@@ -45,18 +50,6 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", aspect="equal")
     axes.legend(loc="upper left")
     return figure
-
-
-def arm_outline(rehearsal: Rehearsal, q: Array) -> Array:
-    """(m, 3) from the first link over the others to the tip [m]."""
-    arm = rehearsal.arm
-    arm.hold(q)
-    chain = [arm.read_tip()[0].copy()]
-    body = int(arm.model.site_bodyid[arm.site])
-    while body:
-        chain.append(arm.data.xpos[body].copy())
-        body = int(arm.model.body_parentid[body])
-    return np.array(chain)[::-1]
 
 
 def draw_forces(rehearsal: Rehearsal) -> Figure:
@@ -99,22 +92,18 @@ def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     stops = "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
     in_space = picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
     over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")
-    return document(title, "\n".join([
-        f"<header><h1>{title}</h1>{verdict}</header>",
-        facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
-        section("What would stop the arm", stops),
-        section("In space", in_space),
-        section("Over time", over_time),
-        section("Numbers", numbers_table(metrics)),
-    ]))  # fmt: skip
-
-
-def numbers_table(metrics: dict[str, Any]) -> str:
-    """The numbers of the report, a row each."""
     governor = metrics.get("governor", {})
     flat = metrics | {f"governor.{name}": value for name, value in governor.items()}
     rows = [
         [escape(name), resolved(value) if isinstance(value, float) else escape(plain(value))]
         for name, value in flat.items() if isinstance(value, (float, int, str))
     ]  # fmt: skip
-    return table(["number", "value"], rows)
+    numbers = table(["number", "value"], rows)
+    return document(title, "\n".join([
+        f"<header><h1>{title}</h1>{verdict}</header>",
+        facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
+        section("What would stop the arm", stops),
+        section("In space", in_space),
+        section("Over time", over_time),
+        section("Numbers", numbers),
+    ]))  # fmt: skip

@@ -305,6 +305,8 @@ def rehearse(
     if ruler is not None:
         for stop in stops:
             stop |= ruler.locate(motion.tip[stop["tick"]])
+    torque_nm, _, joint = largest_of(np.abs(motion.torque))
+    step_nm, tick, step_joint = largest_of(torque_steps(motion))
     metrics = {
         "arm": arm.name,
         "robot": arm.robot.name,
@@ -313,7 +315,11 @@ def rehearse(
         "duration_s": tick_count / rate_hz,
         "reachable": not unreached,
         "reflexes": stops,
-        **torque_figures(motion),
+        "torque_max_nm": torque_nm,
+        "torque_max_joint": joint,
+        "torque_step_max_nm": step_nm,
+        "torque_step_max_joint": step_joint,
+        "torque_step_max_tick": tick,
         **posture_figures(arm, motion, ruler),
         "k_n_per_m": stiffness,
         "force_max_n": float(row_norms(motion.force).max()),
@@ -376,16 +382,6 @@ def reach_places(
                 entry |= ruler.locate(place)
             unreached.append(entry)
     return postures, unreached
-
-
-def torque_figures(motion: ArmMotion) -> dict[str, Any]:
-    """The largest torque and the largest change of it in a tick, and where they are."""
-    torque_nm, _, joint = largest_of(np.abs(motion.torque))
-    step_nm, tick, step_joint = largest_of(torque_steps(motion))
-    return {
-        "torque_max_nm": torque_nm, "torque_max_joint": joint, "torque_step_max_nm": step_nm,
-        "torque_step_max_joint": step_joint, "torque_step_max_tick": tick,
-    }  # fmt: skip
 
 
 def torque_steps(motion: ArmMotion) -> Array:

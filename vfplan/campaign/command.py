@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shlex
 import time
-from typing import Any
 
 import click
 
@@ -107,7 +106,20 @@ def vfplan_campaign(
     question, table = read_campaign(folder, trials)
     data = summary(question, table, [1e-3 * mm for mm in beyond], list(margin_for))
     data |= {"trials_made": new_trials, "trials_per_minute": 60 * new_trials / elapsed_s}
-    lines = campaign_lines(data)
+    lines = [f"{data['trials']} trials, {data['trials_made']} of them made now"]
+    lines += [
+        f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
+        f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
+        for entry in data["p_enter"]
+    ]
+    for margin in data["margin_for"]:
+        low, high = (margin[end] for end in ("low", "high"))
+        low = "0" if low is None else f"{low:.3f}"
+        high = "no trial bounds it from above" if high is None else f"{high:.3f}"
+        lines.append(
+            f"  margin for p < {margin['p']:g}: {margin['margin_mm']:.3f} mm (95 %: {low} to "
+            f"{high})"
+        )
     if picture_out is not None:
         with outputs(picture_out) as (picture,):
             draw_campaign(planned, table, 1e-3 * beyond[0], picture)
@@ -134,22 +146,3 @@ def vfplan_campaign(
                 f"{shlex.join(words)}"
             )
     return CommandResult(data, "\n".join(lines), verdict=verdict, next_step=next_step)
-
-
-def campaign_lines(data: dict[str, Any]) -> list[str]:
-    """The probabilities and the margins, each with its interval."""
-    lines = [f"{data['trials']} trials, {data['trials_made']} of them made now"]
-    lines += [
-        f"  beyond the true curve by more than {entry['beyond_mm']:g} mm: p = "
-        f"{entry['p']:.3g} (95 %: {entry['low']:.3g} to {entry['high']:.3g})"
-        for entry in data["p_enter"]
-    ]
-    for margin in data["margin_for"]:
-        low, high = (margin[end] for end in ("low", "high"))
-        low = "0" if low is None else f"{low:.3f}"
-        high = "no trial bounds it from above" if high is None else f"{high:.3f}"
-        lines.append(
-            f"  margin for p < {margin['p']:g}: {margin['margin_mm']:.3f} mm (95 %: {low} to "
-            f"{high})"
-        )
-    return lines

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import pixels_on, subplots
-from vfplan.fixture import Fixture
 from vfplan.geometry.lines import normals, ring_of
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
@@ -89,7 +87,18 @@ def scene(replayed: Replay) -> Figure:
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
         if fixture.guidance is not None:
-            draw_tube(axes, fixture, basis)
+            # The band around the strokes that guide.
+            guidance = fixture.guidance
+            tube_label = "tube"
+            for number, stroke in enumerate(fixture.strokes):
+                if guidance.stroke not in (None, number):
+                    continue
+                line = MM * ring_of(stroke.points, stroke.closed) @ basis
+                across = MM * guidance.radius * normals(line, closed=False)
+                band = np.vstack([line + across, (line - across)[::-1]])
+                axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=tube_label, zorder=1)
+                # The legend names the tube once.
+                tube_label = None
     label = f"fixture, {len(fixture.points)} points"
     axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
@@ -145,21 +154,6 @@ def axis_names(basis: Array) -> list[str]:
         ("−" if column[axis] < 0 else "") + "xyz"[axis]
         for axis, column in zip(along, basis.T, strict=True)
     ]
-
-
-def draw_tube(axes: Axes, fixture: Fixture, basis: Array) -> None:
-    """The band around the strokes that guide."""
-    guidance = fixture.guidance
-    label = "tube"
-    for number, stroke in enumerate(fixture.strokes):
-        if guidance.stroke not in (None, number):
-            continue
-        line = MM * ring_of(stroke.points, stroke.closed) @ basis
-        across = MM * guidance.radius * normals(line, closed=False)
-        band = np.vstack([line + across, (line - across)[::-1]])
-        axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=label, zorder=1)
-        # The legend names the tube once.
-        label = None
 
 
 def guide_plot(replayed: Replay) -> Figure:

@@ -190,23 +190,20 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
             to_bridge, _ = cKDTree(bridges).query(outline)
             beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
             axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
-    draw_direction(axes, points, distance + ARROW_GAP_PX / scale)
+    # Arrow heads beside the line, to the right of who goes along it.
+    beside = distance + ARROW_GAP_PX / scale
+    shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
+    left = normals(points, closed=False)[shown]
+    along = ARROW_PX * np.column_stack([left[:, 1], -left[:, 0]])
+    head = {"width": 3, "headwidth": 5, "headlength": 5, "headaxislength": 5, "pivot": "mid"}
+    axes.quiver(*(points[shown] + beside * left).T, *along.T, color=CLOUD, angles="xy",
+                units="dots", scale_units="dots", scale=1, zorder=5, **head)  # fmt: skip
+    axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
     look = {"textcoords": "offset points", "fontsize": "small", "color": FORCE, "weight": "bold"}
     look |= {"path_effects": HALO, "zorder": 6}
     axes.annotate(f"start{name}", points[0], xytext=(9, 9), **look)
     if not stroke.closed:
         axes.annotate(f"end{name}", points[-1], xytext=(9, -14), **look)
-
-
-def draw_direction(axes: Any, points: NDArray, distance: float) -> None:
-    """Arrow heads this far beside the line, to the right of who goes along it."""
-    shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
-    left = normals(points, closed=False)[shown]
-    along = ARROW_PX * np.column_stack([left[:, 1], -left[:, 0]])
-    head = {"width": 3, "headwidth": 5, "headlength": 5, "headaxislength": 5, "pivot": "mid"}
-    axes.quiver(*(points[shown] + distance * left).T, *along.T, color=CLOUD, angles="xy",
-                units="dots", scale_units="dots", scale=1, zorder=5, **head)  # fmt: skip
-    axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
 
 
 def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:

@@ -339,7 +339,13 @@ def label_mistake(registration: Registration) -> LabelMistake | None:
     if not orders:
         return None
 
-    as_given, *others = _sums_of_squares(judge, [tuple(range(n)), *orders])
+    # Weighted sums of squared residuals [m²] with the targets in each order.
+    index = np.array([tuple(range(n)), *orders])
+    y, weights = judge.y[index], judge.weights[index]
+    s = np.broadcast_to(judge.s, (len(index), *judge.s.shape))
+    m = judge.model.solve(s, y, weights)
+    squares = weights * (y - judge.x @ np.swapaxes(m, -1, -2)) ** 2
+    as_given, *others = np.maximum(squares.sum(axis=(1, 2)), judge.rounding_floor_m**2)
     best = int(np.argmin(others))
     if f_exceeds(dof, dof, others[best] / as_given) <= GOOD_SET_PROBABILITY:
         return None
@@ -380,16 +386,6 @@ def usual_orders(n: int, suspects: Sequence[int]) -> dict[tuple[int, ...], str]:
         add("exchanged", exchanged)
     orders.pop(tuple(range(n)), None)
     return orders
-
-
-def _sums_of_squares(problem: Problem, orders: Sequence[tuple[int, ...]]) -> Array:
-    """(P,) weighted sum of squared residuals [m²] with the targets in each order."""
-    index = np.array(orders)
-    y, weights = problem.y[index], problem.weights[index]
-    s = np.broadcast_to(problem.s, (len(index), *problem.s.shape))
-    m = problem.model.solve(s, y, weights)
-    squares = weights * (y - problem.x @ np.swapaxes(m, -1, -2)) ** 2
-    return np.maximum(squares.sum(axis=(1, 2)), problem.rounding_floor_m**2)
 
 
 # A marker with so large a share in its own prediction can be wrong and leave hardly a residual.

@@ -99,7 +99,12 @@ class Guided:
         guide = self._guide.run(hips)
         micros = np.full(len(hips), 1e6 * (time.perf_counter() - began) / max(1, len(hips)))
         if self.region is None:
-            trace = trace_of_guide(guide)
+            size = row_norms(guide.force)
+            normal = np.divide(
+                guide.force, size[:, None], out=np.zeros_like(guide.force), where=size[:, None] > 0
+            )
+            state = np.where(size > 0, 1, np.where(guide.held, 0, -1)).astype(np.int8)
+            trace = Trace(guide.proxy, normal, guide.force, state, guide.status)
         else:
             trace, region_micros = timed(self.region, hips)
             micros += region_micros
@@ -161,16 +166,6 @@ class Guided:
             guide["region_force_max_n"] = self._region_measure.max_n
         arc = [self._arc_min, self._arc_max] if held_ticks else None
         return {"arc_m": arc, "lateral_max_m": self._lateral_max.value, "guide": guide}
-
-
-def trace_of_guide(guide: GuideTrace) -> Trace:
-    """The guide's answers as an engine gives them."""
-    size = row_norms(guide.force)
-    normal = np.divide(
-        guide.force, size[:, None], out=np.zeros_like(guide.force), where=size[:, None] > 0
-    )
-    state = np.where(size > 0, 1, np.where(guide.held, 0, -1)).astype(np.int8)
-    return Trace(guide.proxy, normal, guide.force, state, guide.status)
 
 
 class GovernorMeasure:

@@ -410,9 +410,17 @@ def replay(
     results = []
     for run in runs:
         numbers = run.finish()
-        numbers |= within_report(
-            numbers["episodes"], (lambda _: drawn) if changing is None else changing.fixture_at
-        )
+        # In how many of the deepest episodes the tool pressed from within an open or a closed mesh.
+        by_depth = sorted(numbers["episodes"], key=lambda episode: -episode["penetration_max_m"])
+        for place in (episode["deepest"] for episode in by_depth[:ASKED_WITHIN]):
+            touched = drawn if changing is None else changing.fixture_at(place["tick"])
+            if touched.mesh is None:
+                continue
+            key, least = "enclosed_episodes", ENCLOSED
+            if open_edges(touched.mesh):
+                key, least = "within_episodes", WITHIN
+            share = share_around(np.array(place["proxy_m"]), touched.points[touched.mesh])
+            numbers[key] = numbers.get(key, 0) + int(share > least)
         parameters = run.engine.parameters
         metrics = {
             "rule": run.rule,
@@ -462,24 +470,6 @@ def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any
     if fixture.ignore_axis is not None:
         scene["ignore_axis"] = fixture.ignore_axis.tolist()
     return scene
-
-
-def within_report(
-    episodes: Sequence[dict[str, Any]], fixture_at: Callable[[int], Fixture]
-) -> dict[str, int]:
-    """In how many of the deepest episodes the tool pressed from within an open or a closed mesh."""
-    report = {}
-    by_depth = sorted(episodes, key=lambda episode: -episode["penetration_max_m"])
-    for place in (episode["deepest"] for episode in by_depth[:ASKED_WITHIN]):
-        fixture = fixture_at(place["tick"])
-        if fixture.mesh is None:
-            continue
-        key, least = "enclosed_episodes", ENCLOSED
-        if open_edges(fixture.mesh):
-            key, least = "within_episodes", WITHIN
-        share = share_around(np.array(place["proxy_m"]), fixture.points[fixture.mesh])
-        report[key] = report.get(key, 0) + int(share > least)
-    return report
 
 
 def share_around(place: Array, corners: Array) -> float:

@@ -196,7 +196,13 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     """
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
-    body = [f"<header><h1>{title}</h1>{verdict_line(metrics)}</header>", identity(replayed.fixture)]
+    verdict = metrics["verdict"]
+    kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
+    if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
+        kind = "beyond"
+    words = escape(verdict_sentence(metrics))
+    line = f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
+    body = [f"<header><h1>{title}</h1>{line}</header>", identity(replayed.fixture)]
 
     # What a reader wants first: where it happened, and with what force.
     words = "fixture, path of HIP and proxy, and where they were in contact"
@@ -279,16 +285,6 @@ def document(title: str, body: str, *, live: bool = False) -> str:
         f"<title>{title}</title>{icon}<style>{style}</style></head>"
         f"<body><main>\n{body}</main></body></html>\n"
     )
-
-
-def verdict_line(metrics: dict[str, Any]) -> str:
-    """The first line of the page: green, red, grey if nothing was tested, amber beyond the line."""
-    verdict = metrics["verdict"]
-    kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
-    if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
-        kind = "beyond"
-    words = escape(verdict_sentence(metrics))
-    return f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
 
 
 def review_sheet(replayed: Replay, planned_slice: PlannedImage | None) -> str:

@@ -175,7 +175,13 @@ def closed_loop_case(
         return [CaseResult(case, "fail", detail, unit="N/m", values={"places": 0})]
     # The contacts of a scene, or of a bundle, share their cloud.
     engine = engine_for(places[0], rule, band)
-    contact, measured, exact = weakest_contact(places, robot, engine)
+    # The contact that bears the least K. One that is stable at the least K so far is not bisected.
+    contact, measured, exact = places[0], *largest_stiffness(places[0], robot, engine)
+    for place in places[1:]:
+        if not is_stable(place, robot, engine, run_length(robot, exact), measured):
+            stiffest, bound = largest_stiffness(place, robot, engine)
+            if stiffest < measured:
+                contact, measured, exact = place, stiffest, bound
     pressed = press(contact, robot, engine, min(stiffness, 0.5 * measured))
 
     ratio = measured / exact
@@ -199,22 +205,6 @@ def closed_loop_case(
     }  # fmt: skip
     outcome, limit = outcome_of(is_good, rule), min_ratio * exact
     return [CaseResult(case, outcome, detail, limit, measured, "N/m", values)]
-
-
-def weakest_contact(
-    places: list[Contact], robot: Robot, engine: Engine
-) -> tuple[Contact, float, float]:
-    """The one of some contacts that bears the least K, that K, and the exact bound [N/m].
-
-    A contact that is stable at the least K so far is not bisected.
-    """
-    weakest, lowest, exact = places[0], *largest_stiffness(places[0], robot, engine)
-    for contact in places[1:]:
-        if not is_stable(contact, robot, engine, run_length(robot, exact), lowest):
-            measured, bound = largest_stiffness(contact, robot, engine)
-            if measured < lowest:
-                weakest, lowest, exact = contact, measured, bound
-    return weakest, lowest, exact
 
 
 def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> dict[str, Any]:

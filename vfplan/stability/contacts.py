@@ -148,19 +148,15 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
     """
     radius = fixture.contact_radius + fixture.point_radius
     shape = fixture.pieces if exact_shape(fixture) == "curve" else fixture.mesh
-    for row in spread_rows(fixture.points, count):
-        place = fixture.points[row]
-        yield from contacts_beside(fixture.points, place, fixture.ignore_axis, radius, shape)
-
-
-def spread_rows(points: Vector, count: int) -> NDArray[np.intp]:
-    """Rows of up to `count` points (N, 3), each the one farthest from all that come before it."""
+    # Each row is the point farthest from all that come before it.
+    points = fixture.points
     rows = [int(np.argmin(points @ [1.0, 1e-3, 1e-6]))]
     distance = np.linalg.norm(points - points[rows[0]], axis=1)
     while len(rows) < min(count, len(points)) and distance.max() > 0:
         rows.append(int(np.argmax(distance)))
         distance = np.minimum(distance, np.linalg.norm(points - points[rows[-1]], axis=1))
-    return np.array(rows)
+    for row in rows:
+        yield from contacts_beside(points, points[row], fixture.ignore_axis, radius, shape)
 
 
 def contacts_beside(

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.display import count
-from vfplan.engine.parameters import RULES, Rule, number
+from vfplan.engine.parameters import RULES, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
 from vfplan.findings import Finding, doubt
@@ -213,10 +213,16 @@ class Study:
     def as_dict(self) -> dict[str, Any]:
         """The study as `vfplan stability --json` reports it."""
         report = self.verdict.as_dict()
+        # The K [N/m] that each rule bore in all scenes that were run.
+        borne = {}
+        for row in self.rows:
+            rule = row.values.get("rule")
+            if rule is not None and row.unit == "N/m" and row.measured is not None:
+                borne[rule] = min(row.measured, borne.get(rule, math.inf))
         robot = {name: report.pop(name) for name in ("robot", *ROBOT_KEYS)}
         return {
             **report,
-            "k_max_by_rule_n_per_m": largest_stiffness_by_rule(self.rows),
+            "k_max_by_rule_n_per_m": borne,
             "k_linear_bound_n_per_m": linear_bound(self.robot),
             "k_exact_bound_n_per_m": exact_bound(self.robot),
             "robot": robot | {"filter_hz": self.robot.filter_hz or 0.0},
@@ -289,7 +295,11 @@ def study(
     # Which cases run, and why the others do not.
     parts = set(parts) or set(PARTS)
     names, reasons = scenes_for(fixture)
-    pairs = pairs_of_rule_and_scene(fixture, names)
+    pairs = [(rule, on) for rule in RULES for on in (fixture, *names) if on is not None]
+    if fixture is not None and best_rule(fixture) == "exact":
+        pairs.append(("exact", fixture))
+    if fixture is None or fixture.mesh is None:
+        pairs += [("exact", name) for name in names if name in contacts.SCENES_WITH_CURVE]
     tasks = [partial(closed_loop_case, on, rule, robot, stiffness) for rule, on in pairs]
     tasks.append(partial(blow_case, robot, stiffness, safety_factor))
     run_on_scenes = ["closed-loop"]
@@ -315,28 +325,3 @@ def study(
             done(1)
     verdict = judge(robot, stiffness, rows, safety_factor)
     return Study(rows, verdict, robot, skipped, time.perf_counter() - started)
-
-
-def pairs_of_rule_and_scene(
-    fixture: Fixture | None, names: list[str]
-) -> list[tuple[Rule, Fixture | str]]:
-    """Each rule with all that it renders: the bundle, and the scenes by name that it can meet.
-
-    Rule "exact" renders lines and arcs, or a bundle's triangles.
-    """
-    pairs = [(rule, on) for rule in RULES for on in (fixture, *names) if on is not None]
-    if fixture is not None and best_rule(fixture) == "exact":
-        pairs.append(("exact", fixture))
-    if fixture is None or fixture.mesh is None:
-        pairs += [("exact", name) for name in names if name in contacts.SCENES_WITH_CURVE]
-    return pairs
-
-
-def largest_stiffness_by_rule(rows: list[CaseResult]) -> dict[str, float]:
-    """The K [N/m] that each rule bore in all scenes that were run."""
-    borne = {}
-    for row in rows:
-        rule = row.values.get("rule")
-        if rule is not None and row.unit == "N/m" and row.measured is not None:
-            borne[rule] = min(row.measured, borne.get(rule, math.inf))
-    return borne

@@ -19,7 +19,7 @@ from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
-from vfplan.surface.mesh import MIN_SLOPE, Triangles, grid_axes, level_surface
+from vfplan.surface.mesh import MIN_SLOPE, grid_axes, level_surface
 from vfplan.surface.outline import Contours, SlicedVolume, Stack, holes_of, slice_contours
 from vfplan.surface.sources import read_contours
 
@@ -208,6 +208,12 @@ def report_of(
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    corners = []
+    for outline in sliced.outlines:
+        corners += [at_height(ring, outline.z) for ring in outline.cut_rings]
+    places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
+    nearest, _ = NearestOnMesh(points, fixture.mesh)(places)
+    contour_error = summary_of(np.linalg.norm(places - nearest, axis=1), places)
     return {
         "slices": len(sliced.outlines),
         "spacing_mm": float(np.median(gaps_mm)),
@@ -225,7 +231,7 @@ def report_of(
         "tolerance_mm": 1e3 * settings.tolerance_m,
         "largest_opening_mm": 1e3 * largest_cover(fixture.mesh, points),
         "band_mm": 1e3 * fixture.band,
-        "contour_error_mm": contour_error(sliced, points, fixture.mesh),
+        "contour_error_mm": contour_error,
         "left_out_slice_mm": left_out_error(sliced),
     }
 
@@ -240,16 +246,6 @@ def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
         f"the ends {where} are closed by flat caps half a slice beyond, a guess, for nothing is "
         "outlined there. Leave them open with --keep-open."
     )
-
-
-def contour_error(sliced: SlicedVolume, points: Array, triangles: Triangles) -> dict[str, Any]:
-    """Distance of the outlines to the mesh: RMS and largest [mm], and where."""
-    corners = []
-    for outline in sliced.outlines:
-        corners += [at_height(ring, outline.z) for ring in outline.cut_rings]
-    places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
-    nearest, _ = NearestOnMesh(points, triangles)(places)
-    return summary_of(np.linalg.norm(places - nearest, axis=1), places)
 
 
 def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:

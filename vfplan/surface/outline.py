@@ -393,7 +393,14 @@ def slice_contours(contours: Contours, max_gap_m: float | None) -> SlicedVolume:
             )
     outlines = []
     with_holes = []
-    for z, rings_of_slice in grouped_by_height(rings):
+    groups: list[tuple[float, list[Array]]] = []
+    for ring in sorted(rings, key=lambda ring: float(ring[:, 2].mean())):
+        z = float(ring[:, 2].mean())
+        if groups and z - groups[-1][0] <= SAME_M:
+            groups[-1][1].append(ring)
+        else:
+            groups.append((z, [ring]))
+    for z, rings_of_slice in groups:
         place = slice_name(normal, z)
         with naming_place(place):
             outline, holes = outline_of([ring[:, :2] for ring in rings_of_slice], z)
@@ -447,18 +454,6 @@ def common_normal(contours: Contours) -> Array:
     if abs(abs(normal[axis]) - 1) < 1e-15:
         return np.eye(3)[axis]
     return normal * np.sign(normal[axis])
-
-
-def grouped_by_height(rings: list[Array]) -> list[tuple[float, list[Array]]]:
-    """(z, rings) of each slice, in the order of their places."""
-    groups: list[tuple[float, list[Array]]] = []
-    for ring in sorted(rings, key=lambda ring: float(ring[:, 2].mean())):
-        z = float(ring[:, 2].mean())
-        if groups and z - groups[-1][0] <= SAME_M:
-            groups[-1][1].append(ring)
-        else:
-            groups.append((z, [ring]))
-    return groups
 
 
 def runs_of_slices(
