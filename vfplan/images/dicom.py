@@ -33,8 +33,6 @@ from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, raise_limits_for, r
 MAX_PARSED_BYTES = 24 << 20
 # Items of sequences that are parsed outside the sandbox: contours and frames.
 MAX_ITEMS = 200_000
-# The transfer syntax of a file that is compressed as a whole (PS3.5 A.5).
-DEFLATED = b"1.2.840.10008.1.2.1.99"
 # The tag that begins an item of a sequence (PS3.5 7.5).
 ITEM = b"\xfe\xff\x00\xe0"
 # How an element of pixels may begin: with either explicit type, or with none.
@@ -105,7 +103,8 @@ def refuse_costly(data: bytes, where: str) -> None:
     parsed_bytes = pixels_begin(data)
     items = data.count(ITEM, 0, parsed_bytes)
     text, numbers = "", {}
-    if DEFLATED in data[:4096]:
+    # The transfer syntax of a file that is compressed as a whole (PS3.5 A.5).
+    if b"1.2.840.10008.1.2.1.99" in data[:4096]:
         text = "is deflated as a whole. Export it without compression."
     elif parsed_bytes > MAX_PARSED_BYTES:
         text = (
@@ -179,14 +178,8 @@ def memory_file(data: bytes) -> BinaryIO:
     return file
 
 
-# Photometric interpretations in colour, besides those that begin with YBR.
-COLOUR_KINDS = ("RGB", "PALETTE COLOR")
-# Photometric interpretations in grey.
-GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
 # Elements that hold pixels.
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
-# The first group of overlay planes; one has even numbers up to 0x60FF.
-OVERLAYS = 0x6000
 # Bytes of memory that a pixel may take while it is decoded, rescaled and windowed.
 BYTES_PER_PIXEL = 48
 # Pixels a second that the slowest decoder reads at least.
@@ -269,7 +262,8 @@ def decode(
             spacing_mm = read_spacing(dataset, "ImagerPixelSpacing", index)
         place = place_in_patient(dataset, patient_spacing_mm, index)
         remarks = []
-        if any(tag.group & 0xFF00 == OVERLAYS for tag in dataset.keys()):  # noqa: SIM118
+        # The groups of overlay planes have even numbers from 0x6000 to 0x60FF.
+        if any(tag.group & 0xFF00 == 0x6000 for tag in dataset.keys()):  # noqa: SIM118
             remarks.append("overlay-left-out")
         aspect = dataset.get("PixelAspectRatio") or [1, 1]
         if float(aspect[0]) != float(aspect[1]):
@@ -309,8 +303,8 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, lis
     from pydicom.pixels import apply_color_lut, pixel_array
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
-    is_grey = kind in GREY_KINDS
-    if not is_grey and kind not in COLOUR_KINDS and not kind.startswith("YBR"):
+    is_grey = kind in ("MONOCHROME1", "MONOCHROME2")
+    if not is_grey and kind not in ("RGB", "PALETTE COLOR") and not kind.startswith("YBR"):
         raise ImageError(
             f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB."
         )

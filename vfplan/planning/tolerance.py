@@ -319,7 +319,12 @@ def carry(
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
         sigma = curve.sigma * scale if curve.sigma is not None else None
-        return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
+        places, spacing_m = np.unique(points, axis=0), None
+        if len(places) > 1:
+            from scipy.spatial import cKDTree
+
+            spacing_m = float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
+        return CarriedPoints(points, curve.points, spacing_m, sigma)
 
     points, strokes = [], []
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
@@ -344,16 +349,6 @@ def carry(
         spacing_m=length_m / gaps, sigma=sigma, curve=Curve.of(strokes),
         sampling_error_m=sampling_error_m,
     )  # fmt: skip
-
-
-def spacing_of_cloud(points: Array) -> float | None:
-    """Median distance [m] from each place of a cloud to its nearest other place."""
-    from scipy.spatial import cKDTree
-
-    places = np.unique(points, axis=0)
-    if len(places) < 2:
-        return None
-    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 def lines_and_arcs_of(

@@ -135,7 +135,7 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
             ways = [way for branch in branches for way in (branch, branch[::-1])]
             turns = [turn_onto(path, way, reach) for way in ways]
             straightest = int(np.argmax(turns))
-            if turns[straightest] < MIN_STRAIGHT:
+            if turns[straightest] < 0.7:
                 break
             path = np.vstack([path, ways[straightest]])
             del branches[straightest // 2]
@@ -161,9 +161,6 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
     return [route_along(hole + np.array(corner, float), True) for hole in holes[:1]]
 
 
-# Least cosine of a turn with which a line goes straight on where ink forks.
-MIN_STRAIGHT = 0.7
-
 # Findings that ask about a piece of other ink.
 ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
 
@@ -177,10 +174,6 @@ OF_INK = {
     "corner-near-end",
 }  # fmt: skip
 MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
-
-# Distance [px] from the points of its old line from which a point counts as changed: half of it may
-# be a step along the line.
-MOVED_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -371,9 +364,9 @@ class Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
         before = self.strokes[number]
         strokes = (*self.strokes[:number], stroke, *self.strokes[number + 1 :])
-        # Points of either line that are not on the other.
+        # Points of either line that are not on the other; half of the pixel may be a step along it.
         changed = [
-            one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
+            one.points[_core.nearest(other.points, one.points)[0] > 1.0]
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)
@@ -532,7 +525,9 @@ def with_chosen(
     if route.sigma is not None:
         # A dotted line is measured already.
         settled = geometry.with_strokes((MendedStroke.of(route),))
-        return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
+        text = f"the line is dotted; {route.length:.0f} px were taken as one line. Is that right?"
+        dotted = account.finding_at(route.points[len(route.points) // 2], "line-dotted", text)
+        return replace(settled, findings=(*settled.findings, dotted))
     for of_line in numbers_of(geometry, route):
         with suppress(CurveError):
             return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)

@@ -265,9 +265,6 @@ RENDERED = {
     "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }
 
-# Length of the tick at a point that was set in Slicer [px of the page].
-TICK_LENGTH = 10.0
-
 # Length of the arrow of a guide's pull, and its distance from the tube [px of the page].
 PULL_LENGTH, PULL_GAP = 70.0, 21.0
 
@@ -346,13 +343,9 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
         gap = panel.outline_distance(stroke) + 3
         if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):
             gap = FREE_RADIUS + 4  # An end is left free.
-        tick = point + across * np.array([[gap], [gap + TICK_LENGTH]])
+        tick = point + across * np.array([[gap], [gap + 10.0]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
         paper.draw_line(keep, tick, 255, 8)
-
-
-# Width [px of the page] of a marker's caption at most.
-MARKER_WIDTH = 280
 
 
 def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
@@ -387,8 +380,8 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
             tag(finding.place_px, finding_name(number), ground=BLACK)
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
-        # The name is shortened and the number is not.
-        room = MARKER_WIDTH - STRONG.width_of(f" {residual}")
+        # The name is shortened, to 280 px of the page with the number, and the number is not.
+        room = 280 - STRONG.width_of(f" {residual}")
         tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag(entry.middle, str(entry.number))

@@ -94,9 +94,6 @@ JOIN_PX = 12.0
 # Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
 ALONG_PX = 3 * JOIN_PX
 
-# A place on the page has four decimals. A knot that is moved by less stays where it is.
-SAME_PLACE_PX = 1e-4
-
 # How values go on beyond the ends of a line, by whether it is closed.
 BEYOND = {False: "edge", True: "wrap"}
 
@@ -429,7 +426,8 @@ class MendedStroke(Stroke):
     def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
         before, moved, after = self._beside(knot, -1, 0, 1).tolist()
-        if np.abs(to - self.points[moved]).max() <= SAME_PLACE_PX:
+        # A place on the page has four decimals. A knot that is moved by less stays where it is.
+        if np.abs(to - self.points[moved]).max() <= 1e-4:
             return self
         # One run of indices, which on a closed stroke may lead through its seam.
         run = self._run(before, after)
