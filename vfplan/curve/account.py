@@ -177,11 +177,12 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
-            end_distance, is_ahead, is_onward = _to_end(ink, pixels[members], curves)
-            low, high = pixels[members].min(0), pixels[members].max(0)
+            places = pixels[members]
+            end_distance, is_ahead, is_onward = _to_end(ink, places, curves)
+            low, high = places.min(0), places.max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
-                places=pixels[members],
+                places=places,
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
                 size=size,
