@@ -605,6 +605,12 @@ def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:
     ]
 
 
+def dotted_finding(stroke: Stroke) -> Finding:
+    """A doubt that a dotted line is one line."""
+    text = f"the line is dotted; {stroke.length:.0f} px were taken as one line. Is that right?"
+    return finding_at(stroke.points[len(stroke.points) // 2], "line-dotted", text)
+
+
 def stretch_findings(curve: Stroke) -> list[Finding]:
     """A note for each stretch of a curve that does not show.
 

@@ -521,9 +521,7 @@ def with_chosen(
     if route.sigma is not None:
         # A dotted line is measured already.
         settled = geometry.with_strokes((MendedStroke.of(route),))
-        text = f"the line is dotted; {route.length:.0f} px were taken as one line. Is that right?"
-        dotted = account.finding_at(route.points[len(route.points) // 2], "line-dotted", text)
-        return replace(settled, findings=(*settled.findings, dotted))
+        return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
     for of_line in numbers_of(geometry, route):
         with suppress(CurveError):
             return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)

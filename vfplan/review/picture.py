@@ -139,15 +139,6 @@ COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
 # Width [px of the page] of the slice at most.
 PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 
-# Height [px of the page] of the slice at most: a row of insets fits below it.
-PICTURE_HEIGHT = 980
-
-# Distance [px of the page] between the edge of the ink and the outline beside it.
-OUTLINE_GAP = 7.0
-
-# Half the pen's width [px of the slice] if nobody knows it: half of what pens mostly are.
-USUAL_HALF_WIDTH = 2.0
-
 # Radius [px of the page] around an end that no blue outline, arrow or caption enters.
 FREE_RADIUS = 20
 
@@ -173,8 +164,9 @@ class Panel:
 
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
-        half_width = USUAL_HALF_WIDTH if stroke.width is None else stroke.width / 2
-        return half_width * self.zoom + OUTLINE_GAP
+        # Half of what pens mostly are, if nobody knows the width.
+        half_width = 2.0 if stroke.width is None else stroke.width / 2
+        return half_width * self.zoom + 7.0
 
 
 def draw_picture(
@@ -185,7 +177,8 @@ def draw_picture(
     Returns where the next thing below begins, in the left part and in the column.
     """
     height, width = rgb.shape[:2]
-    zoom = min(PICTURE_WIDTH / width, PICTURE_HEIGHT / height)
+    # A row of insets fits below a picture of this height.
+    zoom = min(PICTURE_WIDTH / width, 980 / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]

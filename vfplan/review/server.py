@@ -113,27 +113,27 @@ class Draft:
         """
         if not self.path.exists():
             return session
-
-        def refused(text: str, code: str) -> InputError:
-            advice = f"Move {self.path.name} away to begin anew."
-            return InputError(f"{text} {advice}", where=str(self.path), code=code)
-
+        where = str(self.path)
+        advice = f"Move {self.path.name} away to begin anew."
         with opened_file(self.path) as file:
             owner, text = os.fstat(file.fileno()).st_uid, file.read(MAX_BYTES)
         if hasattr(os, "geteuid") and owner != os.geteuid():
-            raise refused(f"This draft is another user's (id {owner}).", "draft-of-another-user")
+            message = f"This draft is another user's (id {owner}). {advice}"
+            raise InputError(message, where=where, code="draft-of-another-user")
         try:
             draft = json.loads(text)
             steps, undone = draft["steps"], tuple(draft["undone"])
             found = {"by": draft["by"], "utc": draft["utc"], "steps": len(steps)}
             header = {name: draft[name] for name in self._header}
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise refused("This is no draft of a review.", "no-draft") from None
+            message = f"This is no draft of a review. {advice}"
+            raise InputError(message, where=where, code="no-draft") from None
         if header != self._header:
             what = "other settings"
             if header["sha256"] != self._header["sha256"]:
                 what = "other files"
-            raise refused(f"This is the draft of a review with {what}.", "another-draft")
+            message = f"This is the draft of a review with {what}. {advice}"
+            raise InputError(message, where=where, code="another-draft")
         try:
             for step in steps:
                 session = session.apply(step)
@@ -141,8 +141,8 @@ class Draft:
             for step in undone:
                 after = after.apply(step)
         except SettingError as error:
-            text = f"The draft holds a step that does not fit. {error.message}"
-            raise refused(text, "draft-does-not-fit") from None
+            message = f"The draft holds a step that does not fit. {error.message} {advice}"
+            raise InputError(message, where=where, code="draft-does-not-fit") from None
         self.found = found
         return replace(session, undone=undone, seen={})
 

@@ -55,10 +55,6 @@ CLOSE_PX = 3.0
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
 
-# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
-# no scatter along the line shows.
-INK_SIGMA_PX = 0.05
-
 # Deviation [px] of a ring where it is carried past its own ends.
 ENDS_SIGMA_PX = 0.08
 
@@ -68,9 +64,6 @@ LACK_SHARE = 0.2
 
 # Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
 KNOTS = 30
-
-# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
-MIN_KNOT_SPACING_PX = 10.0
 
 # Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
 # belongs to the stretch that was mended.
@@ -263,7 +256,8 @@ class SliceInk:
             points = points + faded(smooth, alone, closed)[:, None] * normal
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
-        sigma = np.hypot(deviation, INK_SIGMA_PX)
+        # Upscaled pictures have errors of 0.06 px that no scatter along the line shows.
+        sigma = np.hypot(deviation, 0.05)
         # Ink that joins the line, as a letter or the ends of a ring may, pulls the centre aside by
         # at most half of what it adds to the width. It does so at once, and a pressed pen does not.
         lasting = np.where(alone, mass, 1.0)
@@ -640,7 +634,8 @@ def spread_knots(
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
-    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
+    # Closer than 10 px the handles of knots overlap.
+    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, 10.0)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     index = np.searchsorted(arc, at[: len(at) - closed] - 1e-9)
     is_knot = np.zeros(len(points), bool)
