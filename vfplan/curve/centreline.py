@@ -210,6 +210,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
     """A line's skeleton, pixel by pixel, as a centre line."""
     return MeasuredStroke(
         points=line.path,
+        # Half a pixel across the line.
         sigma=np.full(len(line.path), 0.5),
         bridged=line.bridged,
         closed=line.closed,

@@ -166,6 +166,7 @@ class Panel:
         """From the middle of a line to the outline beside its ink [px of the page]."""
         # Half of what pens mostly are, if nobody knows the width.
         half_width = 2.0 if stroke.width is None else stroke.width / 2
+        # The outline leaves 7 px of the page free beside the ink.
         return half_width * self.zoom + 7.0
 
 

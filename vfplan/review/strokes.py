@@ -261,6 +261,7 @@ class SliceInk:
         # Ink that joins the line, as a letter or the ends of a ring may, pulls the centre aside by
         # at most half of what it adds to the width. It does so at once, and a pressed pen does not.
         lasting = np.where(alone, mass, 1.0)
+        # Eleven points along a ring show its width where its ends overlap.
         wider = running_median(lasting, 11, BEYOND[closed])
         if closed:
             wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
@@ -269,6 +270,7 @@ class SliceInk:
         if closed or (is_joined and has_ink.mean() > 0.9):
             nearby = usual
         sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
+        # How well [px] the line is known where other ink joins it and it is carried past.
         carried = 0.5
         if closed:
             # Where it is carried past them, all of its width is ink. What lacks on one side says
