@@ -41,11 +41,6 @@ NEAR_END_SHARE = 0.2
 # none had more than 0.33.
 LEADER_SHARE = 0.35
 
-# Degrees of a corner from which a straight stretch beyond it may be a leader line. Of 29 leader
-# lines that left the end of a curve by 35 degrees or more 28 are asked about; of 312 open curves of
-# tests/making/extraction_kinds.py, 1.
-MIN_CORNER_DEG = 30.0
-
 # Pixels to either side of a corner that the spline rounds.
 ROUNDED_PX = 4
 
@@ -58,15 +53,6 @@ JOINED_GAPS = 3.0
 
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
-
-# Most of those later ones. More lie near each other only where a curve runs often over itself.
-FOLD_COLUMNS = 1024
-
-# Largest cosine of the turn with which a stroke runs back on its own ink; a corner turns by less.
-MAX_BACK_COSINE = -0.8
-
-# Largest cosine of the angle at which two stretches cross; at a smaller angle they are a fold.
-MAX_CROSSING_COSINE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,11 +177,12 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
-            end_distance, is_ahead, is_onward = _to_end(ink, pixels[members], curves)
-            low, high = pixels[members].min(0), pixels[members].max(0)
+            places = pixels[members]
+            end_distance, is_ahead, is_onward = _to_end(ink, places, curves)
+            low, high = places.min(0), places.max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
-                places=pixels[members],
+                places=places,
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
                 size=size,
@@ -285,9 +272,7 @@ def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
     return plane[top:bottom, left:right]
 
 
-def end_findings(
-    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover] = ()
-) -> list[Finding]:
+def end_findings(ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover]) -> list[Finding]:
     """Another colour at an end, faint ink beyond it, and an end that is not known well.
 
     leftover: other ink, which has findings of its own
@@ -479,11 +464,11 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
-        touching = np.array([other.nearest for other in leftover if other.touches])
-        across = np.hypot(*(touching - piece.nearest).T) if piece.touches else np.zeros(0)
-        is_open = np.isfinite(piece.end_distance)
-        if is_open and np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
-            text += " With the ink across, it may be an arrow's head. Does the curve end there?"
+        if piece.touches and np.isfinite(piece.end_distance):
+            touching = np.array([other.nearest for other in leftover if other.touches])
+            across = np.hypot(*(touching - piece.nearest).T)
+            if np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
+                text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
 
@@ -529,7 +514,8 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         # Each point of the block is held against the later ones in the box around the block.
         is_in_box = (points >= block.min(axis=0) - reach) & (points <= block.max(axis=0) + reach)
         candidates = start + np.flatnonzero(is_in_box.all(axis=1)[start:])
-        candidates = candidates[:: len(candidates) // FOLD_COLUMNS + 1]
+        # More are near only where a curve runs often over itself.
+        candidates = candidates[:: len(candidates) // 1024 + 1]
         is_close = ((block[:, None] - points[candidates]) ** 2).sum(axis=2) <= reach**2
         earlier, later = np.nonzero(is_close)
         earlier, later = start + earlier, candidates[later]
@@ -539,12 +525,13 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         is_fold |= along > tuned.WIDE_RUN_WIDTHS * max(width, 2)
         cosine = (headings[earlier] * headings[later]).sum(axis=1)
         is_back = np.hypot(*(points[earlier] - points[later]).T) <= width
-        is_back &= (cosine < MAX_BACK_COSINE) & (later > earlier)
+        # A corner turns by less.
+        is_back &= (cosine < -0.8) & (later > earlier)
         is_turned[earlier[is_back]] = True
         is_fold = (is_fold & (later > earlier)) | is_back
-        # A crossing is no fold.
+        # A crossing is no fold, unless its angle is small.
         cosine = np.abs(cosine)
-        is_steep = is_fold & (cosine < MAX_CROSSING_COSINE) & (number[earlier] == number[later])
+        is_steep = is_fold & (cosine < 0.9) & (number[earlier] == number[later])
         is_fold &= cosine > np.sqrt(0.5)
         is_folded[earlier[is_fold]] = True
         earlier, later = earlier[is_steep], later[is_steep]
@@ -589,12 +576,14 @@ def runs_straight(heading: Array) -> bool:
 def corner_findings(stroke: Stroke) -> list[Finding]:
     """A doubt for an open curve's outermost corners that it leaves straight, as leader lines do."""
     heading = headings_along(stroke)
-    findings: list[Finding] = []
     if stroke.closed or not stroke.is_ordered or len(heading) < tuned.CRUMB_PX:
-        return findings
+        return []
     turn = choose.changes(heading, ROUNDED_PX)
     largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
-    corners = np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG))
+    # From 30 degrees on: of 29 leader lines that left the end of a curve by 35 degrees or more 28
+    # are asked about; of 312 open curves of tests/making/extraction_kinds.py, 1.
+    corners = np.flatnonzero((turn == largest) & (turn >= 30.0))
+    findings = []
     for at in sorted({*corners[:1], *corners[-1:]}):
         beyond = min(heading[:at][::-1], heading[at:], key=len)
         if runs_straight(beyond):
@@ -635,20 +624,18 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         carried = f"the curve is carried across a gap of {length} px."
         if reason == "hidden":
             carried = f"another colour hides {length} px of the curve."
-        is_long = length > tuned.LONG_STRETCH_PX
         # What lies beyond the gap may be a leader line or a letter, if it is short.
         beyond = min(heading[: run[0]][::-1], heading[run[-1] :], key=len)
         share = len(beyond) / len(curve.points)
         is_short = share < NEAR_END_SHARE or (share < LEADER_SHARE and runs_straight(beyond))
-        is_near_end = is_short and not curve.closed
-        is_near_end &= length >= tuned.FLANK_PX
+        is_near_end = is_short and not curve.closed and length >= tuned.FLANK_PX
         if is_near_end and reason != "hidden":
             text = f"{carried} Do the {len(beyond)} px beyond it belong to the curve?"
             findings.append(finding_at(place, "bridge-near-end", text))
-        elif is_long:
+        elif length > tuned.LONG_STRETCH_PX:
             code = "stretch-hidden" if reason == "hidden" else "bridge-long"
             findings.append(finding_at(place, code, f"{carried} Does it run as drawn here?"))
-        elif reason != "hidden" or curve.bridged[run].any():
+        elif curve.bridged[run].any():
             findings.append(finding_at(place, "bridge", carried, note))
     return findings
 
@@ -667,7 +654,12 @@ def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
         beside = (curve.path + np.array([aside, -aside]))[:, unexpected]
         ground = brightness(ink.rgb, *np.moveaxis(beside, 2, 0)).mean(axis=0)
         # A second run may leave the first one slowly. Medians leave out what is short.
-        lasting = choose.without_ground(ratio[unexpected], ground, curve.width)
+        lasting = ratio[unexpected]
+        # Programs that blend light as lamps do, and JPEG, draw a line the narrower, the brighter
+        # its ground is.
+        ground -= ground.mean()
+        slope = ground @ lasting / max(ground @ ground, 1e-9)
+        lasting = lasting - np.clip(slope, -tuned.GROUND_PX / (255 * curve.width), 0) * ground
         lasting = running_median(lasting, window)
         largest = float(np.ptp(lasting))
         if largest <= max(tuned.LASTING, tuned.LASTING_PX / curve.width):

@@ -27,8 +27,6 @@ from vfplan.geometry.lines import Array, running_median, runs, windows
 
 # Lines that an error message describes.
 DESCRIBED = 8
-# Pieces of another pen's ink, the largest, among which its longest line is looked for.
-MOST_PIECES = 40
 
 Choice = int | Literal["all", "longest"] | None
 
@@ -199,7 +197,8 @@ def lines_of_other_pens(ink: Ink, pen: Pen, from_px: float) -> list[tuple[str, C
         try:
             others_ink = find_ink(ink.rgb, other)
             groups = sorted(find_groups(others_ink), key=lambda group: -np.ptp(group, axis=0).max())
-            lines = find_candidates(find_pieces(others_ink, groups[:MOST_PIECES]), 0.0)
+            # The longest line is looked for among the largest pieces.
+            lines = find_candidates(find_pieces(others_ink, groups[:40]), 0.0)
             line = in_number_order(lines, others_ink)[0]
             name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)
@@ -242,13 +241,12 @@ def with_other_pens(error: CurveError, lines: list[Candidate], ink: Ink, pen: Pe
 
 def refuse_junctions(line: Candidate) -> None:
     """Raise `CurveError` for a line that forks or crosses itself."""
-    if len(line.junctions) == 0:
-        return
-    text = (
-        "The line forks or crosses itself here, so it has several ways to go on. "
-        "Choose one: vfplan review IMAGE."
-    )
-    raise error_at(line.junctions[len(line.junctions) // 2], text, code="line-forks")
+    if len(line.junctions):
+        text = (
+            "The line forks or crosses itself here, so it has several ways to go on. "
+            "Choose one: vfplan review IMAGE."
+        )
+        raise error_at(line.junctions[len(line.junctions) // 2], text, code="line-forks")
 
 
 def relative_width(curve: MeasuredStroke) -> Array:
@@ -285,17 +283,6 @@ def sudden_changes(ratio: Array) -> Array:
     """
     change = changes(ratio, tuned.SUDDEN_PX // 2)
     return np.where(change < tuned.AT_ONCE * np.median(change), 0.0, change)
-
-
-def without_ground(ratio: NDArray, ground: NDArray, width: float) -> Array:
-    """(M,) a relative width less what the brightness of the ground (M,) beside the line explains.
-
-    Programs that blend light as lamps do, and JPEG, draw a line the narrower, the brighter its
-    ground is.
-    """
-    ground = ground - ground.mean()
-    slope = ground @ ratio / max(ground @ ground, 1e-9)
-    return ratio - np.clip(slope, -tuned.GROUND_PX / (255 * width), 0) * ground
 
 
 def lasting_width(curve: MeasuredStroke) -> Array:

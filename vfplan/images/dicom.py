@@ -33,8 +33,6 @@ from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, raise_limits_for, r
 MAX_PARSED_BYTES = 24 << 20
 # Items of sequences that are parsed outside the sandbox: contours and frames.
 MAX_ITEMS = 200_000
-# The transfer syntax of a file that is compressed as a whole (PS3.5 A.5).
-DEFLATED = b"1.2.840.10008.1.2.1.99"
 # The tag that begins an item of a sequence (PS3.5 7.5).
 ITEM = b"\xfe\xff\x00\xe0"
 # How an element of pixels may begin: with either explicit type, or with none.
@@ -105,7 +103,8 @@ def refuse_costly(data: bytes, where: str) -> None:
     parsed_bytes = pixels_begin(data)
     items = data.count(ITEM, 0, parsed_bytes)
     text, numbers = "", {}
-    if DEFLATED in data[:4096]:
+    # The transfer syntax of a file that is compressed as a whole (PS3.5 A.5).
+    if b"1.2.840.10008.1.2.1.99" in data[:4096]:
         text = "is deflated as a whole. Export it without compression."
     elif parsed_bytes > MAX_PARSED_BYTES:
         text = (
@@ -179,20 +178,8 @@ def memory_file(data: bytes) -> BinaryIO:
     return file
 
 
-# Photometric interpretations in colour, besides those that begin with YBR.
-COLOUR_KINDS = ("RGB", "PALETTE COLOR")
-# Photometric interpretations in grey.
-GREY_KINDS = ("MONOCHROME1", "MONOCHROME2")
 # Elements that hold pixels.
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
-# The first group of overlay planes; one has even numbers up to 0x60FF.
-OVERLAYS = 0x6000
-# Bytes of memory that a pixel may take while it is decoded, rescaled and windowed.
-BYTES_PER_PIXEL = 48
-# Pixels a second that the slowest decoder reads at least.
-PIXELS_PER_SECOND = 2_000_000
-# Frames of a file that can be chosen from.
-MAX_FRAMES = 10_000
 # Bytes of pixels that the child process hands over at a time: a quarter of the largest array.
 PART_BYTES = MAX_ARRAY_BYTES // 4
 
@@ -269,7 +256,8 @@ def decode(
             spacing_mm = read_spacing(dataset, "ImagerPixelSpacing", index)
         place = place_in_patient(dataset, patient_spacing_mm, index)
         remarks = []
-        if any(tag.group & 0xFF00 == OVERLAYS for tag in dataset.keys()):  # noqa: SIM118
+        # The groups of overlay planes have even numbers from 0x6000 to 0x60FF.
+        if any(tag.group & 0xFF00 == 0x6000 for tag in dataset.keys()):  # noqa: SIM118
             remarks.append("overlay-left-out")
         aspect = dataset.get("PixelAspectRatio") or [1, 1]
         if float(aspect[0]) != float(aspect[1]):
@@ -289,7 +277,8 @@ def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
     with open_dataset(file, where, ImageError) as dataset:
         frames = int(dataset.get("NumberOfFrames") or 1)
         has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
-        for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):
+        # Among so many frames one can be chosen.
+        for index in range(min(frames, 10_000) if has_pixels else 0):
             spacing_mm = read_spacing(dataset, "PixelSpacing", index)
             place = place_in_patient(dataset, spacing_mm, index)
             if place is not None:
@@ -309,14 +298,16 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, lis
     from pydicom.pixels import apply_color_lut, pixel_array
 
     kind = str(dataset.get("PhotometricInterpretation", ""))
-    is_grey = kind in GREY_KINDS
-    if not is_grey and kind not in COLOUR_KINDS and not kind.startswith("YBR"):
+    is_grey = kind in ("MONOCHROME1", "MONOCHROME2")
+    if not is_grey and kind not in ("RGB", "PALETTE COLOR") and not kind.startswith("YBR"):
         raise ImageError(
             f"PhotometricInterpretation {kind!r} is not supported. Export the slice as RGB."
         )
     width, height = int(dataset.Columns), int(dataset.Rows)
     check_size(width, height, max_pixels)
-    raise_limits(BYTES_PER_PIXEL * width * height, width * height // PIXELS_PER_SECOND)
+    # A pixel takes up to 48 bytes of memory while it is decoded, rescaled and windowed, and the
+    # slowest decoder reads two million a second.
+    raise_limits(48 * width * height, width * height // 2_000_000)
     try:
         pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
     except RuntimeError:

@@ -28,16 +28,11 @@ PNG_HEADER_END = 33
 
 # How the text of a picture that was made flat begins.
 MADE_FLAT = b"vfplan-made-flat\0"
-JPEG_START = b"\xff\xd8\xff"
-JPEG_END = 0xD9
-BMP_START = b"BM"
 # The first four bytes of a TIFF, with the order of bytes that they stand for.
 TIFF_BYTE_ORDERS = {b"II*\0": "<", b"MM\0*": ">", b"II+\0": "<", b"MM\0+": ">"}
 # The third and fourth byte of a BigTIFF, whose offsets have 64 bits.
 BIG_TIFF = (b"+\0", b"\0+")
 
-# Colour types of a PNG without alpha: grey, colour, palette.
-OPAQUE_PNG_TYPES = {0, 2, 3}
 # Pages of a TIFF, and tags of one page. Stacks of slices and the standards have some hundreds.
 MAX_TIFF_PARTS = 4096
 # Scans of a JPEG. Each is a pass over the whole picture, and encoders write about ten.
@@ -108,7 +103,8 @@ def png_header(data: bytes, max_pixels: int) -> Header:
     """The header of a PNG."""
     width, height = struct.unpack_from(">II", data, 16)
     check_size(width, height, max_pixels)
-    is_opaque = data[25] in OPAQUE_PNG_TYPES
+    # The colour types without alpha: grey, colour, palette.
+    is_opaque = data[25] in (0, 2, 3)
     frames = 1
     tags: dict[int, int] = {}
     position = len(PNG_START)
@@ -154,7 +150,8 @@ def jpeg_header(data: bytes, max_pixels: int) -> Header:
     is_sized, scans = False, 0
     tags: dict[int, int] = {}
     position = 2
-    while (marker := data[position + 1]) != JPEG_END:
+    # Up to the marker of the picture's end.
+    while (marker := data[position + 1]) != 0xD9:
         if data[position] != 0xFF:
             raise ImageError(DAMAGED_HEADER)
         content = position + 4
@@ -211,8 +208,8 @@ def tiff_header(data: bytes, max_pixels: int) -> Header:
 
 READERS = {
     PNG_START: png_header,
-    JPEG_START: jpeg_header,
-    BMP_START: bmp_header,
+    b"\xff\xd8\xff": jpeg_header,
+    b"BM": bmp_header,
     **dict.fromkeys(TIFF_BYTE_ORDERS, tiff_header),
 }
 

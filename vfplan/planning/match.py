@@ -164,8 +164,7 @@ def match(
 
     # What is not refused and a person should look at.
     record.inputs |= correspondences.inputs
-    found = registration_findings(registration)
-    found = [*correspondences.findings, *found]
+    found = [*correspondences.findings, *registration_findings(registration)]
     unsure = {UNSURE.get(finding.code) for finding in found}
     for finding in found:
         if finding.code in unsure:

@@ -63,9 +63,6 @@ DIMPLE_SHARE = 0.4
 BAND_SHARE = 0.5
 LAG_SHARE = 0.1
 
-# Spacing over R: points further apart than this no band makes smooth.
-MAX_SPACING_SHARE = 0.5
-
 # The speed of a careful hand [m/s].
 SPEED_M_S = 0.1
 RATE_HZ = 1000.0
@@ -131,7 +128,7 @@ def iterations(lag_m: float) -> int:
 
 def largest_tolerance(radius_m: float) -> float:
     """The tolerance at which points stand half of R apart [m]; beyond it they are bumps."""
-    return (MAX_SPACING_SHARE * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
+    return (0.5 * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,9 +260,7 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    if closed:
-        return places[:-1]
-    return places
+    return places[: len(places) - closed]
 
 
 # Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges
@@ -319,7 +314,12 @@ def carry(
     if curve.curve is None:
         points = np.round(registration.apply(curve.points), DECIMALS)
         sigma = curve.sigma * scale if curve.sigma is not None else None
-        return CarriedPoints(points, curve.points, spacing_of_cloud(points), sigma)
+        places, spacing_m = np.unique(points, axis=0), None
+        if len(places) > 1:
+            from scipy.spatial import cKDTree
+
+            spacing_m = float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
+        return CarriedPoints(points, curve.points, spacing_m, sigma)
 
     points, strokes = [], []
     length_m, sampling_error_m, gaps = 0.0, 0.0, 0
@@ -344,16 +344,6 @@ def carry(
         spacing_m=length_m / gaps, sigma=sigma, curve=Curve.of(strokes),
         sampling_error_m=sampling_error_m,
     )  # fmt: skip
-
-
-def spacing_of_cloud(points: Array) -> float | None:
-    """Median distance [m] from each place of a cloud to its nearest other place."""
-    from scipy.spatial import cKDTree
-
-    places = np.unique(points, axis=0)
-    if len(places) < 2:
-        return None
-    return float(np.median(cKDTree(places).query(places, 2)[0][:, 1]))
 
 
 def lines_and_arcs_of(

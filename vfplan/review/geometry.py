@@ -55,9 +55,6 @@ from vfplan.settings import recalled
 
 Array = NDArray[np.float64]
 
-# Entries that are listed at most; more is a photograph, not a drawing.
-MAX_ENTRIES = 200
-
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
     """The settings with which a bundle's curve was extracted; these where it records none."""
@@ -69,9 +66,6 @@ MAX_ROUTES = 9
 
 # Free ends of a forked line at most, from which a route is offered.
 MAX_FREE_ENDS = 12
-
-# Length [px] of the way around a hole from which that is no letter's.
-MIN_RING_PX = 60
 
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
@@ -135,7 +129,7 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
             ways = [way for branch in branches for way in (branch, branch[::-1])]
             turns = [turn_onto(path, way, reach) for way in ways]
             straightest = int(np.argmax(turns))
-            if turns[straightest] < MIN_STRAIGHT:
+            if turns[straightest] < 0.7:
                 break
             path = np.vstack([path, ways[straightest]])
             del branches[straightest // 2]
@@ -156,13 +150,11 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
     contours, relations = cv2.findContours(ink, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     # The ink at a hole has the outline of a piece as its parent.
     inner = np.flatnonzero(relations[0, :, 3] >= 0)
-    holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= MIN_RING_PX]
+    # The hole of a letter has a shorter way around it than 60 px.
+    holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= 60]
     holes.sort(key=cv2.contourArea, reverse=True)
     return [route_along(hole + np.array(corner, float), True) for hole in holes[:1]]
 
-
-# Least cosine of a turn with which a line goes straight on where ink forks.
-MIN_STRAIGHT = 0.7
 
 # Findings that ask about a piece of other ink.
 ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
@@ -177,10 +169,6 @@ OF_INK = {
     "corner-near-end",
 }  # fmt: skip
 MADE_ANEW = OF_INK | {"curve-crosses", "curve-folds", "drawn-by-hand"}
-
-# Distance [px] from the points of its old line from which a point counts as changed: half of it may
-# be a step along the line.
-MOVED_PX = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +238,8 @@ class Geometry:
         """The ink that is not the curve and its bridged stretches, the largest first."""
         if self.ink is None:
             return ()
-        return list_account(self.leftover, self.lines, self.ink.found)[:MAX_ENTRIES]
+        # More entries are a photograph, not a drawing.
+        return list_account(self.leftover, self.lines, self.ink.found)[:200]
 
     @cached_property
     def kept(self) -> tuple[Finding, ...]:
@@ -371,9 +360,9 @@ class Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
         before = self.strokes[number]
         strokes = (*self.strokes[:number], stroke, *self.strokes[number + 1 :])
-        # Points of either line that are not on the other.
+        # Points of either line that are not on the other; half of the pixel may be a step along it.
         changed = [
-            one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
+            one.points[_core.nearest(other.points, one.points)[0] > 1.0]
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)

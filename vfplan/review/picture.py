@@ -139,15 +139,6 @@ COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
 # Width [px of the page] of the slice at most.
 PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 
-# Height [px of the page] of the slice at most: a row of insets fits below it.
-PICTURE_HEIGHT = 980
-
-# Distance [px of the page] between the edge of the ink and the outline beside it.
-OUTLINE_GAP = 7.0
-
-# Half the pen's width [px of the slice] if nobody knows it: half of what pens mostly are.
-USUAL_HALF_WIDTH = 2.0
-
 # Radius [px of the page] around an end that no blue outline, arrow or caption enters.
 FREE_RADIUS = 20
 
@@ -173,8 +164,10 @@ class Panel:
 
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
-        half_width = USUAL_HALF_WIDTH if stroke.width is None else stroke.width / 2
-        return half_width * self.zoom + OUTLINE_GAP
+        # Half of what pens mostly are, if nobody knows the width.
+        half_width = 2.0 if stroke.width is None else stroke.width / 2
+        # The outline leaves 7 px of the page free beside the ink.
+        return half_width * self.zoom + 7.0
 
 
 def draw_picture(
@@ -185,7 +178,8 @@ def draw_picture(
     Returns where the next thing below begins, in the left part and in the column.
     """
     height, width = rgb.shape[:2]
-    zoom = min(PICTURE_WIDTH / width, PICTURE_HEIGHT / height)
+    # A row of insets fits below a picture of this height.
+    zoom = min(PICTURE_WIDTH / width, 980 / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
@@ -265,9 +259,6 @@ RENDERED = {
     "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }
 
-# Length of the tick at a point that was set in Slicer [px of the page].
-TICK_LENGTH = 10.0
-
 # Length of the arrow of a guide's pull, and its distance from the tube [px of the page].
 PULL_LENGTH, PULL_GAP = 70.0, 21.0
 
@@ -346,13 +337,9 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
         gap = panel.outline_distance(stroke) + 3
         if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):
             gap = FREE_RADIUS + 4  # An end is left free.
-        tick = point + across * np.array([[gap], [gap + TICK_LENGTH]])
+        tick = point + across * np.array([[gap], [gap + 10.0]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
         paper.draw_line(keep, tick, 255, 8)
-
-
-# Width [px of the page] of a marker's caption at most.
-MARKER_WIDTH = 280
 
 
 def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
@@ -387,8 +374,8 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
             tag(finding.place_px, finding_name(number), ground=BLACK)
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
-        # The name is shortened and the number is not.
-        room = MARKER_WIDTH - STRONG.width_of(f" {residual}")
+        # The name is shortened, to 280 px of the page with the number, and the number is not.
+        room = 280 - STRONG.width_of(f" {residual}")
         tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag(entry.middle, str(entry.number))

@@ -68,9 +68,6 @@ from vfplan.review.rendered import (
 from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
 
-# Grey level of the ground on which a curve lies whose slice is not at hand.
-BLANK_GREY = 235
-
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -743,12 +740,12 @@ def source_of_bundle(
         geometry = geometry_of_bundle(fixture, image, extraction)
     geometry = replace(geometry, strokes=tuple(map(MendedStroke.of, geometry.strokes)))
     if image is None:
-        # A blank picture of the slice's size.
+        # A picture of the slice's size in one light grey.
         points = np.concatenate([stroke.points for stroke in geometry.strokes])
         width, height = (points.max(axis=0) + 50).astype(int).tolist()
         if fixture.image is not None:
             width, height = fixture.image.width_px, fixture.image.height_px
-        rgb = np.full((height, width, 3), BLANK_GREY, np.uint8)
+        rgb = np.full((height, width, 3), 235, np.uint8)
         image = PlannedImage(rgb, spacing, fixture.provenance.inputs.get("image", ""))
 
     # The markers of its registration lie where they were found.

@@ -32,9 +32,7 @@ from vfplan.review.rendered import described, digest_of, rendered_in_json, visib
 # No places.
 NOTHING = np.zeros(0, complex)
 
-SHOWN_OF_ENTRY = ("number", "u", "v", "pixels", "what")
 SHOWN_OF_STEP = {"do", "stroke", "knot", "candidate", "ink", "marker", "finding", "label", "colour"}
-SHOWN_OF_SETTINGS = ("model", "contact_radius", "seen_from", "arcs_m")
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +183,7 @@ class Session:
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
         steps = self.steps_on_slice
         account = [
-            {key: getattr(entry, key) for key in SHOWN_OF_ENTRY}
+            {key: getattr(entry, key) for key in ("number", "u", "v", "pixels", "what")}
             | {
                 "outline": [] if entry.piece is None else entry.piece.outline,
                 "left_out": entry.middle in geometry.excluded_ink,
@@ -282,7 +280,10 @@ def marker_state(plan: Plan) -> dict[str, Any]:
         "mm_per_px": fit.mm_per_px,
         "fre_rms_m": registration and registration.fre_rms_m,
         "markers_why_not": fit.why_not if fit.markers else "",
-        "plan": {name: getattr(fit.settings, name) for name in SHOWN_OF_SETTINGS}
+        "plan": {
+            name: getattr(fit.settings, name)
+            for name in ("model", "contact_radius", "seen_from", "arcs_m")
+        }
         | {"pixel_spacing_mm": fit.pixel_spacing_mm},
         "tre95_m": fit.tre95_m(plan.geometry.strokes),
     }

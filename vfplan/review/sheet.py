@@ -37,18 +37,12 @@ from vfplan.review.strokes import CLOSE_PX, nearest_point
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
 
-# The same in the wider view of an end.
-WIDER_ZOOM = ZOOM // 2
-
 # Side [px of the slice] of what an inset shows.
 SHOWN_PX = INSET_PX // ZOOM
 
 # Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
 # an end is larger than that.
 AHEAD_PX = 10.0
-
-# Range of greys, of 256, within which a ground counts as even; noise of a CT spans more.
-ONE_GREY = 2
 
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
@@ -340,7 +334,8 @@ def is_even_ahead(
     disc = np.zeros(rgb.shape[:2], np.uint8)
     paper.draw_disc(disc, centre, AHEAD_PX, 255)
     greys = rgb[disc > 127].astype(int)
-    return len(greys) > 0 and np.ptp(greys) <= ONE_GREY
+    # Of 256 greys. Noise of a CT spans more.
+    return len(greys) > 0 and np.ptp(greys) <= 2
 
 
 def insets_of(plan: Plan) -> list[Inset]:
@@ -362,7 +357,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
-            insets.append(Inset(f"{caption}, wider", end, note, WIDER_ZOOM, True, has_line))
+            insets.append(Inset(f"{caption}, wider", end, note, ZOOM // 2, True, has_line))
         # One inset a bridge, or several along a long one.
         for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
             points = stroke.points[run]

@@ -30,9 +30,6 @@ Step = dict[str, Any]
 # Points of a drawn line at most; a hand clicks some tens.
 MAX_CLICKS = 500
 
-# How far a click may be from the mark that is meant [px]: a screen shows large slices small.
-MAX_SNAP_PX = 60
-
 # Characters of a label at most, as a bundle holds them.
 MAX_LABEL = 64
 
@@ -361,7 +358,8 @@ def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
     """
     positions = {}
     if step.get(name) is not None:
-        reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
+        # A screen shows large slices small, so that a click may be 60 px from the mark.
+        reach_px = number_within(step, "snap", 0, 60)
         place, mark = tuple(place_of(plan, step, name).tolist()), None
         if reach_px and plan.source.slice_path is not None:
             mark = find_marks.find_mark(plan.source.image.rgb, "", place, reach_px)

@@ -55,37 +55,15 @@ CLOSE_PX = 3.0
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
 
-# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
-BORDER_POINTS = 3
-
-# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
-# no scatter along the line shows.
-INK_SIGMA_PX = 0.05
-
-# Deviation [px] of the line where other ink joins it and it is carried past.
-BRANCH_SIGMA_PX = 0.5
-
-# The same of a ring past its own ends [px].
+# Deviation [px] of a ring where it is carried past its own ends.
 ENDS_SIGMA_PX = 0.08
 
 # Share of what the ring's ink lacks on one side there, which is added to that deviation. With both,
 # of 270 rings whose ends cross or overlap 98 % lie within their bound, by median at 0.5 of it.
 LACK_SHARE = 0.2
 
-# Points along a ring whose median width counts where its ends overlap.
-OVERLAP_POINTS = 11
-
-# Share of a path that shows ink, from which it is no dotted line: of dots and dashes 0.8 shows.
-WITHOUT_GAPS = 0.9
-
-# Steps of a path, from which on it has gone around an end of ink if it is back at one place.
-SPUR_STEPS = 6
-
 # Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
 KNOTS = 30
-
-# Distance [px] of neighbouring knots on a short stroke: less, and their handles overlap.
-MIN_KNOT_SPACING_PX = 10.0
 
 # Distance [px] from the curve within which a drawn stretch begins or ends on it, and a finding
 # belongs to the stretch that was mended.
@@ -93,9 +71,6 @@ JOIN_PX = 12.0
 
 # Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
 ALONG_PX = 3 * JOIN_PX
-
-# A place on the page has four decimals. A knot that is moved by less stays where it is.
-SAME_PLACE_PX = 1e-4
 
 # How values go on beyond the ends of a line, by whether it is closed.
 BEYOND = {False: "edge", True: "wrap"}
@@ -145,7 +120,8 @@ def without_spurs(path: NDArray, bones: NDArray) -> NDArray[np.float64]:
     """
     nearest = bones[_core.nearest(bones, path)[1]]
     skipped = np.zeros(len(path), int)
-    for step in range(SPUR_STEPS, min(2 * MAX_BRANCH_PX, len(path) // 2)):
+    # From six steps on it has gone around an end of ink if it is back at one place.
+    for step in range(6, min(2 * MAX_BRANCH_PX, len(path) // 2)):
         is_back = np.abs(np.roll(nearest, -step, axis=0) - nearest).max(axis=1) <= 1
         skipped[is_back] = step
     if not skipped.any():
@@ -280,17 +256,22 @@ class SliceInk:
             points = points + faded(smooth, alone, closed)[:, None] * normal
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
-        sigma = np.hypot(deviation, INK_SIGMA_PX)
+        # Upscaled pictures have errors of 0.06 px that no scatter along the line shows.
+        sigma = np.hypot(deviation, 0.05)
         # Ink that joins the line, as a letter or the ends of a ring may, pulls the centre aside by
         # at most half of what it adds to the width. It does so at once, and a pressed pen does not.
         lasting = np.where(alone, mass, 1.0)
-        wider = running_median(lasting, OVERLAP_POINTS, BEYOND[closed])
+        # Eleven points along a ring show its width where its ends overlap.
+        wider = running_median(lasting, 11, BEYOND[closed])
         if closed:
             wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
         is_joined = sudden_changes(lasting.clip(1)).max() > tuned.SUDDEN
-        if closed or (is_joined and has_ink.mean() > WITHOUT_GAPS):
+        # Of dots and dashes 0.8 of the path shows ink.
+        if closed or (is_joined and has_ink.mean() > 0.9):
             nearby = usual
         sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
+        # How well [px] the line is known where other ink joins it and it is carried past.
+        carried = 0.5
         if closed:
             # Where it is carried past them, all of its width is ink. What lacks on one side says
             # how far off it may be, and where to move it.
@@ -300,11 +281,10 @@ class SliceInk:
                 move = gaussian(np.where(passed, lack, 0.0), tuned.SMOOTH_PX, "wrap")
                 points = points + move[:, None] * normals(points, True)
                 lack = self.lacking(points, alone, usual)
-        else:
-            carried = BRANCH_SIGMA_PX
         sigma[passed] = np.hypot(sigma, carried)[passed]
-        # A point beside ink that ends, as under a cover, is not confirmed by that ink.
-        has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
+        # A point beside ink that ends, as under a cover, is not confirmed by that ink. The profiles
+        # of three points, a pen's width, may be cut there.
+        has_ink = binary_erosion(alone | passed, iterations=3, border_value=True)
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
         return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
@@ -429,7 +409,8 @@ class MendedStroke(Stroke):
     def move_knot(self, knot: int, to: NDArray, ink: SliceInk | None) -> MendedStroke:
         """Move a knot; the points between its neighbours follow, and are measured again."""
         before, moved, after = self._beside(knot, -1, 0, 1).tolist()
-        if np.abs(to - self.points[moved]).max() <= SAME_PLACE_PX:
+        # A place on the page has four decimals. A knot that is moved by less stays where it is.
+        if np.abs(to - self.points[moved]).max() <= 1e-4:
             return self
         # One run of indices, which on a closed stroke may lead through its seam.
         run = self._run(before, after)
@@ -655,7 +636,8 @@ def spread_knots(
     arc = arc_lengths(points, closed)
     if spacing_px is None:
         spacing_px = arc[-1] / KNOTS
-    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, MIN_KNOT_SPACING_PX)))
+    # Closer than 10 px the handles of knots overlap.
+    steps = max(4 if closed else 1, round(arc[-1] / max(spacing_px, 10.0)))
     at = np.linspace(0.0, arc[-1], steps + 1)
     index = np.searchsorted(arc, at[: len(at) - closed] - 1e-9)
     is_knot = np.zeros(len(points), bool)
