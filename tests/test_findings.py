@@ -12,7 +12,7 @@ from conftest import ROOT
 from docs_modules import load
 
 from vfplan import errors
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import doubt, note
 
 CODES = {
     "InputError": 3, "BundleError": 4, "CheckFailed": 1,
@@ -46,12 +46,6 @@ DOUBT = doubt("end-unsure", "extract", "The end is known to 2 px only.", place_p
 KEYS = [
     "code", "severity", "text", "stage", "place_px", "place_m", "answered_by", "answered_utc",
 ]  # fmt: skip
-
-
-def test_a_doubt_is_open_until_somebody_answers_it():
-    assert DOUBT.is_open
-    answered = Finding(**{**DOUBT.as_dict(), "answered_by": "A. Surgeon"})
-    assert not answered.is_open
 
 
 @pytest.mark.parametrize(

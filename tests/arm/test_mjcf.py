@@ -82,10 +82,8 @@ def test_a_simulation_that_warns_leaves_no_file(tmp_path, monkeypatch, caplog):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_that_are_none(tmp_path):
+def test_a_file_that_is_no_text_is_refused(tmp_path):
     path = tmp_path / "arm.xml"
-    with pytest.raises(InputError, match="panda, fr3 or an MJCF file"):
-        Arm(path, ROBOT)
     path.write_bytes(b"<mujoco>\xff</mujoco>")
     with pytest.raises(InputError, match="is not text"):
         Arm(path, ROBOT)

@@ -51,14 +51,13 @@ UNSEALED = {
 
 
 @pytest.mark.parametrize("found", UNSEALED)
-def test_a_file_without_a_seal_is_refused(found, tmp_path, vfplan_cli):
+def test_a_file_without_a_seal_is_refused(found, tmp_path):
     path = tmp_path / "old.h5"
     data, code = UNSEALED[found]
     path.write_bytes(data)
     with refuses(BundleError, code) as raised:
         read_fixture(path)
     assert found in raised.value.message
-    assert vfplan_cli("info", path).code == 4
 
 
 def test_the_signed_bundle_still_verifies():

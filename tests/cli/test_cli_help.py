@@ -58,31 +58,20 @@ def test_help_is_a_word_too(vfplan_cli):
     assert vfplan_cli("help", "info").stdout == vfplan_cli("info", "--help").stdout
 
 
-def written(folder, **settings):
-    path = folder / "settings.json"
-    path.write_text(json.dumps(settings))
-    return path
-
-
 def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, tmp_path):
-    path = written(
-        tmp_path, pixel_spacing_mm=[0.5, 0.5], tolerance_m=2e-5, stiffness=[800],
-        point_radius=0.001, max_residual_m=0.002, max_tre_m=None, guide_m=0.002,
-        guide_pull=[1.0, 0.01],
-    )  # fmt: skip
+    settings = {
+        "pixel_spacing_mm": [0.5, 0.5], "tolerance_m": 2e-5, "stiffness": [800],
+        "point_radius": 0.001, "max_residual_m": 0.002, "max_tre_m": None, "guide_m": 0.002,
+        "guide_pull": [1.0, 0.01],
+    }  # fmt: skip
+    path = tmp_path / "settings.json"
+    path.write_text(json.dumps(settings))
     typed = "--pixel-spacing 0.5 --tolerance 0.02 --stiffness 800 --point-radius 1 "
     typed += "--max-residual 2 --max-tre none --guide 2 --guide-pull 1,10"
     for name, words in (("a.h5", ("--settings", path)), ("b.h5", typed.split())):
         assert vfplan_cli("plan", *ELBOW, *words, "--no-sheet", "-o", tmp_path / name).sound
     differing = vfplan_cli("diff", "a.h5", "b.h5", "--json", cwd=tmp_path).json["differences"]
     assert not [row for row in differing if not row["path"].startswith("/provenance")]
-
-
-def test_what_is_typed_wins_over_the_file(vfplan_cli, tmp_path):
-    path = written(tmp_path, pixel_spacing_mm=[0.25, 0.25])
-    done = vfplan_cli("extract", ELBOW[0], "--settings", path, "--pixel-spacing", "0.5",
-                      "-o", tmp_path / "a.h5", "--json")  # fmt: skip
-    assert done.json["image"]["pixel_spacing_mm"] == [0.5, 0.5]
 
 
 @pytest.mark.parametrize(("text", "code"), [

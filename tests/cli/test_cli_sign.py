@@ -5,7 +5,6 @@ import stat
 from datetime import UTC, datetime, timedelta
 
 import bundles
-import damage
 import pytest
 from keyfolders import BESIDE, keys_beside
 
@@ -35,10 +34,6 @@ def test_the_private_key_is_its_owners_alone_and_no_key_is_lost(desk, vfplan_cli
     before = (desk / "alice.key").read_bytes()
     assert vfplan_cli("keygen", "-o", desk / "alice.key").code == 2
     assert (desk / "alice.key").read_bytes() == before
-
-
-def test_a_signed_bundle_holds_the_same_values(desk):
-    assert damage.equal(read_bundle(desk / "a.h5")[0], read_bundle(desk / "s.h5")[0])
 
 
 def test_a_signed_bundle_that_is_signed_again_stays_for_its_case(desk, vfplan_cli):

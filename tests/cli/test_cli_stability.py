@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bundles import PROVENANCE, pixels, whole
+from bundles import PROVENANCE, whole
 from conftest import ELBOW
 from vfplan.cli.stability import MAX_STIFFNESS
 
@@ -101,9 +101,6 @@ def test_bad_input(vfplan_cli, tmp_path):
     for option in ("mass", "damping", "rate", "stiffness", "margin"):
         for value in ("nan", "inf"):
             vfplan_cli("stability", f"--{option}", value).fails(2, option, value)
-    curve = tmp_path / "curve.h5"
-    write_fixture(pixels(), curve)
-    vfplan_cli("stability", curve).fails(3, "robot_base")
 
 
 def test_plan_stores_the_verdict(vfplan_cli, tmp_path):

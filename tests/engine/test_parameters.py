@@ -7,7 +7,7 @@ from motion import grid
 from vfplan import ProxyEngine, ProxyParameters
 from vfplan.engine import PAPER_BAND
 from vfplan.engine.parameters import check_points
-from vfplan.errors import SceneError, SettingError, VfplanError
+from vfplan.errors import SceneError, SettingError
 
 POINT, MAKE = [[0.0, 0.0, 0.0]], ProxyParameters.make
 
@@ -33,19 +33,18 @@ def test_frozen_in_every_part():
             array[0] = 1.0
 
 
-# Points, settings, the band, and to which share of itself.
+# Points, settings and the band.
 BANDS = {
-    "dimple of experiment one": (square(0.5e-3), {}, (5 - np.sqrt(25 - 0.125)) * 1e-3, 1e-6),
-    "the paper's rule": (square(0.5e-3), {"rule": "paper"}, PAPER_BAND, 0),
-    "at most half": (square(8e-3), {"contact_radius": 1e-3, "point_radius": 10e-3}, 0.5e-3, 0),
+    "the paper's rule": (square(0.5e-3), {"rule": "paper"}, PAPER_BAND),
+    "at most half": (square(8e-3), {"contact_radius": 1e-3, "point_radius": 10e-3}, 0.5e-3),
     # 1e-8 R is more than the paper's 10 µm.
-    "points of 1 km": (POINT, {"point_radius": 1e3}, 1e-8 * (5e-3 + 1e3), 0),
+    "points of 1 km": (POINT, {"point_radius": 1e3}, 1e-8 * (5e-3 + 1e3)),
 }
 
 
-@pytest.mark.parametrize(("points", "settings", "band", "share"), BANDS.values(), ids=BANDS)
-def test_a_band_left_open_is_the_depth_of_a_dimple(points, settings, band, share):
-    assert MAKE(points, **settings).band == pytest.approx(band, rel=share, abs=0)
+@pytest.mark.parametrize(("points", "settings", "band"), BANDS.values(), ids=BANDS)
+def test_a_band_left_open_keeps_its_bounds(points, settings, band):
+    assert MAKE(points, **settings).band == band
 
 
 OUT_OF_RANGE = {"contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1e300],
@@ -66,7 +65,6 @@ def test_a_number_outside_its_range_is_refused_by_its_name(setting, name):
     with pytest.raises(SettingError) as caught:
         MAKE(POINT, **setting)
     assert list(caught.value.numbers) == ["stiffness_n_per_m" if name == "stiffness" else name]
-    assert isinstance(caught.value, VfplanError)
 
 
 @pytest.mark.parametrize("setting", [

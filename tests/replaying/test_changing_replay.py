@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from motion import even, grid
 from refusals import refuses
 from replays import codes_of, fixture_of, write_session
 
@@ -18,10 +19,8 @@ from vfplan.session.events import Event, Poses, read_events, read_poses, write_e
 K, T, N = 1000.0, 1e-3, 2500
 
 
-def sheet(z=0.0, half=20e-3):
-    g = np.arange(-half, half + 5e-4, 1e-3)
-    x, y = np.meshgrid(g, g)
-    return np.stack((x.ravel(), y.ravel(), np.full(x.size, z)), axis=1)
+def sheet(z=0.0, half=25e-3):
+    return grid(even(half, 1e-3), even(half, 1e-3), z)
 
 
 def fixture(z=0.0, half=25e-3):
@@ -47,8 +46,8 @@ def tracked(draw):
 
 def happened(draw):
     """An edit in every 97th tick, and two exchanges."""
-    gone = draw.permutation(len(sheet(half=25e-3)))[:200].reshape(-1, 10)
-    come = sheet(half=25e-3)[gone] - [0, 0, 2e-4]
+    gone = draw.permutation(len(sheet()))[:200].reshape(-1, 10)
+    come = sheet()[gone] - [0, 0, 2e-4]
     events = [Event(97 * (i + 1), remove=gone[i], add=come[i]) for i in range(10)]
     events += [Event(1100, fixture=fixture(0.5e-3, 20e-3)), Event(1101, remake=True)]
     events += [Event(1200 + 97 * i, remove=[3 * i], add=come[i]) for i in range(5)]
@@ -85,8 +84,7 @@ WEAK = replace(vfplan.read_robot("franka"), force_step_limit_n=0.4, force_limit_
 
 @pytest.mark.parametrize(
     ("moves", "changes", "robot"),
-    [(False, False, None), (False, True, None), (True, False, None), (True, True, None),
-     (True, True, WEAK)],
+    [(False, True, None), (True, False, None), (True, True, None), (True, True, WEAK)],
 )  # fmt: skip
 def test_a_log_replays_to_the_bit(moves, changes, robot, tmp_path):
     """A governor is behind all of it: K is the stiffest that comes."""
@@ -106,11 +104,10 @@ def test_a_log_replays_to_the_bit(moves, changes, robot, tmp_path):
         stiffer = [Event(5, fixture=replace(fixture(), rendering=stiff))]
         with pytest.raises(SettingError, match="spring"):
             vfplan.replay(fixture(), SESSION, events=stiffer, governor=robot)
-    if moves or changes:
-        assert found["exchanges"] == (2 if changes else 0)
-        assert found["edits"] == (255 if changes else 0)
-        assert found["changing_ticks"] >= (18 if changes else 0)
-        assert found["clearance_min_m"] >= -5e-5
+    assert found["exchanges"] == (2 if changes else 0)
+    assert found["edits"] == (255 if changes else 0)
+    assert found["changing_ticks"] >= (18 if changes else 0)
+    assert found["clearance_min_m"] >= -5e-5
     if moves:
         assert 0.02 < found["pose_age_max_s"] < 0.1
         assert found["stale_ticks"] == np.count_nonzero(poses.arrived[0] > TIMES)
@@ -323,5 +320,3 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     assert next(c for c in held["checks"] if c["name"] == "force_step_max_n")["pass"]
     own = vfplan_cli("replay", bundle, table, "--governor", "0.4,15", "--rule", "both")
     assert own.stdout.count("governor     0.4 N a tick, 15 N at most") == 2
-    vfplan_cli("replay", bundle, table, "--governor",
-               "0.01,20").fails(2, "force_step_n", "at least 0.316228")  # fmt: skip

@@ -227,15 +227,15 @@ def test_what_cannot_be_decoded_is_named_and_a_cut_file_read_as_far_as_it_goes(t
 TIP = (0.01, -0.02, 0.1)
 
 
-def motion(count=50):
-    """Stamps [ns], origins (T, 3), rotations (T, 3, 3) and quaternions x, y, z, w (T, 4)."""
+def motion():
+    """Stamps [ns], origins (50, 3), rotations (50, 3, 3) and quaternions x, y, z, w (50, 4)."""
     rng = np.random.default_rng(5)
     axis = np.array([1.0, 2.0, -0.5]) / np.linalg.norm([1.0, 2.0, -0.5])
-    angles = np.linspace(0, 2.0, count)
+    angles = np.linspace(0, 2.0, 50)
     turns = np.array([turned(axis, a) for a in angles])
     quats = np.c_[np.sin(angles / 2)[:, None] * axis, np.cos(angles / 2)]
-    stamps = T0 + np.cumsum(rng.integers(900_000, 1_100_000, count))
-    return stamps, rng.normal(0.4, 0.1, (count, 3)), turns, quats
+    stamps = T0 + np.cumsum(rng.integers(900_000, 1_100_000, 50))
+    return stamps, rng.normal(0.4, 0.1, (50, 3)), turns, quats
 
 
 def write_poses(path, topics=("/measured_cp",), length=1.0, unstamped=0):

@@ -54,9 +54,9 @@ class Hand:
                 return
             assert time.monotonic() < end, f"no click arrives at {button}"
 
-    def place_of(self, button, seconds=10):
+    def place_of(self, button):
         """The middle of a button in the window, once two looks find it there and uncovered."""
-        end = time.monotonic() + seconds
+        end = time.monotonic() + 10
         before = None
         while True:
             place = self.browser.run(
