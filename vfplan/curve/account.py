@@ -177,12 +177,11 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
-            places = pixels[members]
-            end_distance, is_ahead, is_onward = _to_end(ink, places, curves)
-            low, high = places.min(0), places.max(0)
+            end_distance, is_ahead, is_onward = _to_end(ink, pixels[members], curves)
+            low, high = pixels[members].min(0), pixels[members].max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
-                places=places,
+                places=pixels[members],
                 middle=(low + high) / 2,
                 nearest=pixels[members[edge_distance[members].argmin()]],
                 size=size,

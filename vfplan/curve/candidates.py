@@ -20,6 +20,18 @@ Pixels = NDArray[np.int64]
 # Dots of a dotted line at least: fewer may be specks in a row.
 MIN_DOTS = 8
 
+# Pieces of ink at most among which it is looked for: the distances of all pairs are taken.
+MAX_DOTS = 600
+
+# Lines, the longest, that are joined over gaps at most: the distances of all pairs are taken.
+MAX_JOINED = 300
+
+# Deviation [px] of a dotted line: dots lie on their line to a fraction of their size.
+DOT_SIGMA_PX = 0.3
+
+# Times by which a staircase of pixels is longer than its line.
+STAIR = 1.05
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -287,8 +299,7 @@ def _length(path: NDArray, closed: bool) -> float:
     length = np.hypot(*steps.T).sum()
     if closed:
         length += np.hypot(*(path[0] - path[-1]))
-    # A staircase of pixels is 1.05 times as long as its line.
-    return float(length / 1.05) + 1.0
+    return float(length / STAIR) + 1.0
 
 
 def find_candidates(pieces: list[Candidate], max_gap_px: float) -> list[Candidate]:
@@ -329,8 +340,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
     from scipy.spatial.distance import cdist
 
-    # The distances of all pairs are taken.
-    if not MIN_DOTS <= len(groups) <= 600:
+    if not MIN_DOTS <= len(groups) <= MAX_DOTS:
         return None
     sides, areas = np.array([(np.ptp(group, axis=0).max() + 1, len(group)) for group in groups]).T
     # JPEG leaves specks beside dots, which are much smaller.
@@ -354,8 +364,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
         return None
     closed = bool(apart[start, stop] <= tuned.ALIKE * spacing)
     points = path_through(places[path], closed)
-    # Dots lie on their line to a fraction of their size.
-    sigma = np.full(len(points), 0.3)
+    sigma = np.full(len(points), DOT_SIGMA_PX)
     return Stroke(
         points, closed, sigma, width=float(np.sqrt(4 * areas[is_dot][path].mean() / np.pi))
     )
@@ -363,9 +372,8 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
 
 def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
-    # The longest lines alone, because the distances of all pairs are taken.
     longest = sorted((i for i, line in enumerate(lines) if line.may_go_on),
-                     key=lambda i: -lines[i].length)[:300]  # fmt: skip
+                     key=lambda i: -lines[i].length)[:MAX_JOINED]  # fmt: skip
     ends = [(i, end) for i in sorted(longest) for end in (0, -1)]
     places = np.array([lines[i].path[end] for i, end in ends]).reshape(-1, 2)
     apart = np.hypot(*np.moveaxis(places[:, None] - places, 2, 0))

@@ -22,6 +22,9 @@ from vfplan.fixture import Stroke
 from vfplan.geometry import lines
 from vfplan.geometry.lines import Array, Flags, Spline, evenly, gaussian, normals, runs, windows
 
+# Pixels: standard deviation of a skeleton's pixels across the line.
+SKELETON_SIGMA_PX = 0.5
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MeasuredStroke(Stroke):
@@ -210,8 +213,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
     """A line's skeleton, pixel by pixel, as a centre line."""
     return MeasuredStroke(
         points=line.path,
-        # Half a pixel across the line.
-        sigma=np.full(len(line.path), 0.5),
+        sigma=np.full(len(line.path), SKELETON_SIGMA_PX),
         bridged=line.bridged,
         closed=line.closed,
         width=line.width,

@@ -27,6 +27,8 @@ from vfplan.geometry.lines import Array, running_median, runs, windows
 
 # Lines that an error message describes.
 DESCRIBED = 8
+# Pieces of another pen's ink, the largest, among which its longest line is looked for.
+MOST_PIECES = 40
 
 Choice = int | Literal["all", "longest"] | None
 
@@ -197,8 +199,7 @@ def lines_of_other_pens(ink: Ink, pen: Pen, from_px: float) -> list[tuple[str, C
         try:
             others_ink = find_ink(ink.rgb, other)
             groups = sorted(find_groups(others_ink), key=lambda group: -np.ptp(group, axis=0).max())
-            # The longest line is looked for among the largest pieces.
-            lines = find_candidates(find_pieces(others_ink, groups[:40]), 0.0)
+            lines = find_candidates(find_pieces(others_ink, groups[:MOST_PIECES]), 0.0)
             line = in_number_order(lines, others_ink)[0]
             name = colour_name(others_ink, line.path)
             own = Pen.of_colour(name)

@@ -19,6 +19,8 @@ from vfplan.curve import tuned
 from vfplan.errors import SettingError
 from vfplan.geometry.lines import Array, Flags, windows
 
+# Hues that are looked for in a picture where the named pen drew no curve.
+MOST_PENS = 6
 # Steps of the hue by which pixels are counted [degrees].
 HUE_STEP_DEG = 5
 
@@ -269,7 +271,7 @@ def _ink_on(rgb: NDArray, pen: Pen) -> tuple[Ink, bool]:
 
 
 def main_pens(rgb: NDArray) -> list[Pen]:
-    """The pens of the hues that most saturated pixels of a picture have, six at most, by frequency.
+    """The pens of the hues that most saturated pixels of a picture have, the most frequent first.
 
     A hue counts together with its neighbours, and no pen is named twice.
     """
@@ -283,7 +285,7 @@ def main_pens(rgb: NDArray) -> list[Pen]:
         counts += np.bincount(step, minlength=len(counts))
     reach = round(tuned.HUE_GATE_DEG / HUE_STEP_DEG)
     pens = []
-    for _ in range(6):
+    for _ in range(MOST_PENS):
         top = int(windows(counts, 3, "wrap").sum(axis=1).argmax())
         around = np.arange(top - 1, top + 2) % len(counts)
         if not counts[around].any():

@@ -180,6 +180,12 @@ def memory_file(data: bytes) -> BinaryIO:
 
 # Elements that hold pixels.
 PIXEL_ELEMENTS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
+# Bytes of memory that a pixel may take while it is decoded, rescaled and windowed.
+BYTES_PER_PIXEL = 48
+# Pixels a second that the slowest decoder reads at least.
+PIXELS_PER_SECOND = 2_000_000
+# Frames of a file that can be chosen from.
+MAX_FRAMES = 10_000
 # Bytes of pixels that the child process hands over at a time: a quarter of the largest array.
 PART_BYTES = MAX_ARRAY_BYTES // 4
 
@@ -277,8 +283,7 @@ def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
     with open_dataset(file, where, ImageError) as dataset:
         frames = int(dataset.get("NumberOfFrames") or 1)
         has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
-        # Among so many frames one can be chosen.
-        for index in range(min(frames, 10_000) if has_pixels else 0):
+        for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):
             spacing_mm = read_spacing(dataset, "PixelSpacing", index)
             place = place_in_patient(dataset, spacing_mm, index)
             if place is not None:
@@ -305,9 +310,7 @@ def read_pixels(dataset: Any, index: int, max_pixels: int) -> tuple[NDArray, lis
         )
     width, height = int(dataset.Columns), int(dataset.Rows)
     check_size(width, height, max_pixels)
-    # A pixel takes up to 48 bytes of memory while it is decoded, rescaled and windowed, and the
-    # slowest decoder reads two million a second.
-    raise_limits(48 * width * height, width * height // 2_000_000)
+    raise_limits(BYTES_PER_PIXEL * width * height, width * height // PIXELS_PER_SECOND)
     try:
         pixels = pixel_array(dataset, index=index)  # YBR becomes RGB here.
     except RuntimeError:

@@ -49,6 +49,10 @@ LARGEST_MEGAPIXELS = 268.5
 # Where a bundle's recipe keeps how a photograph was made flat, as `made_flat` takes it.
 MADE_FLAT_BY = "made_flat_by"
 
+# So many times a flat picture may enlarge its photograph without a word. A camera that looks at the
+# sheet from 60 degrees off its normal enlarges it twice, and more where the sheet is further away.
+MAX_ENLARGEMENT = 3.0
+
 # What is said of DICOM's overlay planes.
 OVERLAY = (
     "The DICOM file has overlay planes, which are not read. If the curve is drawn there, save the "
@@ -396,9 +400,7 @@ def flat_findings(text: str) -> list[Finding]:
         f"The photograph was made flat by its markers, which fit to {residual_mm:.2f} mm rms. The "
         "error bound does not count this step. Compare the flat picture with the sheet."
     ))]  # fmt: skip
-    # A camera that looks at the sheet from 60 degrees off its normal enlarges it twice, and more
-    # where the sheet is further away.
-    if enlargement > 3.0:
+    if enlargement > MAX_ENLARGEMENT:
         findings.append(doubt("picture-enlarged", "extract", (
             f"So strong is the photograph's angle that a part is {enlargement:.1f} times enlarged "
             "and blurred. Take it from further above."

@@ -63,6 +63,9 @@ DIMPLE_SHARE = 0.4
 BAND_SHARE = 0.5
 LAG_SHARE = 0.1
 
+# Spacing over R: points further apart than this no band makes smooth.
+MAX_SPACING_SHARE = 0.5
+
 # The speed of a careful hand [m/s].
 SPEED_M_S = 0.1
 RATE_HZ = 1000.0
@@ -128,7 +131,7 @@ def iterations(lag_m: float) -> int:
 
 def largest_tolerance(radius_m: float) -> float:
     """The tolerance at which points stand half of R apart [m]; beyond it they are bumps."""
-    return (0.5 * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
+    return (MAX_SPACING_SHARE * radius_m) ** 2 / (8 * radius_m) / DIMPLE_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +263,9 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    return places[: len(places) - closed]
+    if closed:
+        return places[:-1]
+    return places
 
 
 # Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges

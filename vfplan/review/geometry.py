@@ -55,6 +55,9 @@ from vfplan.settings import recalled
 
 Array = NDArray[np.float64]
 
+# Entries that are listed at most; more is a photograph, not a drawing.
+MAX_ENTRIES = 200
+
 
 def extraction_of(fixture: Fixture, settings: ExtractSettings) -> ExtractSettings:
     """The settings with which a bundle's curve was extracted; these where it records none."""
@@ -66,6 +69,9 @@ MAX_ROUTES = 9
 
 # Free ends of a forked line at most, from which a route is offered.
 MAX_FREE_ENDS = 12
+
+# Length [px] of the way around a hole from which that is no letter's.
+MIN_RING_PX = 60
 
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
@@ -150,8 +156,7 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
     contours, relations = cv2.findContours(ink, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
     # The ink at a hole has the outline of a piece as its parent.
     inner = np.flatnonzero(relations[0, :, 3] >= 0)
-    # The hole of a letter has a shorter way around it than 60 px.
-    holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= 60]
+    holes = [contours[k][:, 0] for k in inner if len(contours[k]) >= MIN_RING_PX]
     holes.sort(key=cv2.contourArea, reverse=True)
     return [route_along(hole + np.array(corner, float), True) for hole in holes[:1]]
 
@@ -238,8 +243,7 @@ class Geometry:
         """The ink that is not the curve and its bridged stretches, the largest first."""
         if self.ink is None:
             return ()
-        # More entries are a photograph, not a drawing.
-        return list_account(self.leftover, self.lines, self.ink.found)[:200]
+        return list_account(self.leftover, self.lines, self.ink.found)[:MAX_ENTRIES]
 
     @cached_property
     def kept(self) -> tuple[Finding, ...]:

@@ -148,7 +148,7 @@ class Fit:
             return None, error.message
         return registration, ""
 
-    def to_source(self, places: NDArray, depth_m: NDArray | float) -> NDArray[np.float64]:
+    def to_source(self, places: NDArray, depth_m: NDArray | float = 0.0) -> NDArray[np.float64]:
         """Places on the slice (M, 2) [px] in the markers' frame: (M, 2) [px] or (M, 3) [m]."""
         places = np.asarray(places, float).reshape(-1, 2)
         if self.T_patient_image is None:

@@ -325,6 +325,12 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
 # Distance [px of the page] from one try to the next: half a line of text.
 STEP = BODY.line_height // 2
 
+# Distances that are tried: a leader longer than twelve lines of text is hard to follow.
+TRIES = 24
+
+# Length [px of the page] around its point that a leader does not cover.
+LEADER_GAP = 0.4 * BODY.line_height
+
 # Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
 
@@ -352,8 +358,7 @@ def place_for_caption(
         Its corner x, y, and the leader (2, 2) from the point to its edge.
     """
     limit = np.array(taken.shape[::-1]) - (width, height) - CLEARANCE
-    # A leader longer than twelve lines of text is hard to follow.
-    for attempt, direction in product(range(1, 25), DIRECTIONS):
+    for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
         # The caption extends away from its point.
         corner = point + direction * float(attempt * STEP)
         x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
@@ -364,8 +369,6 @@ def place_for_caption(
         taken[around, x - CLEARANCE : x + width + CLEARANCE] = 1
         target = np.clip(point, (x, y), (x + width, y + height))
         length = float(np.hypot(*(target - point)))
-        # The leader does not cover what is close around its point.
-        gap = 0.4 * BODY.line_height
-        start = point + (target - point) * min(1.0, gap / max(length, 1e-9))
+        start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
         return x, y, np.array([start, target])
     return None

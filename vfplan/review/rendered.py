@@ -42,6 +42,10 @@ from vfplan.settings import MISFIT, incomplete_recipe, value_as
 Array = NDArray[np.float64]
 Kind = Literal["wall", "guide"]
 
+# Nodes of the grid along the longer side of a picture, at least and at most. Between them the
+# outline is interpolated; a tool smaller than three steps wants a finer grid.
+GRID_NODES = (400, 1000)
+
 # Steps of the grid along a side of a block. A block far from the outline is asked about once.
 BLOCK = 16
 
@@ -50,6 +54,9 @@ AT_ENDS = {"stop": "stops", "open": "lets go"}
 
 # Places along a guide, and directions around each of its ends, at which its engine is asked.
 GUIDE_PLACES, END_DIRECTIONS = 240, 16
+
+# How far beyond the tube the guide is asked, as a share of its radius: it then pushes back.
+BEYOND_TUBE = 0.01
 
 
 # What changes although the plan does not.
@@ -198,9 +205,8 @@ def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outlin
 
     radius = region.contact_radius + region.point_radius
     metres_per_px = float(np.linalg.norm(plane[:, :2], 2))
-    # 400 to 1000 nodes of a grid lie along the longer side. Between them the outline is
-    # interpolated; a tool smaller than three steps wants a finer grid.
-    step = float(np.clip(radius / metres_per_px / 3, max(size) / 1000, max(size) / 400))
+    low, high = (max(size) / nodes for nodes in reversed(GRID_NODES))
+    step = float(np.clip(radius / metres_per_px / 3, low, high))
     distance = ProxyEngine.of(region, offline=True).distance
     columns, rows = (int(np.ceil(length / step / BLOCK)) + 1 for length in size)
 
@@ -223,8 +229,7 @@ def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
         warnings.simplefilter("ignore")
         guide = Guide.of(fixture, hold="at_once")
     normal, axis = unit_normal(plane), fixture.ignore_axis
-    # It is asked a little beyond its tube, where it pushes back.
-    onto_picture, reach = onto_plane(plane, axis), 1.01 * guide.radius
+    onto_picture, reach = onto_plane(plane, axis), (1 + BEYOND_TUBE) * guide.radius
     turns = np.linspace(0.0, np.pi, END_DIRECTIONS + 2)[1:-1, None]
     for number, length in enumerate(guide.lengths_m):
         closed = guide.closed[number]

@@ -55,12 +55,31 @@ CLOSE_PX = 3.0
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
 
-# Deviation [px] of a ring where it is carried past its own ends.
+# Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
+BORDER_POINTS = 3
+
+# Deviation [px] that a measured point has at least: upscaled pictures have errors of 0.06 px that
+# no scatter along the line shows.
+INK_SIGMA_PX = 0.05
+
+# Deviation [px] of the line where other ink joins it and it is carried past.
+BRANCH_SIGMA_PX = 0.5
+
+# The same of a ring past its own ends [px].
 ENDS_SIGMA_PX = 0.08
 
 # Share of what the ring's ink lacks on one side there, which is added to that deviation. With both,
 # of 270 rings whose ends cross or overlap 98 % lie within their bound, by median at 0.5 of it.
 LACK_SHARE = 0.2
+
+# Points along a ring whose median width counts where its ends overlap.
+OVERLAP_POINTS = 11
+
+# Share of a path that shows ink, from which it is no dotted line: of dots and dashes 0.8 shows.
+WITHOUT_GAPS = 0.9
+
+# Steps of a path, from which on it has gone around an end of ink if it is back at one place.
+SPUR_STEPS = 6
 
 # Knots of a stroke: few enough to grasp each, enough for every bend that a hand draws.
 KNOTS = 30
@@ -120,8 +139,7 @@ def without_spurs(path: NDArray, bones: NDArray) -> NDArray[np.float64]:
     """
     nearest = bones[_core.nearest(bones, path)[1]]
     skipped = np.zeros(len(path), int)
-    # From six steps on it has gone around an end of ink if it is back at one place.
-    for step in range(6, min(2 * MAX_BRANCH_PX, len(path) // 2)):
+    for step in range(SPUR_STEPS, min(2 * MAX_BRANCH_PX, len(path) // 2)):
         is_back = np.abs(np.roll(nearest, -step, axis=0) - nearest).max(axis=1) <= 1
         skipped[is_back] = step
     if not skipped.any():
@@ -256,22 +274,17 @@ class SliceInk:
             points = points + faded(smooth, alone, closed)[:, None] * normal
             passed = past_branches(points, joined, alone)
         deviation = deviation_of(residual, alone, smooth_px, noisy, BEYOND[closed])
-        # Upscaled pictures have errors of 0.06 px that no scatter along the line shows.
-        sigma = np.hypot(deviation, 0.05)
+        sigma = np.hypot(deviation, INK_SIGMA_PX)
         # Ink that joins the line, as a letter or the ends of a ring may, pulls the centre aside by
         # at most half of what it adds to the width. It does so at once, and a pressed pen does not.
         lasting = np.where(alone, mass, 1.0)
-        # Eleven points along a ring show its width where its ends overlap.
-        wider = running_median(lasting, 11, BEYOND[closed])
+        wider = running_median(lasting, OVERLAP_POINTS, BEYOND[closed])
         if closed:
             wider = np.maximum(wider, running_median(mass, NEARBY_POINTS, "wrap"))
         is_joined = sudden_changes(lasting.clip(1)).max() > tuned.SUDDEN
-        # Of dots and dashes 0.8 of the path shows ink.
-        if closed or (is_joined and has_ink.mean() > 0.9):
+        if closed or (is_joined and has_ink.mean() > WITHOUT_GAPS):
             nearby = usual
         sigma = np.hypot(sigma, (usual * wider - nearby).clip(0) / 4)
-        # How well [px] the line is known where other ink joins it and it is carried past.
-        carried = 0.5
         if closed:
             # Where it is carried past them, all of its width is ink. What lacks on one side says
             # how far off it may be, and where to move it.
@@ -281,10 +294,11 @@ class SliceInk:
                 move = gaussian(np.where(passed, lack, 0.0), tuned.SMOOTH_PX, "wrap")
                 points = points + move[:, None] * normals(points, True)
                 lack = self.lacking(points, alone, usual)
+        else:
+            carried = BRANCH_SIGMA_PX
         sigma[passed] = np.hypot(sigma, carried)[passed]
-        # A point beside ink that ends, as under a cover, is not confirmed by that ink. The profiles
-        # of three points, a pen's width, may be cut there.
-        has_ink = binary_erosion(alone | passed, iterations=3, border_value=True)
+        # A point beside ink that ends, as under a cover, is not confirmed by that ink.
+        has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
         return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
