@@ -60,8 +60,8 @@ def coverage(shape, points, width, closed=False, cap="round"):
 def straight_coverage(slope, turned):
     """(2, 2) ends, and exact coverage, of a line over 300 px of columns, or `turned`, of rows.
 
-    The pen is 3 px wide. It begins at row 60.13 of column 60 and is cut off upright. `coverage` counts samples, 12 in a
-    row: too few for a line nearly along one.
+    The pen is 3 px wide. It begins at row 60.13 of column 60 and is cut off upright. `coverage`
+    counts samples, 12 in a row: too few for a line nearly along one.
     """
     shape, columns, start = (420, 420), (60, 360), 60.13
     share = np.zeros(shape)
