@@ -13,6 +13,7 @@ from drawing import (
     jpeg,
     normal_errors,
     polyline,
+    rms,
     straight_coverage,
     to_uint8,
     wavy,
@@ -48,10 +49,6 @@ def inner_errors(stroke, truth, closed=False):
     return error[keep], (error / stroke.sigma_px)[keep]
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 def hand(seed, closed=False):
     return wavy(SHAPE, seed, closed, count=1500)
 
@@ -84,7 +81,7 @@ def test_a_ring_has_its_radius(radius, width):
 @pytest.mark.parametrize("slope", [0.0, 0.003, 0.125, 0.5, 1.0])
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_straight_line_of_any_slope(slope, turned):
-    ends, share = straight_coverage(slope, 60.13, 3.0, turned)
+    ends, share = straight_coverage(slope, turned)
     stroke = stroke_of(to_uint8(blend(flat(share.shape), share, RED)))
     assert rms(inner_errors(stroke, ends)[0]) < 0.06
     assert not stroke.closed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from docs_modules import load
-from drawing import normal_errors
+from drawing import normal_errors, rms
 
 import vfplan
 
@@ -30,7 +30,7 @@ def test_a_real_slice_is_measured_right(shared_data, name, limit_px, lifts, end_
     (stroke,) = extraction.strokes
     assert stroke.closed == closed
     error = normal_errors(stroke.points_px, truth, closed)
-    assert np.sqrt(np.mean(error**2)) < limit_px
+    assert rms(error) < limit_px
     assert [finding.code for finding in extraction.findings] == ["bridge"] * lifts
     bridges = [entry for entry in extraction.account if entry.what == "bridge"]
     assert len(bridges) == lifts

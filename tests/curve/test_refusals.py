@@ -10,6 +10,7 @@ import pytest
 import slices
 from canvas import Canvas
 from drawing import blend, coverage, flat, normal_errors, to_uint8
+from refusals import refuses
 
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
@@ -202,9 +203,8 @@ def test_a_frame_along_the_border_is_no_curve():
     ({"start": (1, 1), "stroke": "all"}, "start-without-order"),
 ])  # fmt: skip
 def test_settings_out_of_range(options, code):
-    with pytest.raises(SettingError) as refused:
+    with refuses(SettingError, code):
         extract_curve(paint(line(40, 150, 300, 150)), **options)
-    assert refused.value.code == code
 
 
 def test_start_and_end_cut_and_turn_the_curve():

@@ -9,8 +9,7 @@ from importlib.util import find_spec
 
 import cv2
 import numpy as np
-from drawing import blend, coverage, jpeg, polyline, to_uint8
-from scipy.spatial import cKDTree
+from drawing import blend, coverage, jpeg, polyline, samples_near, to_uint8
 
 # Skia has no wheels for every platform.
 RASTERISERS = ("exact", "agg", *(["skia"] if find_spec("skia") else []))
@@ -167,16 +166,8 @@ def _pressed(shape, points, widths):
     at = np.linspace(0, length[-1], len(dense))
     radius = np.interp(at, length, widths) / 2
     share = np.zeros(shape)
-    reach = int(np.ceil(radius.max() + 1.5))
-    near = np.zeros(shape, np.uint8)
-    pixels = np.rint(dense).astype(int)
-    near[pixels[:, 1], pixels[:, 0]] = 1
-    rows, cols = np.nonzero(cv2.dilate(near, np.ones((2 * reach + 1,) * 2, np.uint8)))
-    offset = (np.arange(FINE) + 0.5) / FINE - 0.5
-    du, dv = (grid.ravel() for grid in np.meshgrid(offset, offset))
-    places = np.column_stack([(cols[:, None] + du).ravel(), (rows[:, None] + dv).ravel()])
-    distance, index = cKDTree(dense).query(places, workers=1)
-    share[rows, cols] = (distance <= radius[index]).reshape(len(rows), -1).mean(1)
+    pixels, _, distance, index = samples_near(shape, dense, radius.max(), FINE)
+    share[pixels] = (distance <= radius[index]).reshape(len(pixels[0]), -1).mean(1)
     return share
 
 

@@ -165,12 +165,18 @@ def way_left(parts, x, hip) -> float:
     Places on two small circles around it; between them and x nothing may be much lower.
     """
     turn = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
-    pull, most = np.hypot(*(hip - x)), 0.0
     parts = [part for part in parts if distance([part], x[None])[0] < 1.1 * R]  # others: no part
+    way = np.column_stack([np.cos(turn), np.sin(turn)])
+    return steepest(lambda at: distance(parts, at), x, hip, way, (1e-9, 1e-7), 1e-9)
+
+
+def steepest(away, x, hip, way, slack, least) -> float:
+    """The same along given ways; `slack` of R at a place and half-way to it; `least`: the pull."""
+    pull, most = np.linalg.norm(hip - x), 0.0
     for r in (1e-3 * R, 1e-2 * R):
-        y = x + r * np.column_stack([np.cos(turn), np.sin(turn)])
-        free = distance(parts, y) >= R * (1 - 1e-9)
-        free &= distance(parts, (x + y) / 2) >= R * (1 - 1e-7) - r * r / R
-        gain = np.where(free, pull - np.hypot(*(hip - y).T), 0.0)
+        y = x + r * way
+        free = away(y) >= R * (1 - slack[0])
+        free &= away((x + y) / 2) >= R * (1 - slack[1]) - r * r / R
+        gain = np.where(free, pull - np.linalg.norm(hip - y, axis=1), 0.0)
         most = max(most, float(gain.max(initial=0.0)) / r)
-    return most if pull > 1e-9 else 0.0
+    return most if pull > least else 0.0

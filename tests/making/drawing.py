@@ -24,47 +24,51 @@ def polyline(points, closed=False, step=0.05):
     return np.column_stack([np.interp(at, length, points[:, k]) for k in (0, 1)])
 
 
+def samples_near(shape, dense, radius, fine):
+    """The pixels near a line; of fine x fine samples in each: places, distances, nearest points."""
+    near = np.zeros(shape, np.uint8)
+    at = np.rint(dense).astype(int)
+    inside = (at >= 0).all(1) & (at < [shape[1], shape[0]]).all(1)
+    near[at[inside, 1], at[inside, 0]] = 1
+    reach = 2 * int(np.ceil(radius + 1.5)) + 1
+    rows, cols = np.nonzero(cv2.dilate(near, np.ones((reach, reach), np.uint8)))
+    offset = (np.arange(fine) + 0.5) / fine - 0.5
+    du, dv = (grid.ravel() for grid in np.meshgrid(offset, offset))
+    places = np.column_stack([(cols[:, None] + du).ravel(), (rows[:, None] + dv).ravel()])
+    distance, index = cKDTree(dense).query(places, workers=1)
+    return (rows, cols), places.T, distance, index
+
+
 def coverage(shape, points, width, closed=False, cap="round"):
     """(H, W) float64 share of each pixel that a pen of `width` px covers.
 
     An open line ends in a half disc ("round") or at its end ("butt").
     """
     dense = polyline(points, closed)
-    near = np.zeros(shape, np.uint8)
-    at = np.rint(dense).astype(int)
-    inside = (at >= 0).all(1) & (at < [shape[1], shape[0]]).all(1)
-    near[at[inside, 1], at[inside, 0]] = 1
-    reach = 2 * int(np.ceil(width / 2 + 1.5)) + 1
-    rows, cols = np.nonzero(cv2.dilate(near, np.ones((reach, reach), np.uint8)))
-    offset = (np.arange(SUB) + 0.5) / SUB - 0.5
-    du, dv = (grid.ravel() for grid in np.meshgrid(offset, offset))
-    u = (cols[:, None] + du).ravel()
-    v = (rows[:, None] + dv).ravel()
-    distance, index = cKDTree(dense).query(np.column_stack([u, v]), workers=1)
+    pixels, (u, v), distance, index = samples_near(shape, dense, width / 2, SUB)
     covered = distance <= width / 2
     if cap != "round" and not closed:
         for end, inner, where in ((0, 8, index == 0), (-1, -9, index == len(dense) - 1)):
             out = dense[end] - dense[inner]
             beyond = (u - dense[end, 0]) * out[0] + (v - dense[end, 1]) * out[1] > 0
             covered &= ~(where & beyond)
-    share = covered.reshape(len(rows), -1).mean(1)
     result = np.zeros(shape)
-    result[rows, cols] = share
+    result[pixels] = covered.reshape(len(pixels[0]), -1).mean(1)
     return result
 
 
-def straight_coverage(slope, start, width, turned=False):
+def straight_coverage(slope, turned):
     """(2, 2) ends, and exact coverage, of a line over 300 px of columns, or `turned`, of rows.
 
-    It begins at row `start` of column 60 and is cut off upright. `coverage` counts samples, 12 in a
-    row: too few for a line nearly along one.
+    The pen is 3 px wide. It begins at row 60.13 of column 60 and is cut off upright. `coverage`
+    counts samples, 12 in a row: too few for a line nearly along one.
     """
-    shape, columns = (420, 420), (60, 360)
+    shape, columns, start = (420, 420), (60, 360), 60.13
     share = np.zeros(shape)
     row = np.arange(shape[0])[:, None]
     for strip in (np.arange(64) + 0.5) / 64 - 0.5:
         u = np.arange(shape[1]) + strip
-        middle, half = start + slope * (u - columns[0]), width / 2 * np.hypot(1, slope)
+        middle, half = start + slope * (u - columns[0]), 1.5 * np.hypot(1, slope)
         inside = np.minimum(row + 0.5, middle + half) - np.maximum(row - 0.5, middle - half)
         share += np.clip(inside, 0, 1) * ((u > columns[0]) & (u < columns[1])) / 64
     ends = np.array([[columns[0], start], [columns[1], start + slope * 300]])
@@ -144,7 +148,18 @@ def normal_errors(points, truth, closed):
     return np.where(np.abs(along) < 0.02, across, np.copysign(np.hypot(across, along), across))
 
 
+def distance_to_line(places, line):
+    """From (N, k) places to the open polygon through (M, k) points, nearly; (N,)."""
+    at = np.linspace(0, len(line) - 1, 100 * len(line))
+    dense = np.column_stack([np.interp(at, range(len(line)), column) for column in line.T])
+    return cKDTree(dense).query(places)[0]
+
+
+def rms(values):
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def rms_off(stroke, truth):
     """RMS error across an open true line of all points of a stroke but two at each end [px]."""
     error = normal_errors(stroke.points_px, truth, False)
-    return float(np.sqrt(np.mean(error[2:-2] ** 2)))
+    return rms(error[2:-2])

@@ -7,7 +7,7 @@ three sides, sideness is a solid angle, a rest is judged by the places around it
 from __future__ import annotations
 
 import numpy as np
-from curves import R, path_at
+from curves import R, path_at, steepest
 
 
 def distance(corners, x) -> np.ndarray:
@@ -143,13 +143,6 @@ def way_left(rng, corners, x, hip) -> float:
 
     Places on two small spheres around it; half way to them nothing may be much lower.
     """
-    pull, most = np.linalg.norm(hip - x), 0.0
     way = rng.normal(size=(600, 3))
     way /= np.linalg.norm(way, axis=1)[:, None]
-    for r in (1e-3 * R, 1e-2 * R):
-        y = x + r * way
-        free = distance(corners, y) >= R
-        free &= distance(corners, (x + y) / 2) >= R * (1 - 1e-5) - r * r / R
-        gain = np.where(free, pull - np.linalg.norm(hip - y, axis=1), 0.0)
-        most = max(most, float(gain.max(initial=0.0)) / r)
-    return most if pull > 1e-7 else 0.0
+    return steepest(lambda at: distance(corners, at), x, hip, way, (0.0, 1e-5), 1e-7)

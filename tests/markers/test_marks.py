@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from conftest import ROOT
+from drawing import jpeg
 from refusals import refuses
 
 from vfplan import read_image
@@ -95,15 +96,10 @@ def test_one_wrong_position_is_named_with_its_place():
     assert "x5" in finding.text
 
 
-def in_jpeg(image, quality):
-    _, stored = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return cv2.imdecode(stored, cv2.IMREAD_COLOR)[..., ::-1]
-
-
 @pytest.mark.parametrize("quality", [50, 60, 70, 80, 90])
 def test_marks_that_compression_blurs_are_marks(quality):
     """JPEG halves the resolution of colour, so marks of one kind differ in size there."""
-    image = in_jpeg(cv2.imread(str(SAMPLES / "elbow.png"))[..., ::-1], quality)
+    image = jpeg(cv2.imread(str(SAMPLES / "elbow.png"))[..., ::-1], quality)
     marked = read_markers(SAMPLES / "elbow_markers_image.csv", SAMPLES / "elbow_markers_robot.csv")
     found = compare_with_marks(image, marked.labels, marked.source)
     assert (found[0]["near"], codes(found)) == (9, [])
@@ -120,7 +116,7 @@ def test_a_thin_mark_that_compression_blurs_is_known_by_its_shape():
     image = texture(7)
     for place in PLACES.astype(int).tolist():
         cv2.drawMarker(image, place, (255, 0, 255), cv2.MARKER_CROSS, 13, 1, cv2.LINE_AA)
-    found = compare(in_jpeg(image, 60), PLACES)
+    found = compare(jpeg(image, 60), PLACES)
     assert (found[0]["near"], codes(found)) == (len(PLACES), [])
 
 

@@ -6,6 +6,7 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
+from drawing import rms
 from oracle.tables import table_rows, table_text
 from slices import HIDDEN, KINDS, TRAPS, draw
 from verdicts import judge
@@ -101,7 +102,7 @@ def worse(frozen, new):
         lines += [f"    {new[key].kind} {new[key].seed}: {new[key].why}" for key in warned]
     both = [key for key in before if key in now]
     if len(both) >= 10:
-        old, measured = (_rms([rows[key].rms_px for key in both]) for rows in (frozen, new))
+        old, measured = (rms([rows[key].rms_px for key in both]) for rows in (frozen, new))
         if measured > RMS_RATIO * old:
             lines.append(f"{measured:.3f} px RMS across the line, {old:.3f} before")
     ends = [key for key in both if not np.isnan(frozen[key].ends_px + new[key].ends_px)]
@@ -114,10 +115,6 @@ def worse(frozen, new):
 def _is_right(row):
     """Whether the line was measured rightly, with or without a warning."""
     return row.outcome in ("right", "falsely warned")
-
-
-def _rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def _was(row):

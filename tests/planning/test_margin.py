@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import ELBOW
 from margins import CLOCKWISE, LINE, registered
+from refusals import refuses
 
 from vfplan import FixtureSettings
 from vfplan.errors import SettingError
@@ -33,6 +34,5 @@ def test_a_given_margin_is_added_to_the_point_radius(given):
 
 @pytest.mark.parametrize("margin", ["tre99", True, -1, np.inf, np.nan, "1"])
 def test_an_unknown_margin_is_refused(margin):
-    with pytest.raises(SettingError) as caught:
+    with refuses(SettingError, "margin-unknown"):
         margin_of(target_error(registered(), LINE.points), margin)
-    assert caught.value.code == "margin-unknown"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from captures import CURVE, capture
 from conftest import ELBOW
-from drawing import normal_errors
+from drawing import normal_errors, rms
 from PIL import Image
 from refusals import refuses
 from slicer_files import marker_files
@@ -49,7 +49,7 @@ def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):
     patient = (fixture.points - SHIFT) @ TURN * 1e3
     pixels = (patient - CORNER) @ AXES.T / PIXEL
 
-    assert np.sqrt((normal_errors(pixels, CURVE, False) ** 2).mean()) < 0.05
+    assert rms(normal_errors(pixels, CURVE, False)) < 0.05
     assert np.abs((patient - CORNER) @ np.cross(*AXES)).max() < 1e-3
     # Extruded along the slice's normal, as a drawn slice is.
     assert abs(fixture.ignore_axis @ (np.cross(*AXES) @ TURN.T)) == pytest.approx(1, abs=1e-6)

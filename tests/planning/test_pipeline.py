@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 from conftest import ELBOW, ROOT
+from drawing import distance_to_line
 from refusals import refuses
-from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.errors import CurveError, SettingError
@@ -26,21 +26,12 @@ def elbow(**kwargs):
     return plan(*ELBOW, **{"extraction": SPACING, **kwargs})
 
 
-def distance_to_line(points, line, closed):
-    """Distance of each point to a densely resampled polyline."""
-    ring = np.vstack([line, line[:1]]) if closed else line
-    arc = np.r_[0, np.cumsum(np.linalg.norm(np.diff(ring, axis=0), axis=1))]
-    dense = np.linspace(0, arc[-1], 40 * len(ring))
-    fine = np.stack([np.interp(dense, arc, ring[:, k]) for k in range(3)], axis=1)
-    return cKDTree(fine).query(points)[0]
-
-
 def test_sample_fixture_lies_on_the_true_curve_within_the_registration_error():
     made = elbow()
     truth = json.loads((SAMPLES / "elbow_truth.json").read_text())
     curve = np.array(truth["curve_px"])
     line = np.c_[curve, np.ones(len(curve))] @ np.array(truth["T_robot_image"]).T
-    off = distance_to_line(made.fixture.points, line, closed=False)
+    off = distance_to_line(made.fixture.points, line)
     tre_rms_m = made.fixture.registration.tre_rms_m
     assert off[1:-1].max() < 2 * tre_rms_m
     # Along the line an end is known to a pixel, which is 0.5 mm.

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 import slices
-from drawing import jpeg, normal_errors
+from drawing import jpeg, normal_errors, rms
 
 from vfplan.registration.registration import own_bound
 from vfplan.review.geometry import routes_through
@@ -29,7 +29,7 @@ def measured_errors(slice_, image, seed):
     if not closed:
         inner[:7] = inner[-7:] = False
     errors = normal_errors(line.points[inner], truth, closed)
-    return (~line.edited).mean(), errors, np.sqrt(np.mean((errors / line.sigma[inner]) ** 2))
+    return (~line.edited).mean(), errors, rms(errors / line.sigma[inner])
 
 
 @pytest.mark.parametrize("seed", range(4))

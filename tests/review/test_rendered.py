@@ -7,6 +7,7 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
+from drawing import distance_to_line
 from review_slices import MARKERS, SLICE
 from scipy.spatial import cKDTree
 
@@ -125,13 +126,6 @@ def test_each_rendered_value_shows_on_the_sheet(name, has_slice, made):
             assert rendered_in_json(after) != rendered_in_json(fixture), change
 
 
-def distance(points, places):
-    """From places to the polygon through points, nearly."""
-    at = np.linspace(0, len(points) - 1, 20 * len(points))
-    dense = [np.interp(at, range(len(points)), column) for column in points.T]
-    return cKDTree(np.column_stack(dense)).query(places)[0]
-
-
 @pytest.mark.parametrize(("name", "reach"), [("curve", 5e-3), ("guide", 2e-3)])
 def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
     fixture = made[name]
@@ -141,9 +135,9 @@ def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
         [outline] = outlines_of(rendered, T, (871, 786))
         line = np.vstack(outline.lines)
         places = np.pad(line, ((0, 0), (0, 1)), constant_values=1.0) @ T.T
-        assert np.abs(distance(truth, places) - reach).max() < 0.03e-3
+        assert np.abs(distance_to_line(places, truth) - reach).max() < 0.03e-3
         # It leads round both ends, so that nothing of the line is left out.
-        assert distance(places, truth).max() < 1.01 * reach
+        assert distance_to_line(truth, places).max() < 1.01 * reach
         assert (outline.pull is not None) == (name == "guide") == (outline.kind == "guide")
     if name == "guide":
         # A tube with open ends has no caps.

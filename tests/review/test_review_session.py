@@ -331,10 +331,10 @@ def test_the_page_finds_what_plan_finds_where_another_pen_crosses_also_after_a_m
     assert mended.current.findings == extracted.findings
 
 
-def spatial_markers(folder, image, planar):
+def spatial_markers(folder, image):
     """The sample's markers for a DICOM slice: in the patient's frame, some off the slice."""
     rng = np.random.default_rng(5)
-    pairs = read_markers(*planar)
+    pairs = read_markers(*MARKERS)
     place = image.T_patient_image[:3]
     normal = np.cross(place[:, 0], place[:, 1])
     normal /= np.linalg.norm(normal)
@@ -350,7 +350,7 @@ def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_pat
     rgb = vfplan.read_image(SLICE).rgb
     path = capture(tmp_path, rgb, PixelSpacing=[0.5, 0.5], ImagePositionPatient=[10, 20, 30],
                    ImageOrientationPatient=[1, 0, 0, 0, 1, 0])  # fmt: skip
-    files = spatial_markers(tmp_path, vfplan.read_image(path), MARKERS)
+    files = spatial_markers(tmp_path, vfplan.read_image(path))
     planned = vfplan.plan(path, *files, settings=FixtureSettings(model="rigid"))
     session = looked_at(Session.open(path, *files, model="rigid"))
     state = session.state()

@@ -88,10 +88,10 @@ def checked(shown):
     return sheet
 
 
-def line_of(points, *, closed=False, bridged=None, width=3.0):
+def line_of(points, *, bridged=None):
     flags = np.zeros(len(points), bool) if bridged is None else bridged
     points = np.asarray(points, float)
-    return Stroke(points, closed, np.full(len(points), 0.1), flags, width=width)
+    return Stroke(points, False, np.full(len(points), 0.1), flags, width=3.0)
 
 
 # ---- a covered end ----
