@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (30_989, 338_333, 167),
-    ("tests",): (26_499, 338_392, 215),
+    ("vfplan", "cli"): (30_943, 338_093, 167),
+    ("tests",): (26_499, 338_196, 215),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
