@@ -70,15 +70,15 @@ def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_p
     vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).fails(2, error="output-exists")
 
 
-def test_extract_then_register_is_plan(vfplan_cli, tmp_path, monkeypatch):
-    monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
+def test_extract_then_register_is_plan(vfplan_cli, tmp_path):
+    env = {"SOURCE_DATE_EPOCH": "1700000000"}
     curve, two, one = (tmp_path / name for name in ("c.h5", "two.h5", "one.h5"))
     run = vfplan_cli("extract", IMAGE, "-o", curve, "--pixel-spacing", 0.5, "--json").sound
     assert set(run.json) >= EXTRACT_KEYS
     assert vfplan.read_fixture(curve).frame == "image"
-    short = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", two).sound.stdout
-    whole = vfplan_cli("plan", *ELBOW, "-o", one, "--pixel-spacing", 0.5, "-v").sound.stdout
-    assert ("leverage" in short, "leverage" in whole) == (False, True)
+    short = vfplan_cli("register", curve, PIXELS, ROBOT, "-o", two, env=env).sound.stdout
+    long = vfplan_cli("plan", *ELBOW, "-o", one, "--pixel-spacing", 0.5, "-v", env=env).sound.stdout
+    assert ("leverage" in short, "leverage" in long) == (False, True)
     a, b = vfplan.read_fixture(one), vfplan.read_fixture(two)
     assert np.array_equal(a.points, b.points)
     assert a.provenance.settings == b.provenance.settings
