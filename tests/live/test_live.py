@@ -636,9 +636,9 @@ def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkey
     port, send = tracker
     fixture, poses, recorded = (tmp_path / name for name in ("f.h5", "p.csv", "r.mcap"))
     vfplan.write_fixture(bundles.small(), fixture)
-    begun = time.time()
 
     def ticks(address):
+        begun = time.time()
         for k in range(7):
             if k < 5:
                 send(placed(k, (k, 0, 0)), time.time())
