@@ -132,18 +132,20 @@ class Rendered {
   private:
     /// From the geometry to a proxy that is outside [m].
     double free_distance() const noexcept { return region->radius() - 2 * region->band(); }
-    /// Whether the straight way from the last proxy comes nearer to the wall than its end is.
+    /// Whether the straight way from the last proxy comes nearer to the wall than its end is. A
+    /// tick has time for so many looks, each to 4 R: a way along a wall is 32 R long at most.
     bool is_behind_wall(const Vec3& tip) const noexcept {
-        constexpr int max_places = 4000;
-        const double step = region->radius() / 32;
-        const double nearest = std::min(free_distance(), region->distance(tip) - step);
+        constexpr int max_looks = 256;
+        const double R = region->radius();
+        const auto distance = [&](const Vec3& x) { return region->distance(x, 4 * R); };
+        const double nearest = std::min(free_distance(), distance(tip) - R / 32);
         const double length = norm(tip - *last_proxy_);
         const Vec3 way = along(tip - *last_proxy_, 1);
         double t = 0;
-        for (int i = 0; i < max_places && t < length; ++i) {
-            const double distance = region->distance(*last_proxy_ + t * way);
-            if (distance < nearest) return true;
-            t += std::max(distance - free_distance(), step);
+        for (int i = 0; i < max_looks && t < length; ++i) {
+            const double at = distance(*last_proxy_ + t * way);
+            if (at < nearest) return true;
+            t += std::max(at - free_distance(), R / 8);
         }
         return t < length;
     }

@@ -186,10 +186,10 @@ class Engine {
     bool planar() const noexcept { return impl_ && impl_->parameters.ignore_axis; }
     /// What it was made with: of the thread that edits, as handed over last.
     const Parameters& parameters() const noexcept { return parameters_; }
-    /// Distance from x to the nearest geometry [m], the same on both sides of a drawn line;
-    /// infinity of an engine that was given away.
-    double distance(const Vec3& x) const noexcept {
-        return impl_ ? impl_->distance(x, infinity, nullptr) : infinity;
+    /// Distance from x to the nearest geometry, or `reach` where that is less [m]: the same on both
+    /// sides of a drawn line; infinity of an engine that was given away.
+    double distance(const Vec3& x, double reach = infinity) const noexcept {
+        return impl_ ? impl_->distance(x, reach, nullptr) : infinity;
     }
     /// Whether it was given to `exchange`, or moved from.
     bool was_exchanged() const noexcept { return !changes_; }
