@@ -71,8 +71,8 @@ def validate(source: str | Path | bytes) -> list[Issue]:
             issues.append(Issue("/points", "points.size", "warning", text))
     for text in content.get("/provenance/setting_values", ()):
         if text.startswith('"') and ("/" in text or "\\" in text):
-            text += " looks like a path, and bundles hold none. Give another text"
-            issues.append(Issue("/provenance/setting_values", "provenance.path", "warning", text))
+            says = f"{text} looks like a path, and bundles hold none. Give another text"
+            issues.append(Issue("/provenance/setting_values", "provenance.path", "warning", says))
     if is_valid:
         # What planning found, and whether a person has looked at it.
         for finding in findings_of(content):
