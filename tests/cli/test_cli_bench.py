@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from vfplan.cli.main import cli
 
 from vfplan.bench.record import table_lines
+from vfplan.display import duration
 
 pytestmark = pytest.mark.slow
 STAGES = ("extract", "sample", "register", "proxy", "plan")
@@ -121,12 +122,10 @@ def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):
     sentence = CliRunner().invoke(cli, ["bench", "summary", "--peer", "true"]).stdout
     assert sentence.strip() == document["summary"]["proxy"]
     rows = of(document, stage="proxy", chosen=True)
-    median_ns = 1e3 * np.median([r["time_us_median"] for r in rows])
-    tail_us = max(r["time_us_p999"] for r in rows)
-    assert sentence.startswith(
-        f"Over 8 scenes, a tick of the chosen setting takes {median_ns:.3g} ns "
-        f"(p99.9 at most {tail_us:.3g} µs) and errs by "
-    )
+    median = duration(1e-6 * np.median([r["time_us_median"] for r in rows]))
+    tail = duration(1e-6 * max(r["time_us_p999"] for r in rows))  # in the unit that suits it
+    of_setting = f"a tick of the chosen setting takes {median} (p99.9 at most {tail})"
+    assert sentence.startswith(f"Over 8 scenes, {of_setting} and errs by ")
     for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
         assert f"; {peer} takes " in sentence
 
