@@ -63,10 +63,6 @@ def test_the_way_to_another_stroke_is_that_of_a_full_search(make, monkeypatch):
         assert found == pytest.approx(apart.min(axis=1), rel=1e-14)
 
 
-def seen_across(points, axis):
-    return points if axis is None else points - np.outer(points @ axis, axis)
-
-
 def gap_of_a_plain_loop(points, stroke, closed):
     """The widest gap, as a loop over neighbours in Python finds it."""
     gaps = [0.0]
@@ -92,7 +88,7 @@ def test_the_certificate_is_that_of_plain_loops(axis):
         axis = np.array(axis)
     for _ in range(20):
         points = draw.uniform(size=(int(draw.integers(6, 60)), 3))
-        seen = seen_across(points, axis)
+        seen = points if axis is None else points - np.outer(points @ axis, axis)
         stroke = strokes_at_random(draw, len(points), 5)
         closed = draw.integers(0, 2, 5).astype(np.uint8)
         widest = gap_of_a_plain_loop(seen, stroke, closed)

@@ -136,6 +136,13 @@ def test_a_line_of_another_colour_along_one_edge_moves_no_centre(colour, quality
         assert rms(inner_errors(stroke, truth)[0]) < limit_px, (width, gap)
 
 
+def test_the_halo_of_jpeg_around_a_line_is_no_other_pen():
+    for angle in np.pi * np.arange(8) / 8 + 0.1:
+        truth = np.add((170.3, 149.6), np.outer((-110, 110), (np.cos(angle), np.sin(angle))))
+        stroke = stroke_of(jpeg(drawn(truth, 2.0, ground=flat(SHAPE, 200)), 50))
+        assert rms(inner_errors(stroke, truth)[0]) < 0.073  # 0.084, were it one
+
+
 SYMMETRIES = {
     "mirrored": np.fliplr,
     "upside down": np.flipud,

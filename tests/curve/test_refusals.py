@@ -150,8 +150,9 @@ def test_a_pressed_pen_is_measured_and_asked_about_where_it_is_wide(widths, aske
     ] * asked
     for finding in extraction.findings:
         assert np.interp(finding.place_px[0], BOWED[:, 0], widths) > widths.mean()
-    errors = normal_errors(extraction.strokes[0].points, BOWED, False)
-    assert np.abs(errors[8:-8]).max() < 0.2
+    [stroke] = extraction.strokes
+    assert np.abs(normal_errors(stroke.points, BOWED, False)[8:-8]).max() < 0.2
+    assert np.median(stroke.sigma) < 0.1, "a pressed pen is known as well as any"
 
 
 @pytest.mark.parametrize("apart", [2.5, 3.0, 3.5])

@@ -572,14 +572,10 @@ def _over_the_end(canvas, rng):
     return curve, ((low + high) / 2, *(high - low))
 
 
-def _tone(rng):
-    return float(rng.choice([0.0, 255.0, rng.uniform(40, 215)]))
-
-
 def box_over_the_end(canvas, rng, opacity=1.0):
     """White, black or grey."""
     curve, (at, width, height) = _over_the_end(canvas, rng)
-    tone, before = _tone(rng), canvas.picture
+    tone, before = float(rng.choice([0.0, 255.0, rng.uniform(40, 215)])), canvas.picture
     canvas.box(at, width, height, (tone,) * 3)
     canvas.picture = (1 - opacity) * before + opacity * canvas.picture
     return curve, False

@@ -320,3 +320,5 @@ def test_the_command_takes_the_robots_limits_or_its_own(tmp_path, vfplan_cli):
     assert next(c for c in held["checks"] if c["name"] == "force_step_max_n")["pass"]
     own = vfplan_cli("replay", bundle, table, "--governor", "0.4,15", "--rule", "both")
     assert own.stdout.count("governor     0.4 N a tick, 15 N at most") == 2
+    weak = vfplan_cli("replay", bundle, table, "--governor", "0.01,20")
+    weak.fails(2, "force_step_n", "at least 0.316228")

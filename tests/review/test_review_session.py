@@ -609,7 +609,7 @@ def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_o
     left = half.apply({"do": "leave", "ink": ink}).current
     settled = [f for f in left.findings if f.code == "ink-joins" and not f.is_open]
     assert [f.text.partition(" joins ")[2] for f in settled] == [
-        "the curve and was left out. A person left it out."
+        "the curve and was left out. Is it a part of it? A person left it out."
     ]
     somewhere = left.geometry.entry(ink).piece.places[0]  # as of a line that goes on there
     asked = doubt("ink-at-end", "extract", "Is it?", place_px=tuple(somewhere))

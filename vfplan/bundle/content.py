@@ -205,21 +205,7 @@ def to_content(fixture: Fixture) -> Content:
         content["/rendering@robot"] = fixture.stability.robot
         content["/rendering/stability"] = np.array(numbers, dtype="<f8")
     if fixture.findings:
-        findings = fixture.findings
-        content |= {
-            f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
-            for name in FINDING_TEXTS
-        }
-        for name, size in (("place_px", 2), ("place_m", 3)):
-            places = [getattr(finding, name) for finding in findings]
-            if any(places):
-                has_place = [place is not None for place in places]
-                content[f"/findings/has_{name}"] = np.array(has_place, dtype="<u1")
-                content[f"/findings/{name}"] = np.array([p or size * (0.0,) for p in places], "<f8")
-        if any(finding.answered_by is not None for finding in findings):
-            for name in ("answered_by", "answered_utc"):
-                answers = tuple(getattr(finding, name) or "" for finding in findings)
-                content[f"/findings/{name}"] = answers
+        content |= content_of_findings(fixture.findings)
     inputs, settings = fixture.provenance.inputs, fixture.provenance.settings
     if inputs:
         content["/provenance/input_roles"] = tuple(inputs)
@@ -237,6 +223,25 @@ def as_content(value: Any, row: Row) -> Any:
         return tuple(map(str, value)) if is_text else np.ascontiguousarray(value, f"<{row.type}")
     types: dict[str, type] = {"text": str, "f8": float}
     return types.get(row.type, int)(value)
+
+
+def content_of_findings(findings: tuple[Finding, ...]) -> Content:
+    """The group `/findings`."""
+    content: Content = {
+        f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
+        for name in FINDING_TEXTS
+    }
+    for name, size in (("place_px", 2), ("place_m", 3)):
+        places = [getattr(finding, name) for finding in findings]
+        if any(places):
+            has_place = [place is not None for place in places]
+            content[f"/findings/has_{name}"] = np.array(has_place, dtype="<u1")
+            content[f"/findings/{name}"] = np.array([p or size * (0.0,) for p in places], "<f8")
+    if any(finding.answered_by is not None for finding in findings):
+        for name in ("answered_by", "answered_utc"):
+            answers = tuple(getattr(finding, name) or "" for finding in findings)
+            content[f"/findings/{name}"] = answers
+    return content
 
 
 FINDING_TEXTS = ("code", "severity", "text", "stage")

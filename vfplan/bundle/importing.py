@@ -475,41 +475,9 @@ def read_ply(data: bytes) -> tuple[Mesh, bytes]:
     """The points and triangles of a PLY file, and its header."""
     order, elements, start = read_ply_header(data)
     if order:
-        tables = {}
-        for element in elements:
-            row = row_type(element, order, data[start : start + HEADER_BYTES])
-            size = element.count * row.itemsize
-            if len(data) - start < size:
-                raise ValueError(
-                    f"{element.count} of {element.name!r} take {size} bytes, and "
-                    f"{len(data) - start} are left"
-                )
-            table = np.frombuffer(data, row, element.count, start)
-            tables[element.name] = columns_of(table, element)
-            start += size
-        if data[start:].strip():
-            raise ValueError(f"{len(data) - start} bytes follow its last element")
+        tables = binary_tables(data, start, elements, order)
     else:
-        check_text_size(data)
-        count = sum(1 for _ in lines_of(data, start))
-        wanted = sum(element.count for element in elements)
-        if count != wanted:
-            raise ValueError(f"it has {count} lines of data, and {wanted} by its header")
-        # Lines are read one by one: a list of millions would take more memory than the file.
-        lines = lines_of(data, start)
-        tables = {}
-        for element in elements:
-            # Whatever the header says, the numbers of a text are float64.
-            kinds = [(name, "f8", length and "f8") for name, _, length in element.properties]
-            numbers = replace(element, properties=kinds)
-            if element.count == 0:
-                table = np.empty(0, row_type(numbers, "", b""))
-            else:
-                first = next(lines)
-                rows = itertools.chain([first], itertools.islice(lines, element.count - 1))
-                row = row_type(numbers, "", np.array(first.split(), dtype=float).tobytes())
-                table = np.loadtxt(rows, row, comments=None, ndmin=1, encoding="latin-1")
-            tables[element.name] = columns_of(table, element)
+        tables = text_tables(data, start, elements)
     vertex = tables["vertex"]
     points = np.column_stack([vertex["x"], vertex["y"], vertex["z"]]).astype(float)
     if points.shape[1:] != (3,):
@@ -560,6 +528,27 @@ def read_ply_header(data: bytes) -> tuple[str, list[Element], int]:
     return order, elements, end.end()
 
 
+def binary_tables(
+    data: bytes, start: int, elements: list[Element], order: str
+) -> dict[str, Columns]:
+    """The elements' properties, by the elements' names, of a binary file from byte `start` on."""
+    tables = {}
+    for element in elements:
+        row = row_type(element, order, data[start : start + HEADER_BYTES])
+        size = element.count * row.itemsize
+        if len(data) - start < size:
+            raise ValueError(
+                f"{element.count} of {element.name!r} take {size} bytes, and {len(data) - start} "
+                "are left"
+            )
+        table = np.frombuffer(data, row, element.count, start)
+        tables[element.name] = columns_of(table, element)
+        start += size
+    if data[start:].strip():
+        raise ValueError(f"{len(data) - start} bytes follow its last element")
+    return tables
+
+
 def row_type(element: Element, order: str, data: bytes) -> np.dtype:
     """The type of an element's rows; each list is as long as in the first row, where `data` begins.
 
@@ -579,6 +568,31 @@ def row_type(element: Element, order: str, data: bytes) -> np.dtype:
             raise ValueError(f"{element.name!r} begins with a list of {length}")
         fields += [("#" + name, length_type), (name, order + kind, (length,))]
     return np.dtype(fields)
+
+
+def text_tables(data: bytes, start: int, elements: list[Element]) -> dict[str, Columns]:
+    """The elements' properties, by the elements' names, of a text file from byte `start` on."""
+    check_text_size(data)
+    count = sum(1 for _ in lines_of(data, start))
+    wanted = sum(element.count for element in elements)
+    if count != wanted:
+        raise ValueError(f"it has {count} lines of data, and {wanted} by its header")
+    # Lines are read one by one: a list of millions would take more memory than the file.
+    lines = lines_of(data, start)
+    tables = {}
+    for element in elements:
+        # Whatever the header says, the numbers of a text are float64.
+        kinds = [(name, "f8", length and "f8") for name, _, length in element.properties]
+        numbers = replace(element, properties=kinds)
+        if element.count == 0:
+            table = np.empty(0, row_type(numbers, "", b""))
+        else:
+            first = next(lines)
+            rows = itertools.chain([first], itertools.islice(lines, element.count - 1))
+            row = row_type(numbers, "", np.array(first.split(), dtype=float).tobytes())
+            table = np.loadtxt(rows, row, comments=None, ndmin=1, encoding="latin-1")
+        tables[element.name] = columns_of(table, element)
+    return tables
 
 
 def lines_of(data: bytes, start: int) -> Iterator[bytes]:

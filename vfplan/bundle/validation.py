@@ -64,27 +64,23 @@ def validate(source: str | Path | bytes) -> list[Issue]:
         issues += certificate_issues(content)
         if "/rendering/stiffness" in content and (doubt := engine_doubt(from_content(content))):
             issues.append(Issue("/rendering", doubt[0], "warning", doubt[1]))
-    # What no rule of the format can see: slips of units, and settings that look like paths.
-    if content.get("/@frame") != "image" and "/points" in content:
-        text = size_doubt(content["/points"])
-        if text is not None:
-            issues.append(Issue("/points", "points.size", "warning", text))
-    for text in content.get("/provenance/setting_values", ()):
-        if text.startswith('"') and ("/" in text or "\\" in text):
-            says = f"{text} looks like a path, and bundles hold none. Give another text"
-            issues.append(Issue("/provenance/setting_values", "provenance.path", "warning", says))
+    issues += content_issues(content)
     if is_valid:
-        # What planning found, and whether a person has looked at it.
-        for finding in findings_of(content):
-            text = finding.text
-            if finding.answered_by is not None:
-                text += f" (accepted by {finding.answered_by}, {finding.answered_utc})"
-            severity = "warning" if finding.is_open else "note"
-            issues.append(Issue("/findings", finding.code, severity, text))
-        if "/rendering/stiffness" in content and "/review@by" not in content:
-            text = "nobody has reviewed it. Look at it: vfplan review"
-            issues.append(Issue("/review", "review.missing", "note", text))
+        issues += finding_issues(content)
     return issues
+
+
+def finding_issues(content: Content) -> Iterator[Issue]:
+    """What planning found, and whether a person has looked at it."""
+    for finding in findings_of(content):
+        text = finding.text
+        if finding.answered_by is not None:
+            text += f" (accepted by {finding.answered_by}, {finding.answered_utc})"
+        yield Issue("/findings", finding.code, "warning" if finding.is_open else "note", text)
+    if "/rendering/stiffness" in content and "/review@by" not in content:
+        yield Issue(
+            "/review", "review.missing", "note", "nobody has reviewed it. Look at it: vfplan review"
+        )
 
 
 def certificate_issues(content: Content) -> Iterator[Issue]:
@@ -134,6 +130,18 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
         return "rendering.engine", error.message
     more = "Use it for replay and study, not on a robot"
     return None if text is None else ("rendering.work", f"{text}. {more}")
+
+
+def content_issues(content: Content) -> Iterator[Issue]:
+    """What no rule of the format can see: slips of units, and settings that look like paths."""
+    if content.get("/@frame") != "image" and "/points" in content:
+        text = size_doubt(content["/points"])
+        if text is not None:
+            yield Issue("/points", "points.size", "warning", text)
+    for text in content.get("/provenance/setting_values", ()):
+        if text.startswith('"') and ("/" in text or "\\" in text):
+            message = f"{text} looks like a path, and bundles hold none. Give another text"
+            yield Issue("/provenance/setting_values", "provenance.path", "warning", message)
 
 
 def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:

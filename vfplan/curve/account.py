@@ -37,8 +37,8 @@ NAMED = 3
 # the whole of a line: with 0.2, 17 % of the slices with two lifts are asked about, with 0.25, 46 %.
 NEAR_END_SHARE = 0.2
 
-# The same where that part runs straight, as leader lines do. Of 21 leader lines that were bridged
-# none had more than 0.33.
+# The same where that part runs straight or is thin, as leader lines and letters' strokes are. Of
+# 21 leader lines that were bridged none had more than 0.33.
 LEADER_SHARE = 0.35
 
 # Pixels to either side of a corner that the spline rounds.
@@ -51,8 +51,22 @@ LEADER_PX, LEADER_DEG = 40, 14.0
 # it, and is offered the lines joined over it. Hands that lift a pen put it down again before that.
 JOINED_GAPS = 3.0
 
+# Degrees of a corner from which a straight stretch beyond it may be a leader line. Of 29 leader
+# lines that left the end of a curve by 35 degrees or more 28 are asked about; of 312 open curves of
+# tests/making/extraction_kinds.py, 1.
+MIN_CORNER_DEG = 30.0
+
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
+
+# Most of those later ones. More lie near each other only where a curve runs often over itself.
+FOLD_COLUMNS = 1024
+
+# Largest cosine of the turn with which a stroke runs back on its own ink; a corner turns by less.
+MAX_BACK_COSINE = -0.8
+
+# Largest cosine of the angle at which two stretches cross; at a smaller angle they are a fold.
+MAX_CROSSING_COSINE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +230,7 @@ def _to_end(ink: Ink, places: NDArray, curves: Sequence[Stroke]) -> tuple[float,
 
 def turn_between(one: NDArray, other: NDArray) -> float:
     """Degrees from 0 to 180 between two directions (u, v)."""
-    return float(abs(np.degrees(np.angle(complex(*one).conjugate() * complex(*other)))))
+    return abs(np.degrees(np.angle(complex(*one).conjugate() * complex(*other))))
 
 
 def runs_from(end: NDArray, places: NDArray) -> bool:
@@ -225,7 +239,7 @@ def runs_from(end: NDArray, places: NDArray) -> bool:
     _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
     turn_deg = turn_between(axes[0], middle - end)
     is_along = min(turn_deg, 180 - turn_deg) <= tuned.MAX_TURN_DEG
-    return bool(is_along and sizes[0] > tuned.ALIKE * sizes[1])
+    return is_along and sizes[0] > tuned.ALIKE * sizes[1]
 
 
 def headings_of(curve: Stroke) -> Array:
@@ -447,13 +461,17 @@ def join_findings(
 ) -> list[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece that a known finding speaks of, which has its place in the middle of
-    the piece or somewhere on it.
+    There is none for a piece that a known finding speaks of: one of ink that touches has its place
+    in the middle of the piece, any other one there or somewhere on it.
     """
     findings = []
     for piece in leftover:
         places = np.vstack([piece.middle, piece.places])
-        away = [np.abs(places - f.place_px).max(1).min() for f in known if f.place_px]
+        known_at = {"ink-touches": places[:1]}
+        away = [
+            np.abs(known_at.get(finding.code, places) - finding.place_px).max(1).min()
+            for finding in known if finding.place_px
+        ]  # fmt: skip
         if min(away, default=np.inf) < 0.6:
             continue
         if piece.touches:
@@ -463,11 +481,6 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
-        if piece.touches and np.isfinite(piece.end_distance):
-            touching = np.array([other.nearest for other in leftover if other.touches])
-            across = np.hypot(*(touching - piece.nearest).T)
-            if np.count_nonzero(across <= tuned.SUDDEN_PX) > 1:
-                text += " With the ink across, it may be an arrow's head. Does the curve end there?"
         findings.append(finding_at(piece.nearest, "ink-joins", text))
     return findings
 
@@ -513,8 +526,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         # Each point of the block is held against the later ones in the box around the block.
         is_in_box = (points >= block.min(axis=0) - reach) & (points <= block.max(axis=0) + reach)
         candidates = start + np.flatnonzero(is_in_box.all(axis=1)[start:])
-        # More are near only where a curve runs often over itself.
-        candidates = candidates[:: len(candidates) // 1024 + 1]
+        candidates = candidates[:: len(candidates) // FOLD_COLUMNS + 1]
         is_close = ((block[:, None] - points[candidates]) ** 2).sum(axis=2) <= reach**2
         earlier, later = np.nonzero(is_close)
         earlier, later = start + earlier, candidates[later]
@@ -524,13 +536,12 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         is_fold |= along > tuned.WIDE_RUN_WIDTHS * max(width, 2)
         cosine = (headings[earlier] * headings[later]).sum(axis=1)
         is_back = np.hypot(*(points[earlier] - points[later]).T) <= width
-        # A corner turns by less.
-        is_back &= (cosine < -0.8) & (later > earlier)
+        is_back &= (cosine < MAX_BACK_COSINE) & (later > earlier)
         is_turned[earlier[is_back]] = True
         is_fold = (is_fold & (later > earlier)) | is_back
-        # A crossing is no fold, unless its angle is small.
+        # A crossing is no fold.
         cosine = np.abs(cosine)
-        is_steep = is_fold & (cosine < 0.9) & (number[earlier] == number[later])
+        is_steep = is_fold & (cosine < MAX_CROSSING_COSINE) & (number[earlier] == number[later])
         is_fold &= cosine > np.sqrt(0.5)
         is_folded[earlier[is_fold]] = True
         earlier, later = earlier[is_steep], later[is_steep]
@@ -579,9 +590,7 @@ def corner_findings(stroke: Stroke) -> list[Finding]:
         return []
     turn = choose.changes(heading, ROUNDED_PX)
     largest = windows(turn, 2 * tuned.TANGENT_PX).max(axis=1)
-    # From 30 degrees on: of 29 leader lines that left the end of a curve by 35 degrees or more 28
-    # are asked about; of 312 open curves of tests/making/extraction_kinds.py, 1.
-    corners = np.flatnonzero((turn == largest) & (turn >= 30.0))
+    corners = np.flatnonzero((turn == largest) & (turn >= MIN_CORNER_DEG))
     findings = []
     for at in sorted({*corners[:1], *corners[-1:]}):
         beyond = min(heading[:at][::-1], heading[at:], key=len)
@@ -639,13 +648,19 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     return findings
 
 
+def sudden_widths(curve: MeasuredStroke) -> Array:
+    """(M,) changes at once of the relative width, away from ends, gaps and other colours."""
+    sudden = choose.sudden_changes(choose.relative_width(curve))
+    is_small = sudden <= max(tuned.SUDDEN, 1.0 / curve.width)
+    return np.where(is_small | _is_expected(curve), 0.0, sudden)
+
+
 def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     """A finding where the width changes, away from ends, gaps and other colours."""
-    expected, ratio = _is_expected(curve), choose.relative_width(curve)
-    sudden = np.where(expected, 0.0, choose.sudden_changes(ratio))
+    sudden, ratio = sudden_widths(curve), choose.relative_width(curve)
     at, largest = int(sudden.argmax()), float(sudden.max())
-    if largest <= max(tuned.SUDDEN, 1.0 / curve.width):
-        unexpected = np.flatnonzero(~expected)
+    if largest == 0:
+        unexpected = np.flatnonzero(~_is_expected(curve))
         window = max(2 * tuned.SUDDEN_PX, round(tuned.WIDE_RUN_WIDTHS * curve.width))
         if len(unexpected) < 3 * window:
             return []
@@ -683,15 +698,16 @@ def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
 
 
-def with_crossed_ends(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:
+def with_joined_ink(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:
     """The curve with a larger deviation where other ink may make it wide.
 
     The ends of a closed one may cross or overlap there, or a letter may lie on it. They pull the
-    centre aside by at most half of what they add to the width.
+    centre aside by at most half of what they add to the width. A letter does so at once, and a
+    pressed pen does not.
     """
     mode = "wrap" if curve.closed else "edge"
     widest = choose.lasting_width(curve) if curve.closed else np.ones(len(curve.path))
-    if width_findings(ink, curve):
+    if sudden_widths(curve).any() or (curve.closed and width_findings(ink, curve)):
         sudden = windows(choose.relative_width(curve), tuned.SUDDEN_PX, mode).max(axis=1)
         widest = np.maximum(widest, sudden)
     _, nearest = _core.nearest(curve.path, curve.points)

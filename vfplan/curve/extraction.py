@@ -229,7 +229,7 @@ def extract_curve(
             choose.refuse_double_line(curve)
             choose.refuse_long_bridge(curve, max_gap_px)
             choose.refuse_fit_off_ink(curve, line)
-            curves.append(account.with_crossed_ends(ink, curve))
+            curves.append(account.with_joined_ink(ink, curve))
     except CurveError as error:
         raise choose.with_other_pens(error, lines, ink, pen) from None
 

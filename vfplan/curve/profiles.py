@@ -73,10 +73,8 @@ class Profiles:
     def offset(self, ink: Ink, path: NDArray, normal: NDArray, noisy: bool) -> Array:
         """(M,) how far off the path, along its (M, 2) normals, the line lies [px]."""
         by_colour = self.offset_of_colour(noisy)
-        if noisy:
-            by_colour = add_brightness(ink, path, normal, self, by_colour)
-        move_off_opposite(ink, path, normal, self, by_colour)
-        return by_colour
+        offset = add_brightness(ink, path, normal, self, by_colour) if noisy else by_colour
+        return off_opposite(ink, path, normal, self, offset)
 
     def offset_of_colour(self, noisy: bool) -> Array:
         """(M,) the same by the pen's coverage alone.
@@ -133,29 +131,33 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 
 
-def move_off_opposite(
+def off_opposite(
     ink: Ink, path: NDArray, normal: NDArray, profiles: Profiles, offset: NDArray
-) -> None:
-    """Take from (M,) offsets what a line of the opposite hue along one edge adds to all of them.
+) -> Array:
+    """(M,) offsets less what a line of the opposite hue along one edge adds to all of them.
 
     Its coverage is below 0, and takes from the pen's own where blur mixes both.
     """
+    offset = offset.copy()
     reach = profiles.x[-1] + tuned.BESIDE_PX
     x = np.arange(-reach, reach + tuned.STEP_PX, tuned.STEP_PX)
     for side in (1, -1):
         is_beside = profiles.coverage[:, side * profiles.x < 0].min(1) < -tuned.RISE
         is_beside &= profiles.coverage[:, side * profiles.x > 0].min(1) > -tuned.RISE
-        is_beside &= profiles.valid
+        # JPEG surrounds a pen with such coverage too, but with no other ink.
+        is_beside &= profiles.valid & profiles.has_other
         if is_beside.sum() >= tuned.LONG_STRETCH_PX:
             places = places_across(path[is_beside], normal[is_beside], side * x)
             profile = sample(ink.coverage, *places).mean(0, dtype=float)
             place = place_beside(x, profile, profiles.width)
             if place is not None:
                 offset[is_beside] += side * place - np.median(offset[is_beside])
+    return offset
 
 
-# Limits of a pen's place and half its width [px], of the paper between it and another pen, of the
-# width of that one, of the blur of both, and of their coverage.
+# Least and largest place of a pen and half its width [px], the paper between it and another pen
+# (below 0 they overlap), the width of that one, the blur of both [px], and their coverage. They are
+# wide: what no pen of up to 12 px does is no fit.
 STRIPES = ((-5, 0.25, -2, 0.5, 0.3, 0.3, 0.1), (5, 6, 5, 8, 3, 4, 6))
 
 

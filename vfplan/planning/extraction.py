@@ -145,12 +145,15 @@ def extract(
     return ExtractResult(fixture, image, extraction, report, findings)
 
 
+# Ratio of the two pixel spacings that were typed. A comma separates them, so that 1,5 typed for 1.5
+# has a ratio of 5, while pixels of slices are nearly square.
+MAX_SPACING_RATIO = 2.0
+
+
 def slice_findings(image: PlannedImage, settings: ExtractSettings) -> tuple[Finding, ...]:
     """What a person should look at in the slice, whatever curve is drawn on it."""
     along_u, along_v = settings.pixel_spacing_mm or (1.0, 1.0)
-    # A comma separates both, so that 1,5 typed for 1.5 has a ratio of 5, while pixels of slices are
-    # nearly square.
-    if max(along_u, along_v) <= 2.0 * min(along_u, along_v):
+    if max(along_u, along_v) <= MAX_SPACING_RATIO * min(along_u, along_v):
         return image.findings
     text = (
         f"The pixel spacing is {along_u:g} mm along u and {along_v:g} mm along v. Type it "

@@ -422,6 +422,7 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
     # A gate that nobody named is no reason to refuse coarse lines and arcs.
     max_tre_m = None if isinstance(settings.max_tre_m, str) else settings.max_tre_m
     radius_m = settings.contact_radius + settings.point_radius + margin_m
+    asked = {} if settings.arcs_m is None else {"arcs_m": settings.arcs_m}
     for name, length_m, share in (
         ("margin", margin_m, ARCS_SHARE_OF_MARGIN),
         ("largest allowed error", max_tre_m, ARCS_SHARE_OF_MARGIN),
@@ -434,5 +435,5 @@ def check_arcs_error(pieces: Pieces, margin_m: float, settings: FixtureSettings)
                 f"the {name} of {1e3 * length_m:.4g} mm allows {100 * share:g} % of that. "
                 f"Give --arcs {950 * share * length_m:.2g} or less, or none",
                 code="arcs-coarse",
-                numbers={"error_m": pieces.error, "length_m": length_m, "arcs_m": settings.arcs_m},
+                numbers={"error_m": pieces.error, "length_m": length_m, **asked},
             )

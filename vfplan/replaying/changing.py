@@ -73,14 +73,7 @@ class ChangingFixture:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
             self._found |= dict.fromkeys(names, 0)
-            order = np.argsort(poses.time, kind="stable")
-            time, pose = poses.time[order], poses.pose[order]
-            dt = np.diff(time)
-            way = step_lengths(pose[:, :3])
-            turn = 2 * np.arccos(np.clip(np.abs((pose[1:, 3:] * pose[:-1, 3:]).sum(1)), 0, 1))
-            jumped = (way > POSE_JUMP_M) & (way > self._frame.max_speed_m_s * dt)
-            jumped |= (turn > POSE_JUMP_RAD) & (turn > self._frame.max_turn_rad_s * dt)
-            jumps = time[1:][jumped]
+            jumps = jumps_of(poses, self._frame)
             self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
             if len(jumps):
                 self._found["pose_jump_first_s"] = float(jumps[0])
@@ -174,16 +167,7 @@ class ChangingFixture:
             frames[~has_pose, 0] = NO_POSE_M
             if has_pose[-1]:
                 self._raise("frame_lag_max_m", self._frame.lag_m(hips[-1]))
-            # Count the ticks of a contact with an old pose, or that the first pose would have had.
-            missing = int(np.count_nonzero(~has_pose))
-            is_stale = trace.status & Status.STALE > 0
-            in_contact = row_norms(trace.proxy - hips) > CONTACT_M
-            first = np.tile(self._poses.pose[0], (missing, 1))
-            places = to_frame(first, hips[~has_pose] - first[:, :3])
-            touched = self._engine.distance(places) < self._engine.parameters.R
-            untrue = np.count_nonzero(is_stale & in_contact) + np.count_nonzero(touched)
-            self._found["missing_pose_ticks"] += missing
-            self._found["stale_contact_ticks"] += int(untrue)
+            self._count_untrue(hips, trace, has_pose)
         if self._events:
             # The fixture of these ticks is gone later, so their clearance is measured now.
             outside = trace.status & Status.INSIDE == 0
@@ -196,6 +180,18 @@ class ChangingFixture:
 
     def _raise(self, name: str, value: float) -> None:
         self._found[name] = max(self._found[name], float(value))
+
+    def _count_untrue(self, hips: Vector, trace: Trace, has_pose: Any) -> None:
+        """Count the ticks of a contact with an old pose, or that the first pose would have had."""
+        missing = int(np.count_nonzero(~has_pose))
+        is_stale = trace.status & Status.STALE > 0
+        in_contact = row_norms(trace.proxy - hips) > CONTACT_M
+        first = np.tile(self._poses.pose[0], (missing, 1))
+        places = to_frame(first, hips[~has_pose] - first[:, :3])
+        touched = self._engine.distance(places) < self._engine.parameters.R
+        untrue = np.count_nonzero(is_stale & in_contact) + np.count_nonzero(touched)
+        self._found["missing_pose_ticks"] += missing
+        self._found["stale_contact_ticks"] += int(untrue)
 
     def in_fixture_frame(self, hips: Vector, trace: Trace) -> tuple[Vector, Trace]:
         """The HIPs and ticks just run, with the forces commanded, in the fixture's frame."""
@@ -223,6 +219,18 @@ class ChangingFixture:
         if self._events_applied < len(self._events):
             report["events_left"] = len(self._events) - self._events_applied
         return report
+
+
+def jumps_of(poses: Poses, frame: MovingFrame) -> Vector:
+    """(n,) times of the poses that jumped away from the pose before them [s]."""
+    order = np.argsort(poses.time, kind="stable")
+    time, pose = poses.time[order], poses.pose[order]
+    dt = np.diff(time)
+    way = step_lengths(pose[:, :3])
+    turn = 2 * np.arccos(np.clip(np.abs((pose[1:, 3:] * pose[:-1, 3:]).sum(1)), 0, 1))
+    jumped = (way > POSE_JUMP_M) & (way > frame.max_speed_m_s * dt)
+    jumped |= (turn > POSE_JUMP_RAD) & (turn > frame.max_turn_rad_s * dt)
+    return time[1:][jumped]
 
 
 def load_exchange(event: Event, rule: str, trust: Any) -> tuple[Fixture, str] | None:

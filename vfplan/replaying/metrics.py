@@ -287,14 +287,7 @@ class Episodes:
         for rows in runs(steps.held, closed=False):
             run = self._measure(steps, int(rows[0]), int(rows[-1]) + 1)
             if self._latest and run["start_s"] - self._latest["end_s"] <= JOIN_S:
-                # Join the run of contact to the latest episode.
-                episode = self._latest
-                peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
-                deepest = max(episode, run, key=lambda part: part["penetration_max_m"])["deepest"]
-                episode |= {name: run[name] for name in ("end_s", "end_tick", "leave")}
-                episode |= {name: episode[name] + run[name] for name in ("ticks", *SUMS)}
-                episode |= {name: max(episode[name], run[name]) for name in PEAKS}
-                episode |= {"energy_peak_j": peak, "deepest": deepest}
+                self._extend_latest(run)
             else:
                 self._finish_latest()
                 self._latest = run
@@ -326,6 +319,16 @@ class Episodes:
         """Whether its energy is what holding each force for a tick explains."""
         explained = episode["energy_hold_j"] + self._slack_m * episode["force_max_n"]
         return bool(episode["energy_j"] <= explained)
+
+    def _extend_latest(self, run: dict[str, Any]) -> None:
+        """Join a run of contact to the latest episode."""
+        episode = self._latest
+        peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
+        deepest = max(episode, run, key=lambda part: part["penetration_max_m"])["deepest"]
+        episode |= {name: run[name] for name in ("end_s", "end_tick", "leave")}
+        episode |= {name: episode[name] + run[name] for name in ("ticks", *SUMS)}
+        episode |= {name: max(episode[name], run[name]) for name in PEAKS}
+        episode |= {"energy_peak_j": peak, "deepest": deepest}
 
     def _finish_latest(self) -> None:
         """Put the latest episode to the others; nothing is joined to it any more."""

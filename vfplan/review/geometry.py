@@ -8,7 +8,6 @@ that a curve may take over it: from each free end to each other one.
 
 from __future__ import annotations
 
-import re
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -54,6 +53,13 @@ from vfplan.review.strokes import (
 from vfplan.settings import recalled
 
 Array = NDArray[np.float64]
+
+# Least cosine of a turn with which a line goes straight on where ink forks.
+MIN_STRAIGHT = 0.7
+
+# Distance [px] from the points of its old line from which a point counts as changed: half of it may
+# be a step along the line.
+MOVED_PX = 1.0
 
 # Entries that are listed at most; more is a photograph, not a drawing.
 MAX_ENTRIES = 200
@@ -135,7 +141,7 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
             ways = [way for branch in branches for way in (branch, branch[::-1])]
             turns = [turn_onto(path, way, reach) for way in ways]
             straightest = int(np.argmax(turns))
-            if turns[straightest] < 0.7:
+            if turns[straightest] < MIN_STRAIGHT:
                 break
             path = np.vstack([path, ways[straightest]])
             del branches[straightest // 2]
@@ -164,8 +170,8 @@ def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke
 # Findings that ask about a piece of other ink.
 ASKS_ABOUT_INK = ("ink-at-end", "ink-joins", "ink-touches", "line-left-out")
 
-# What stands in place of their question once a person left that ink out.
-QUESTION, ON_PURPOSE = re.compile(r" [A-Z][^.?]*\?"), " A person left it out."
+# The answer behind their question once a person left that ink out.
+ON_PURPOSE = " A person left it out."
 
 # Findings that are made anew from the strokes after each step, not kept; the first need the ink.
 OF_INK = {
@@ -294,7 +300,7 @@ class Geometry:
         if piece is None or away_from(piece, finding) > CLOSE_PX:
             return finding
         if tuple(piece.middle.tolist()) in self.excluded_ink:
-            return replace(finding, severity="note", text=stated(finding)[1] + ON_PURPOSE)
+            return replace(finding, severity="note", text=finding.text + ON_PURPOSE)
         return finding
 
     def _of_ink(self) -> list[Finding]:
@@ -364,9 +370,9 @@ class Geometry:
         """The geometry with a stroke in another's place; findings there are mended."""
         before = self.strokes[number]
         strokes = (*self.strokes[:number], stroke, *self.strokes[number + 1 :])
-        # Points of either line that are not on the other; half of the pixel may be a step along it.
+        # Points of either line that are not on the other.
         changed = [
-            one.points[_core.nearest(other.points, one.points)[0] > 1.0]
+            one.points[_core.nearest(other.points, one.points)[0] > MOVED_PX]
             for one, other in ((before, stroke), (stroke, before))
         ]
         findings = unmended(self.kept, changed)
@@ -383,10 +389,8 @@ class Geometry:
 
 
 def stated(finding: Finding) -> tuple[str, str]:
-    """Its code, and what it says: of other ink without what it asks or what stands for that."""
-    is_of_ink = finding.code in ASKS_ABOUT_INK
-    text = finding.text.removesuffix(ON_PURPOSE)
-    return finding.code, QUESTION.sub("", text) if is_of_ink else text
+    """Its code, and its words without the answer."""
+    return finding.code, finding.text.removesuffix(ON_PURPOSE)
 
 
 def away_from(piece: Leftover, finding: Finding) -> float:

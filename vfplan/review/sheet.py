@@ -40,6 +40,9 @@ ZOOM = 8
 # Side [px of the slice] of what an inset shows.
 SHOWN_PX = INSET_PX // ZOOM
 
+# Range of greys, of 256, within which a ground counts as even; noise of a CT spans more.
+ONE_GREY = 2
+
 # Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
 # an end is larger than that.
 AHEAD_PX = 10.0
@@ -334,8 +337,7 @@ def is_even_ahead(
     disc = np.zeros(rgb.shape[:2], np.uint8)
     paper.draw_disc(disc, centre, AHEAD_PX, 255)
     greys = rgb[disc > 127].astype(int)
-    # Of 256 greys. Noise of a CT spans more.
-    return len(greys) > 0 and np.ptp(greys) <= 2
+    return len(greys) > 0 and np.ptp(greys) <= ONE_GREY
 
 
 def insets_of(plan: Plan) -> list[Inset]:

@@ -27,6 +27,9 @@ from vfplan.review.rendered import visible_name
 from vfplan.review.strokes import MendedStroke, SliceInk, measured, path_through
 
 Step = dict[str, Any]
+
+# How far a click may be from the mark that is meant [px]: a screen shows large slices small.
+MAX_SNAP_PX = 60
 # Points of a drawn line at most; a hand clicks some tens.
 MAX_CLICKS = 500
 
@@ -358,8 +361,7 @@ def positions_of(plan: Plan, step: Step, name: str) -> dict[str, Any]:
     """
     positions = {}
     if step.get(name) is not None:
-        # A screen shows large slices small, so that a click may be 60 px from the mark.
-        reach_px = number_within(step, "snap", 0, 60)
+        reach_px = number_within(step, "snap", 0, MAX_SNAP_PX)
         place, mark = tuple(place_of(plan, step, name).tolist()), None
         if reach_px and plan.source.slice_path is not None:
             mark = find_marks.find_mark(plan.source.image.rgb, "", place, reach_px)

@@ -116,20 +116,7 @@ def read_result(
             message = "the result holds no ticks. Replay a session that has some"
             raise InputError(message, code="result-empty")
         ticks = concatenate_ticks(blocks)
-        # A picture of values that no replay gives would show something else.
-        for name in TABLE:
-            rows = getattr(ticks, name).reshape(len(ticks), -1)
-            # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
-            good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= MAX_TIME_S
-            if not good.all():
-                tick = int(np.argmin(good.all(axis=1)))
-                message = f"{name} of tick {tick} is no value of a replay. Replay the session again"
-                raise InputError(message, code="value-invalid", numbers={"tick": tick})
-        increases = np.diff(ticks.time) > 0
-        if not increases.all():
-            tick = 1 + int(np.argmin(increases))
-            message = f"time does not increase at tick {tick}. Replay the session again"
-            raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
+        check_values(ticks)
     return ticks, attrs
 
 
@@ -160,6 +147,23 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
         # What also reads sessions raises it.
         message = error.message.replace("Write the file again", ADVICE)
         raise InputError(message, code=error.code) from None
+
+
+def check_values(ticks: TickBlock) -> None:
+    """Refuse values that no replay gives, because a picture of them would show something else."""
+    for name in TABLE:
+        rows = getattr(ticks, name).reshape(len(ticks), -1)
+        # NaN is not <= anything, so it is not good either. Squares of the limit are finite.
+        good = np.isin(rows, STATES) if name == "state" else np.abs(rows) <= MAX_TIME_S
+        if not good.all():
+            tick = int(np.argmin(good.all(axis=1)))
+            message = f"{name} of tick {tick} is no value of a replay. Replay the session again"
+            raise InputError(message, code="value-invalid", numbers={"tick": tick})
+    increases = np.diff(ticks.time) > 0
+    if not increases.all():
+        tick = 1 + int(np.argmin(increases))
+        message = f"time does not increase at tick {tick}. Replay the session again"
+        raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
 
 
 def require_fixture(attrs: dict[str, Any], sha256: str) -> None:
