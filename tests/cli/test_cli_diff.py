@@ -8,6 +8,8 @@ import pytest
 from replays import write_session
 
 import vfplan
+from vfplan.replaying.link import Comparison
+from vfplan.session.result import TickBlock
 from vfplan.session.session import Session
 
 
@@ -32,6 +34,19 @@ def test_parts_that_only_one_has_are_named(vfplan_cli, pair):
     found = vfplan_cli("diff", pair / "a.h5", pair / "c.h5", "--json").json["differences"]
     assert {"path": "/sigma", "what": "only in A"} in found
     assert {"path": "/points", "what": "shape", "a": [70, 3], "b": [12, 3]} in found
+
+
+def test_first_tick_is_the_first_row_that_differs():
+    still, zero = np.zeros((5, 3)), np.zeros(5)
+    a = TickBlock(np.arange(5.0), still, still, still, still, zero, zero, zero)
+    proxy, force = still.copy(), still.copy()
+    proxy[3], force[2] = (0, 3, 4), (5e-324, 0, 0)
+    for b, first, far in ((a, None, 0.0), (replace(a, proxy=proxy), 3, 5.0),
+                          (replace(a, proxy=proxy, force=force), 2, 5.0)):  # fmt: skip
+        apart = Comparison()
+        apart.update(a, b)
+        found = apart.report()
+        assert (found.get("first_difference_tick"), found["proxy_max_m"]) == (first, far)
 
 
 def test_a_session_tells_when_the_difference_is_felt(vfplan_cli, pair):

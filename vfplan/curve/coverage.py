@@ -412,12 +412,11 @@ def _without_other(along: NDArray, across: NDArray, other: NDArray) -> NDArray:
 
     if not other.any():
         return along
-    # Mixed pixels count less: the purest ones have the most chroma across the pen's hue.
-    weight = other * (across / 255) ** 4
+    weight = other * (across / 255) ** tuned.PURITY_POWER
     reach = (0, 0), tuned.OTHER_REACH_PX
     other_along = cv2.GaussianBlur(weight * along, *reach)
     other_across = cv2.GaussianBlur(weight * across, *reach)
-    is_mixed = (across * other_across > 0) & (np.abs(other_across) > 1e-5)
+    is_mixed = (across * other_across > 0) & (np.abs(other_across) > tuned.MIN_OTHER)
     slope = other_along / np.where(is_mixed, other_across, 1)
     # The chroma across a nearly opposite hue is noise; `profiles` tells such lines apart.
     is_mixed &= slope >= -2

@@ -20,6 +20,14 @@ OTHER_CHROMA = 40.0
 # for 2 pixels along each axis, so its fringe is a little broader than that.
 OTHER_REACH_PX = 2.5
 
+# Power of its chroma by which a pixel of another pen counts for that pen's hue: the purest tell it,
+# and one that paper takes half of counts 1/16.
+PURITY_POWER = 4
+
+# Least chroma, so weighted and smoothed, that tells another pen's hue. A pen of OTHER_CHROMA has
+# 0.024; less than a 2000th of that is the far tail of the smoothing.
+MIN_OTHER = 1e-5
+
 # Pixels (sigma) by which the mask and the ink along a line are smoothed, because noise frays them.
 MASK_BLUR_PX = 0.8
 
