@@ -20,15 +20,15 @@ HEAD = """# Formats
 
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
-Reference. vfplan obeys what a file says of itself, or refuses the file. What the file leaves open,
-you give as an option, or answer as a *doubt* before `vfplan sign`. A *note* only informs
-([glossary](glossary.md#findings-and-approval)).
+Reference. vfplan obeys what a file says of itself, or refuses the file. What the file leaves open
+and no default settles, you give as an option, or answer as a *doubt* before `vfplan sign`. A *note*
+only informs ([glossary](glossary.md#findings-and-approval)).
 *Tried with*: the software or data behind our tests.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
-SLICES = "a slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
+SLICES = "a contour or slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
 IMPORTED = ", ".join(f"`{suffix}`" for suffix in SUFFIXES)
 SURFACES = f"""`vfplan import` reads {IMPORTED}, and `vfplan surface` reads the
 other formats.
@@ -40,8 +40,7 @@ TABLES = {
          "8 bits, PNG also 16; palettes; transparent pixels are laid over black; bytes after the "
          "end of the picture are ignored, with a note",
          "EXIF's orientation",
-         "`--pixels`: whether the files of markers and curve count the pixels before or after the "
-         "turn by EXIF",
+         "`--pixels`: whether markers and curve are in pixels before or after EXIF's turn",
          "animations; files that are cut short", "Pillow, OpenCV"),
         ("TIFF",
          "8 and 16 bits, strips and tiles, one page by `--frame`; a further channel of unknown "
@@ -55,11 +54,12 @@ TABLES = {
          "PixelSpacing, position and orientation, also of each frame of an enhanced (multi-frame) "
          "file; window centre and width",
          "`--imager-spacing`, if the file has only ImagerPixelSpacing",
-         "non-square pixels whose size neither the file nor `--pixel-spacing` gives",
+         "PixelAspectRatio other than 1:1, if neither the file nor `--pixel-spacing` gives the size of "
+         "a pixel",
          "pydicom"),
         ("NRRD, NIfTI", "grey volumes, one slice across the third axis by `--frame`",
-         "position, axes and units in the patient", "",
-         "several volumes in a file; voxels that are no finite numbers", "pynrrd, nibabel"),
+         "origin, patient axes, units (without any: mm)", "",
+         "several volumes in a file; sform and qform that differ; voxels that are not finite", "pynrrd, nibabel"),
     ],
     "Curves as vectors": [
         ("Slicer `.mrk.json`, `.fcsv`",
@@ -68,8 +68,7 @@ TABLES = {
          "[contact radius](glossary.md#the-fixture)",
          "several curves; a curve off the slice's plane", "VTK's vtkCardinalSpline"),
         ("ImageJ `.roi`, CSV `X,Y`", "lines and areas",
-         "`.roi`: whether its version counts from the centre or the corner of a pixel; CSV: a unit "
-         "in the header",
+         "`.roi`: its version (counts from a pixel's centre or corner); CSV: a unit in the header",
          "`--curve-origin`: CSV, and lines of an old `.roi`",
          "fitted splines, composite selections; tables with other columns",
          "roifile"),
@@ -87,33 +86,34 @@ TABLES = {
     ],
     "Markers, poses, sessions": [
         ("CSV",
-         "markers `label,u_px,v_px` and `label,x_m,y_m,z_m`; sessions `t,x,y,z`; poses "
+         "markers `label,u_px,v_px` and `label,x_m,y_m,z_m` (or `x,y,z`); sessions (recorded "
+         "movements) `t,x,y,z`; poses "
          "`t,x,y,z,qw,qx,qy,qz`; any separator, decimal comma, UTF-8 or UTF-16, comments, empty "
          "cells at the end",
          "units in the header",
-         "poses and sessions without a unit: `--units`, by default m. For markers `x,y,z` without "
-         "a unit vfplan takes m or mm by the distances between the markers, with a note, or with a "
-         "doubt if the size of a pixel is unknown",
+         "poses and sessions without a unit: m unless `--units`; markers without a unit: m or mm, "
+         "by the size of their layout (a note), or a doubt if no pixel size checks it",
          "decimal commas and points in one table", "one table in 120 variants"),
         ("ImageJ's `X,Y`", "a table of results, a list of points",
          "a unit in the header; the number of a point, which becomes its label; an area's X,Y "
          "count from the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt",
-         "a unit, if neither the slice nor `--pixel-spacing` gives the size of a pixel",
+         "a table with a unit, if neither the slice nor `--pixel-spacing` gives the size of a pixel",
          "tables as ImageJ 1.54 writes them"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
          "LPS or RAS, units; status: points that are not *defined* are left out", "",
          "a `.mrk.json` of another schema than version 1; a `.fcsv` with other columns",
-         "Slicer's formats 3, 4 and 5"),
-        ("HDF5, `.npz`", "sessions: `time` (T,) and `hip` (T, 3)",
+         "files of Slicer 3, 4 and 5"),
+        ("HDF5, `.npz`", "sessions: `time` (T,) [s] and `hip` (T, 3), the tool tip's positions",
          "the attributes (`.npz`: arrays) `units` and `frame`",
          "`--units`, `--frame` (the coordinate system)",
          "`units` or `frame` that contradict the options", "h5py, NumPy"),
         ("MCAP, ROS 1 and ROS 2 bags",
          "sessions: what `vfplan live --mcap` wrote; topics with poses, transforms, points or "
          "Franka states", "`frame_id` and time of each message",
-         "`--topic`, `--field`, `--sender`, `--frame` (the `frame_id`), `--units`",
-         "joint angles, forces, quaternions alone", "rosbags, mcap"),
+         "`--topic`, `--field`, `--sender` (if several share a topic), `--frame` (the `frame_id`), "
+         "`--units`",
+         "topics with only joint angles, forces or quaternions", "rosbags, mcap"),
     ],
     "Surfaces and clouds": [
         ("STL, PLY, OBJ", "triangles; PLY also points", f"{SPACES} in header or comment",
@@ -123,10 +123,10 @@ TABLES = {
          "trimesh; headers as 3D Slicer writes them"),
         ("CSV, NPY", "points", "units in the header", "`--units`, `--frame`",
          "columns with different units", "NumPy"),
-        ("NRRD", "label maps, segments", f"`space`: patient axes in any order; units {UNITS}",
+        ("NRRD", "label maps, segments", f"`space`: patient axes in any order; units {UNITS} (without any: mm)",
          "`--structure`",
          "other axes and units; no `space origin` or no `space directions`", "pynrrd, SimpleITK"),
-        ("NIfTI", "label maps", "sform, qform, units", "`--structure`",
+        ("NIfTI", "label maps", "sform, qform, units (without any: mm)", "`--structure`",
          "sform and qform that differ", "nibabel, SimpleITK"),
         ("RTSTRUCT", "closed contours; open or broken contours are left out, with a doubt",
          "names and numbers of the structures", "`--structure`", SLICES, "pydicom"),
@@ -147,8 +147,8 @@ def main(arguments: list[str]) -> int:
         text += "".join(f"| {' | '.join(row)} |\n" for row in rows)
     listed = ", ".join(f"`{suffix}`" for suffix in FORMS)
     text += f"\n## Written\n\n`vfplan export` writes {listed}. "
-    text += "STL and `.mrk.json` are in the patient's axes if the\nregistration knows them, "
-    text += "otherwise in the bundle's frame.\n"
+    text += "STL and `.mrk.json` are in\nLPS if the registration knows the patient's axes; otherwise they "
+    text += "are, like PLY, CSV and DXF, in the\n[bundle's](glossary.md#the-fixture) frame.\n"
     if "--check" in arguments:
         return int(PAGE.read_text() != text)
     PAGE.write_text(text)
