@@ -31,7 +31,7 @@ from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
 from vfplan.replaying.findings import beyond, check_text, guides_alone, verdict_sentence
 from vfplan.replaying.link import apart_text
-from vfplan.replaying.metrics import NUMBERS, episode_count, row_norms
+from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.session.result import TickBlock
 
@@ -366,7 +366,7 @@ def plain(value: Any) -> str:
     return resolved(value, 9) if isinstance(value, float) else str(value)
 
 
-def summary(metrics: dict[str, Any]) -> str:
+def summary(metrics: Report) -> str:
     """The main numbers; of two rules a column each."""
     rules = {metrics["rule"]: metrics}
     if "paper" in metrics:
@@ -392,7 +392,7 @@ def summary(metrics: dict[str, Any]) -> str:
     return text
 
 
-def checks(metrics: dict[str, Any]) -> str:
+def checks(metrics: Report) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
     for check in metrics.get("checks", []):
@@ -401,7 +401,7 @@ def checks(metrics: dict[str, Any]) -> str:
     return table(["verdict", "limit"], rows, "group") if rows else ""
 
 
-def findings(metrics: dict[str, Any]) -> str:
+def findings(metrics: Report) -> str:
     """What a person should look at."""
     rows = [
         [f'<b class="{finding["severity"]}">{finding["severity"]}</b>', finding["code"],
@@ -413,7 +413,7 @@ def findings(metrics: dict[str, Any]) -> str:
     return table(["severity", "finding", "what it says"], rows)
 
 
-def episodes(metrics: dict[str, Any]) -> str:
+def episodes(metrics: Report) -> str:
     """One row an episode; a click moves the scrubber to its deepest tick."""
     listed = metrics["episodes"]
     if not listed:
@@ -450,7 +450,7 @@ def settings_table(values: dict[str, Any]) -> str:
     return table([], rows, "settings")
 
 
-def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
+def settings(metrics: Report, fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
     names = ("fixture", "scene", "session", "link", "robot", "left_out")
     groups = {name: metrics[name] for name in names if metrics.get(name)}
