@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
-from vfplan.geometry.lines import length_of, values_at
+from vfplan.geometry.lines import Array, Flags, length_of, values_at
 from vfplan.io.files import now_utc
 from vfplan.settings import recorded
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Frame = Literal["image", "robot_base", "patient_lps"]
 
 

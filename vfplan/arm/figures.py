@@ -6,7 +6,6 @@ from html import escape
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from vfplan.arm.rehearsal import Rehearsal, objections
 from vfplan.display import MAX_DRAWN, resolved
@@ -14,8 +13,6 @@ from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import row_norms
 from vfplan.report.page import document, facts_table, picture, plain, section, table
-
-Array = NDArray[np.float64]
 
 # Number of postures that the arm is drawn in. More would hide each other.
 DRAWN_POSTURES = 6

@@ -23,14 +23,13 @@ from vfplan.engine.governor import Governed, Governor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.replaying.guiding import GovernorMeasure
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, Report, rendered_ticks, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
 from vfplan.stability.loop import exact_bound
 from vfplan.stability.study import largest_rendered_stiffness
-
-Array = NDArray[np.float64]
 
 # Number of ticks from one report of progress, and one check of the joints' speed, to the next.
 CHECK_TICKS = 256

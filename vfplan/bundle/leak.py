@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import Content
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import Array, flattened
 
-Array = NDArray[np.float64]
 # Of points or strokes, or (K, 3) of the corners of triangles.
 Rows = NDArray[np.integer]
 

@@ -17,16 +17,13 @@ from typing import Any, Literal
 from unicodedata import category
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import MM
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry import CORNER_PX
-from vfplan.geometry.lines import rms_length
+from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
-
-Array = NDArray[np.float64]
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20

@@ -49,14 +49,12 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.geometry.lines import Spline, length_of, spline_through
+from vfplan.geometry.lines import Array, Spline, length_of, spline_through
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
 
-
-Array = NDArray[np.float64]
 
 # Shares of the tolerance; see above.
 DIMPLE_SHARE = 0.4

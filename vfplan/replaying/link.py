@@ -7,7 +7,6 @@ part; `approach_sessions` are hands that press along a drawn curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray

@@ -25,13 +25,12 @@ from vfplan.display import MM
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import arc_lengths, flattened, runs
+from vfplan.geometry.lines import Array, arc_lengths, flattened, runs
 from vfplan.io.files import to_json_types
 from vfplan.robot import Robot
 from vfplan.session.result import STATES, TickBlock, concatenate_ticks
 from vfplan.session.session import Largest
 
-Array = NDArray[np.float64]
 # All or a part of what a replay reports, as `--json` has it.
 Report = dict[str, Any]
 

@@ -26,6 +26,7 @@ from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import axis_names, guide_plot, plane_basis, scene, slice_depth, timeline
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
@@ -34,8 +35,6 @@ from vfplan.replaying.link import apart_text
 from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.session.result import TickBlock
-
-Array = NDArray[np.float64]
 
 # Number of columns of the whole session's envelope, one for each pixel of the plot's width.
 COLUMNS = WIDTH_PX

@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.geometry.lines import Array
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 

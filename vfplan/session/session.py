@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_LISTED
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
-from vfplan.geometry.lines import interpolated
+from vfplan.geometry.lines import Array, interpolated
 from vfplan.io.files import METRES
-
-Array = NDArray[np.float64]
 
 # The frames in which a robot's positions can be.
 FRAMES = ("robot_base", "patient_lps")

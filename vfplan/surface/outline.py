@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, requires_extra
-from vfplan.geometry.lines import plane
+from vfplan.geometry.lines import Array, plane
 from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from shapely import Polygon
 
 
-Array = NDArray[np.float64]
 # Largest width of a keyhole's channel [m]. No tool draws bone as thin.
 CHANNEL_M = 1e-4
 # Smallest way along the ring from one side of a channel to the other, in widths of a channel.

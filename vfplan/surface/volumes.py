@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
-from vfplan.geometry.lines import unit_normal
+from vfplan.geometry.lines import Array, unit_normal
 from vfplan.images.raster import chosen_index
 from vfplan.io.files import (
     GZIP_OR_ZLIB,
@@ -34,7 +34,6 @@ from vfplan.io.files import (
 from vfplan.io.sandbox import raise_limits, raise_limits_for, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
-Array = NDArray[np.float64]
 # Standard deviation of the smoothing [px], as the stairs of a mask are a pixel long.
 SMOOTHING_PX = 1.0
 # Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations).
