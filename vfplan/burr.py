@@ -196,8 +196,7 @@ class Burr:
             if self._normals[k].any():
                 continue
             place = self._first_points[k]
-            count = min(NEIGHBOURS, len(self._normals))
-            neighbours = self._tree.query(place, count)[1]
+            neighbours = self._tree.query(place, min(NEIGHBOURS, len(self._normals)))[1]
             normal = cloud_normal(self._first_points[neighbours], self._axis)
             outwards = self._normals[neighbours].sum(axis=0)
             if not outwards.any():

@@ -266,8 +266,7 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
     `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
     """
     rows = []
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in files:
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         if not file.is_file():
             continue
         opened, where = OpenedFile(file, ImageError), str(file)

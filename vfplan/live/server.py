@@ -122,8 +122,7 @@ def polydata(
     sizes = np.zeros((len(CELLS), 2), int)
     sizes[CELLS.index(kind)] = len(cells), len(data)
     head = struct.pack(">10I", len(points_mm), *sizes.ravel(), 0)
-    points = np.asarray(points_mm, ">f4").tobytes()
-    return message("POLYDATA", device, time_s, head + points + data)
+    return message("POLYDATA", device, time_s, head + np.asarray(points_mm, ">f4").tobytes() + data)
 
 
 # A client that takes nothing for so long is disconnected [s].

@@ -179,8 +179,7 @@ def read_sides(path: Path, spacing_mm: tuple[float, float] | None = None) -> lis
         labels = [label_of(label, f"point {k}", where) for k, (label, _) in enumerate(points, 1)]
         positions = np.array([place for _, place in points]).reshape(-1, 3)
         return [MarkerPoints("patient_lps", tuple(labels), positions, None, where, sha256)]
-    sides = parse_marker_table(text, where, spacing_mm)
-    return [replace(side, sha256=sha256) for side in sides]
+    return [replace(side, sha256=sha256) for side in parse_marker_table(text, where, spacing_mm)]
 
 
 def join(
@@ -469,8 +468,7 @@ def markups_of(text: str, where: str) -> list[dict[str, Any]]:
 
 def lps_points(markup: dict[str, Any], where: str) -> Array:
     """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
-    positions = [position for _, position in defined_points(markup, where)]
-    return np.array(positions).reshape(-1, 3)
+    return np.array([position for _, position in defined_points(markup, where)]).reshape(-1, 3)
 
 
 def defined_points(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], Array]]:

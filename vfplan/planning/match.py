@@ -191,8 +191,7 @@ def match(
             "The image given is not the file that the curve was drawn on (SHA-256 "
             "differs), so nothing was compared with it. Give that file.",
         )  # fmt: skip
-    moved = replace(correspondences, source=source)
-    return MatchResult(curve, slice_axes, moved, registration)
+    return MatchResult(curve, slice_axes, replace(correspondences, source=source), registration)
 
 
 def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:

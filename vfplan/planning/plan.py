@@ -585,6 +585,5 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
             f"{where}: {1e3 * smallest:.4g} mm are free there, and both forces act. Give a "
             "narrower --guide."
         )
-        place = tuple(places[worst].tolist())
-        record.doubt("guide-in-forbidden", "plan", text, place_m=place)
+        record.doubt("guide-in-forbidden", "plan", text, place_m=tuple(places[worst].tolist()))
     return smallest

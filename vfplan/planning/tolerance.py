@@ -196,8 +196,7 @@ def sample_curve(
         spacing = np.full(len(arc), 1 / density_per_m)
     arclength = place_points(arc, spacing, closed)
     parameter = np.interp(arclength, arc, dense)
-    ends = np.append(arclength, arc[-1]) if closed else arclength
-    gaps = np.diff(ends)
+    gaps = np.diff(np.append(arclength, arc[-1]) if closed else arclength)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
     gap = np.minimum(np.searchsorted(arclength, arc, side="right") - 1, len(gaps) - 1)

@@ -182,8 +182,7 @@ class GovernorMeasure:
         """Take in the next ticks: forces and HIPs (T, 3), T at least 1."""
         self._held_back_max_n = max(self._held_back_max_n, float(governed.held_back.max()))
         self._held_ticks += int(np.count_nonzero(governed.held_back))
-        overdrawn = governed.status & GovernorStatus.OVERDRAWN
-        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
+        self._overdrawn_ticks += int(np.count_nonzero(governed.status & GovernorStatus.OVERDRAWN))
         self._wanted.update(wanted, hips)
         self._added.update(governed.force - wanted, hips)
 

@@ -120,8 +120,7 @@ class Steps:
     @cached_property
     def speed(self) -> Array:
         """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
-        step = row_norms(self.dhip)
-        return step / np.where(self.dt > 0, self.dt, 1.0)
+        return row_norms(self.dhip) / np.where(self.dt > 0, self.dt, 1.0)
 
     @cached_property
     def sliding(self) -> tuple[Array, Array, Array, Array]:

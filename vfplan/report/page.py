@@ -136,8 +136,7 @@ def envelope(ticks: TickBlock, span: Sequence[float], columns: int) -> dict[str,
     data = {"span": list(span), "time": _flat(ticks.time[starts], 6)}
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * depth)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
-            parts = extreme.reduceat(values[:last], starts)
-            data[f"{name}_{end}"] = _flat(parts, 4)
+            data[f"{name}_{end}"] = _flat(extreme.reduceat(values[:last], starts), 4)
     return data
 
 
@@ -246,8 +245,7 @@ def scrubber(replayed: Replay) -> str:
     if replayed.stride > 1:
         ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
     words = f"Each column reaches from the least to the largest value {ticks}."
-    text = part("scrubber.html").replace("{scene}", part("scene.html"))
-    return text.replace("{envelope}", words)
+    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{envelope}", words)
 
 
 def facts_table(facts: dict[str, str]) -> str:
@@ -266,8 +264,7 @@ def scripts(data: dict[str, Any], script: str) -> str:
     # "</" inside the data would end the script element.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
     engine = part("page/engine.js", "vfplan.review").replace("export ", "")
-    parts = ("canvas.js", "scene.js", "plot.js", "hand.js")
-    drawing = engine + "".join(map(part, parts)) + script
+    drawing = engine + "".join(map(part, ("canvas.js", "scene.js", "plot.js", "hand.js"))) + script
     return f'<script type="application/json" id="data">{text}</script><script>{drawing}</script>'
 
 

@@ -298,8 +298,7 @@ def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness
 
 def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
     """The outlines of what is brighter than 127, inner ones too."""
-    inside = (mask > 127).astype(np.uint8)
-    return cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+    return cv2.findContours((mask > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
 
 
 def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> None:

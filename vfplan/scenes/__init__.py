@@ -170,8 +170,7 @@ def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
 
 def corners_mm(*points: tuple[float, ...]) -> Vector:
     """The corners of a path in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
-    rows = [[*point, 0.0][:3] for point in points]
-    return np.array(rows) * 1e-3
+    return np.array([[*point, 0.0][:3] for point in points]) * 1e-3
 
 
 class Circle(Drawn):

@@ -81,8 +81,7 @@ def transition(robot: Robot, hand: float = 0.0, seconds: float | None = None) ->
     alpha = robot.damping_n_s_per_m * t / robot.mass_kg
     kappa = hand * t * t / robot.mass_kg
     rate = np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]])
-    units = [[t, t * t / robot.mass_kg], [1.0, t / robot.mass_kg]]
-    return expm(rate)[:2, 1:] * units
+    return expm(rate)[:2, 1:] * [[t, t * t / robot.mass_kg], [1.0, t / robot.mass_kg]]
 
 
 def loop_matrix(robot: Robot, stiffness: float, hand: float = 0.0) -> Array:

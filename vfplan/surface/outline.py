@@ -447,8 +447,7 @@ def common_normal(contours: Contours) -> Array:
         flat = spreads.max(axis=0) <= 1e-9 * max(spreads.max(), 1e-3)
         if flat.any():
             return np.eye(3)[int(flat.argmax())]
-        scatter = sum(ring.T @ ring for ring in centred)
-        normal = np.linalg.eigh(scatter)[1][:, 0]
+        normal = np.linalg.eigh(sum(ring.T @ ring for ring in centred))[1][:, 0]
     axis = int(np.abs(normal).argmax())
     if abs(abs(normal[axis]) - 1) < 1e-15:
         return np.eye(3)[axis]

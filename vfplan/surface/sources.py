@@ -104,8 +104,7 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     """
     data, digest = read_bytes(path, MAX_TEXT_BYTES)
     refuse_costly(data, str(path))
-    file = io.BytesIO(data)
-    with open_dataset(file, str(path), InputError, needs_preamble=False) as dataset:
+    with open_dataset(io.BytesIO(data), str(path), InputError, needs_preamble=False) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
             return contours_of_rtstruct(dataset, structure, {"contours": digest})
