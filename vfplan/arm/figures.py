@@ -32,9 +32,7 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
             chain.append(arm.data.xpos[body].copy())
             body = int(arm.model.body_parentid[body])
         line = np.array(chain)[::-1]
-        look = {"alpha": 0.25}
-        if not k:
-            look = {"alpha": 0.85, "label": f"{arm.name}, at the start"}
+        look = {"alpha": 0.25} if k else {"alpha": 0.85, "label": f"{arm.name}, at the start"}
         axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")

@@ -346,9 +346,7 @@ def insets_of(plan: Plan) -> list[Inset]:
     if plan.metres_per_px is not None:
         width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(plan.strokes, 1):
-        name = f"line {number}"
-        if len(plan.strokes) == 1:
-            name = "the line"
+        name = "the line" if len(plan.strokes) == 1 else f"line {number}"
         for which, end, direction in picture.ends_of(stroke):
             caption = f"{which.capitalize()} of {name}"
             note = width

@@ -312,8 +312,7 @@ class Omega(Drawn):
 
         # The line moved to its left, without what lies closer to another part of it.
         distance = 3e-3
-        moved = [outside(run.sample(2.5e-4), -distance) for run in self.runs]
-        moved = in_space(np.vstack(moved))
+        moved = in_space(np.vstack([outside(run.sample(2.5e-4), -distance) for run in self.runs]))
         moved = moved[self.clearance(moved) > (1 - 1e-3) * distance]
 
         left, right = corners_mm((-60, 10)), corners_mm((60, 10))

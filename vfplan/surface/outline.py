@@ -165,8 +165,7 @@ def polygon_of(ring: Array) -> Polygon:
     """
     from shapely import Polygon, get_parts, is_valid_reason, make_valid
 
-    ring = without_repeated_corners(ring)
-    ring = with_closed_channel(ring)
+    ring = with_closed_channel(without_repeated_corners(ring))
     polygon = Polygon(ring) if len(ring) > 2 else Polygon()
     # Of a ring that crosses itself this is the area that it runs round more often to the left.
     ring_area = polygon.area

@@ -313,9 +313,7 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         )  # fmt: skip
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
-    places = {}
-    if has_labels:
-        places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
+    places = (nrrd_segments(header, len(layers)) or places_of_labels(layers)) if has_labels else {}
     return layers, places, T_lps_voxel
 
 
@@ -402,9 +400,7 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
     is_packed = data.startswith(GZIP)
     with library_errors("cannot be read as NIfTI"):
-        head = data
-        if is_packed:
-            head = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540)
+        head = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540) if is_packed else data
         kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
         header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
         shape = tuple(int(n) for n in header.get_data_shape())
