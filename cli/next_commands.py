@@ -49,8 +49,7 @@ def register_command(curve: Path, image: Path | None = None) -> str:
 def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
     """Whether the review page can show a fixture: a drawn curve that has its place on a slice."""
     frames = fixture.frame, getattr(fixture.registration, "source_frame", None)
-    is_placed = has_slice or "image" in frames
-    return is_placed and fixture.curve is not None and fixture.mesh is None
+    return (has_slice or "image" in frames) and fixture.curve is not None and fixture.mesh is None
 
 
 def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = True) -> str:

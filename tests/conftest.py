@@ -98,6 +98,11 @@ def shared_data() -> Path:
     return folder
 
 
+def names_in(folder: Path) -> list[str]:
+    """The names of the files in a folder, sorted."""
+    return sorted(path.name for path in folder.iterdir())
+
+
 def missing(reason: str) -> NoReturn:
     """Skip the test for want of something; fail it where everything must be there (CI)."""
     if os.environ.get("VFPLAN_REQUIRE_PACKAGES"):

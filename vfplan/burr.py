@@ -113,9 +113,7 @@ def vfplan_burr(
 def burr_text(metrics: dict[str, Any]) -> str:
     """What was removed, and how the force went."""
     burr = metrics["burr"]
-    same = "REPLAYED OTHERWISE"
-    if burr["replayed_to_the_bit"]:
-        same = "the replay has the same bits"
+    same = "the replay has the same bits" if burr["replayed_to_the_bit"] else "REPLAYED OTHERWISE"
     return (
         f"burred in {burr['burring_ticks']} of {metrics['ticks']} ticks: {burr['points_taken']} "
         f"points went and came back deeper, {burr['places_lowered']} places, up to "
@@ -196,8 +194,7 @@ class Burr:
             if self._normals[k].any():
                 continue
             place = self._first_points[k]
-            count = min(NEIGHBOURS, len(self._normals))
-            neighbours = self._tree.query(place, count)[1]
+            neighbours = self._tree.query(place, min(NEIGHBOURS, len(self._normals)))[1]
             normal = cloud_normal(self._first_points[neighbours], self._axis)
             outwards = self._normals[neighbours].sum(axis=0)
             if not outwards.any():

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
-from vfplan.geometry.lines import length_of, values_at
+from vfplan.geometry.lines import Array, Flags, length_of, values_at
 from vfplan.io.files import now_utc
 from vfplan.settings import recorded
 
@@ -60,11 +60,11 @@ class Rendering:
         The most iterations of a tick; `None`: the engine's own limit.
     """
 
-    stiffness: NDArray[np.float64]
+    stiffness: Array
     contact_radius: float
     band: float
     point_radius: float = 0.0
-    ignore_axis: NDArray[np.float64] | None = None
+    ignore_axis: Array | None = None
     max_iterations: int | None = None
 
 
@@ -128,18 +128,18 @@ class RegistrationRecord:
 
     model: str
     source_frame: Frame
-    T_robot_image: NDArray[np.float64]
+    T_robot_image: Array
     labels: tuple[str, ...]
-    source: NDArray[np.float64]
-    target: NDArray[np.float64]
-    residuals_m: NDArray[np.float64]
+    source: Array
+    target: Array
+    residuals_m: Array
     fre_rms_m: float
     loo_rms_m: float | None = None
     tre_rms_m: float | None = None
-    covariance: NDArray[np.float64] | None = None
-    tre_m: NDArray[np.float64] | None = None
+    covariance: Array | None = None
+    tre_m: Array | None = None
     tool: str | None = None
-    tip: NDArray[np.float64] | None = None
+    tip: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -238,10 +238,10 @@ class Pieces:
         How far the measured curve lies from the pieces at most, in the unit of the vertices.
     """
 
-    vertices: NDArray[np.float64]
-    bulges: NDArray[np.float64]
+    vertices: Array
+    bulges: Array
     stroke: NDArray[np.int32]
-    closed: NDArray[np.bool_]
+    closed: Flags
     error: float = 0.0
 
     @property
@@ -256,7 +256,7 @@ class Pieces:
         numbers = np.repeat(np.arange(len(bulges), dtype=np.int32), [len(b) for b in bulges])
         return cls(np.concatenate(vertices), np.concatenate(bulges), numbers, np.array(closed))
 
-    def of(self, kept: NDArray[np.bool_]) -> Pieces:
+    def of(self, kept: Flags) -> Pieces:
         """Those of the strokes kept, (S,), numbered anew."""
         mine, number = kept[self.stroke], np.cumsum(kept, dtype=np.int32) - 1
         return Pieces(
@@ -301,12 +301,12 @@ class Stroke:
         order.
     """
 
-    points: NDArray[np.float64]
+    points: Array
     closed: bool
-    sigma: NDArray[np.float64] | None = None
-    bridged: NDArray[np.bool_] | None = None
-    edited: NDArray[np.bool_] | None = None
-    hidden: NDArray[np.bool_] | None = None
+    sigma: Array | None = None
+    bridged: Flags | None = None
+    edited: Flags | None = None
+    hidden: Flags | None = None
     width: float | None = None
     is_ordered: bool = True
     known_length: float | None = None
@@ -329,13 +329,13 @@ class Stroke:
         return self.known_length
 
     @property
-    def end_points(self) -> NDArray[np.float64]:
+    def end_points(self) -> Array:
         """(2, K) first and last point; (0, K) of a closed line, or of one in no order."""
         if self.closed or not self.is_ordered:
             return self.points[:0]
         return self.points[[0, -1]]
 
-    def at(self, parameter: NDArray[np.float64]) -> Stroke:
+    def at(self, parameter: Array) -> Stroke:
         """The stroke through its places at float indices (N,) of its points.
 
         A place is bridged, edited or hidden as soon as one of its two neighbours is.
@@ -370,10 +370,10 @@ class Curve:
     """
 
     stroke: NDArray[np.int32]
-    closed: NDArray[np.bool_]
-    bridged: NDArray[np.bool_] | None = None
+    closed: Flags
+    bridged: Flags | None = None
     pieces: Pieces | None = None
-    edited: NDArray[np.bool_] | None = None
+    edited: Flags | None = None
 
     @classmethod
     def of(cls, strokes: Sequence[Stroke]) -> Curve:
@@ -457,9 +457,9 @@ class Fixture:
     """
 
     frame: Frame
-    points: NDArray[np.float64]
+    points: Array
     provenance: Provenance
-    sigma: NDArray[np.float64] | None = None
+    sigma: Array | None = None
     curve: Curve | None = None
     image: SourceImage | None = None
     rendering: Rendering | None = None
@@ -496,7 +496,7 @@ class Fixture:
         return getattr(self.curve, "pieces", None)
 
     @property
-    def forbidden(self) -> NDArray[np.float64]:
+    def forbidden(self) -> Array:
         """(M, 3) the points that a forbidden region is made of, none where all strokes guide.
 
         Of a mesh with `sample_radius` these are its samples, the corners first, as in C++.
@@ -553,13 +553,13 @@ class Fixture:
         return self.rendering
 
 
-def _rows_of(values: NDArray | None, rows: NDArray[np.bool_]) -> NDArray | None:
+def _rows_of(values: NDArray | None, rows: Flags) -> NDArray | None:
     if values is None:
         return None
     return values[rows]
 
 
-def size_doubt(points: NDArray[np.float64]) -> str | None:
+def size_doubt(points: Array) -> str | None:
     """What is doubtful about the size of a fixture's points (N, 3) [m]; `None` if nothing is.
 
     A slip of units, millimetres for metres or the other way round: the format's own range catches

@@ -126,8 +126,7 @@ def show(
         times, radius = ticks.time, fixture.contact_radius
 
         def move(time: float) -> None:
-            tick = int(np.searchsorted(times[1:], time, "right"))
-            show_tick(plotter, ticks, radius, tick)
+            show_tick(plotter, ticks, radius, int(np.searchsorted(times[1:], time, "right")))
 
         deepest = float(times[ticks.penetration.argmax()])
         ends = float(times[0]), float(times[-1])
@@ -253,8 +252,7 @@ def add_slice(plotter: Any, fixture: Fixture, image: PlannedImage | None) -> lis
         plotter.add_mesh(square, style="wireframe", color=SLICE, line_width=2)
     else:
         # A texture's v counts upwards from the last row.
-        places = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
-        square.active_texture_coordinates = places
+        square.active_texture_coordinates = np.array([[0, 1], [1, 1], [1, 0], [0, 0]], np.float32)
         texture = pyvista.Texture(np.ascontiguousarray(as_uint8(image.rgb)))
         plotter.add_mesh(square, texture=texture, lighting=False, opacity=0.8)
     return [("slice", SLICE)]

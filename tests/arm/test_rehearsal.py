@@ -19,8 +19,7 @@ pytestmark = pytest.mark.slow
 def wall(length=0.06, stiffness=1000.0):
     """A straight drawn line along x before the arm, endless along z."""
     x = np.arange(0.0, length, 2e-4)
-    points = np.stack([0.45 + x, 0 * x + 0.05, 0 * x + 0.3], axis=1)
-    return fixture_of(points, stiffness=stiffness)
+    return fixture_of(np.stack([0.45 + x, 0 * x + 0.05, 0 * x + 0.3], axis=1), stiffness=stiffness)
 
 
 def pressed(depth, at=0.03, seconds=1.2):
@@ -119,8 +118,7 @@ def test_out_of_reach_is_said_with_its_place():
 def test_mass_and_condition_are_those_of_the_postures():
     found = rehearse(wall(), pressed(3e-3), Arm("panda"))
     arm, m = found.arm, found.metrics
-    k = m["mass_min_tick"]
-    arm.hold(found.motion.q[k])
+    arm.hold(found.motion.q[m["mass_min_tick"]])
     J = arm.read_tip()[2][:3].copy()
     inverse = J @ np.linalg.inv(arm.inertia()) @ J.T
     assert m["mass_min_kg"] == pytest.approx(1 / np.linalg.eigvalsh(inverse)[-1])

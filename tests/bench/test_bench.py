@@ -107,8 +107,7 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     scene = SCENES["segment"]()
     hips = scene.path("above", 0.2)
     case = Case("segment", scene, hips)
-    shifted = case.truth + np.array([0, 1e-5, 0])
-    errors = judge(case, shifted)
+    errors = judge(case, case.truth + np.array([0, 1e-5, 0]))
     assert errors["error_rms"] == pytest.approx(1e-5)
     assert errors["force_rms_n"] == pytest.approx(1e-2)
 

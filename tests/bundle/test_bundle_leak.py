@@ -126,8 +126,7 @@ def test_points_of_one_place_cost_no_more_than_others(tmp_path):
     """A tree cannot part them: a plain search among them takes minutes."""
     count = 200_000
     points = np.vstack([np.zeros((count, 3)), [[0.1, 0, 0]]])
-    strokes = np.arange(count, dtype=np.int32) // 4
-    curve = bundles.Curve(strokes, np.zeros(count // 4, bool))
+    curve = bundles.Curve(np.arange(count, dtype=np.int32) // 4, np.zeros(count // 4, bool))
     cloud = replace(bundles.small(), points=points, sigma=None, curve=None)
     fixtures = {"cloud": cloud, "curve": replace(cloud, points=points[:count], curve=curve)}
     for name, fixture in fixtures.items():

@@ -199,8 +199,7 @@ def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
     plain, lps, ras = map(imported, (b"bone", b"SPACE=LPS", b"SPACE=RAS;"))
     assert [one.frame for one in (plain, lps, ras)] == ["robot_base", "patient_lps", "patient_lps"]
     assert np.array_equal(plain.points, lps.points)
-    turned = ras.points[ras.mesh] * [-1, -1, 1]
-    assert np.array_equal(turned, lps.points[lps.mesh])
+    assert np.array_equal(ras.points[ras.mesh] * [-1, -1, 1], lps.points[lps.mesh])
     assert imported(b"bone", "patient_lps").frame == "patient_lps"
     for text, frame, code in (
         (b"SPACE=LAS", None, "space-unknown"), (b"SPACE=LPS SPACE=RAS", None, "space-unknown"),

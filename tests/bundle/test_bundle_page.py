@@ -132,8 +132,7 @@ def written(points):
 
 
 def test_the_page_tells_how_a_bundle_is_written(tmp_path):
-    points = bundles.large(60).points
-    points = 0.4 + (points - 0.4) * 0.2
+    points = 0.4 + (bundles.large(60).points - 0.4) * 0.2
     path = tmp_path / "theirs.h5"
     path.write_bytes(written(points))
     check_seal(path.read_bytes())

@@ -125,6 +125,7 @@ def test_the_runner_says_where_a_reader_is_wrong(kit, tmp_path, capsys):
 
 READER = ROOT / "samples" / "reader" / "vfplan_reader.py"
 GOLDEN = sorted((ROOT / "tests" / "data" / "bundles").glob("2.*.h5"))
+every_golden_bundle = pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
 
 
 SECOND = load(READER)
@@ -149,7 +150,7 @@ def test_the_second_reader_is_a_program_of_the_standard_library(kit):
     assert read(kit / "invalid" / "no_seal.h5") is None
 
 
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+@every_golden_bundle
 def test_the_second_reader_reads_every_golden_bundle(path):
     assert SECOND.read(path.read_bytes()) == by_the_package(path)
 
@@ -165,7 +166,7 @@ def test_the_second_reader_gives_the_same_verdict_of_mutants():
         assert by_the_second(data) == by_the_package(data), number
 
 
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+@every_golden_bundle
 def test_pyfive_reads_the_same_values(path):
     pyfive = pytest.importorskip("pyfive", reason="pyfive is not installed")
     with pyfive.File(path) as file:
@@ -175,7 +176,7 @@ def test_pyfive_reads_the_same_values(path):
             assert plain(found) == plain(value), where
 
 
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+@every_golden_bundle
 @pytest.mark.parametrize("library", ["h5wasm", "jsfive"])
 def test_javascript_reads_the_same_values(library, path):
     """Where `npm install --prefix build/js h5wasm jsfive` was run."""
@@ -190,7 +191,7 @@ def test_javascript_reads_the_same_values(library, path):
         assert flat(printed[where]) == flat(plain(value)), where
 
 
-@pytest.mark.parametrize("path", GOLDEN, ids=lambda p: p.stem)
+@every_golden_bundle
 def test_rust_reads_the_same_values(path):
     """hdf5-pure, where its program was built with cargo."""
     program = ROOT / "build" / "rust" / "debug" / "foreign"

@@ -40,8 +40,7 @@ def test_a_burr_takes_away_what_it_is_pressed_on_and_nothing_else():
     # What the hand never came near is as it was; what is left lies outside the ball's last places.
     flat = np.hypot(*fixture.points[:, :2].T) > 12e-3
     assert np.array_equal(fixture.points[flat], burred.after[flat])
-    away = np.linalg.norm(burred.after - session.hip[-1], axis=1)
-    assert away.min() > B - 2 * BAND - 1e-6
+    assert np.linalg.norm(burred.after - session.hip[-1], axis=1).min() > B - 2 * BAND - 1e-6
     # Beyond R - B there is no more to press against: the force stays near K (R - B).
     assert burred.replayed.metrics["force_max_n"] < 1.6 * K * (R - B)
     untouched = burr(fixture, vfplan.Session(session.time[:400], session.hip[:400]), B)

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from camera_scene import CAMERA
 from chromium import Page
-from conftest import free_port, need_program
+from conftest import free_port, names_in, need_program
 from refusals import refuses
 from replays import fixture_of, write_session
 
@@ -303,7 +303,7 @@ def test_a_frame_says_that_the_session_has_ended_and_a_run_without_a_tick_fails(
 def test_an_option_without_effect_is_refused(words, vfplan_cli, tmp_path):
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((9, 9), np.uint8))
     assert vfplan_cli("ar", *words.split(), cwd=tmp_path).code == 2
-    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+    assert names_in(tmp_path) == ["a.png"]
 
 
 SHOWN = "document.getElementById('connection').textContent"

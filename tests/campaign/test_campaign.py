@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from conftest import names_in
 from dataclasses import replace
 
 import numpy as np
@@ -90,8 +91,8 @@ def campaign(where, trials=BLOCK, asked=None, **more):
 
 
 def same_files(one, other):
-    names = sorted(path.name for path in one.iterdir())
-    assert names == sorted(path.name for path in other.iterdir())
+    names = names_in(one)
+    assert names == names_in(other)
     assert all((one / name).read_bytes() == (other / name).read_bytes() for name in names)
 
 
@@ -126,8 +127,7 @@ def line_depths():
     clear = (R + 5e-3) / 5e-4  # [px]
     at = np.array([[150 + clear, 300, 1], [450 - clear, 300, 1]])
     both = FLE**2 / 3 * at @ np.linalg.inv(x.T @ x) @ at.T
-    rng = np.random.default_rng(1)
-    deepest = SHARE * rng.multivariate_normal([0, 0], both, 10**6).max(axis=1)
+    deepest = SHARE * np.random.default_rng(1).multivariate_normal([0, 0], both, 10**6).max(axis=1)
     return np.quantile(deepest, [0.05, 0.5, 0.95])
 
 

@@ -45,8 +45,7 @@ def test_results_hold_what_the_contract_names(document):
         assert 0 < r["time_us_median"] <= r["time_us_p999"]
     assert document["machine"]["processor"]
     assert document["elapsed_s"] > 0
-    names = [p["name"] for p in document["peers"]]
-    assert names[:2] == ["nanoflann_peer", "nearest-point penalty"]
+    assert [p["name"] for p in document["peers"]][:2] == ["nanoflann_peer", "nearest-point penalty"]
 
 
 def falling(rows, key, tightest_last):
@@ -109,8 +108,7 @@ def test_files_say_what_the_document_says(quick, vfplan_cli):
     assert {p.name for p in folder.iterdir()} == {
         "bench.json", *(f"bench_{stage}.png" for stage in (*STAGES, "summary"))
     }  # fmt: skip
-    stored = json.loads((folder / "bench.json").read_text())
-    assert stored["results"] == document["results"]
+    assert json.loads((folder / "bench.json").read_text())["results"] == document["results"]
     lines = table_lines(document)
     assert {f"proxy: {scene}" for scene in scenes(document, "proxy")} < set(lines)
     assert sum(line.endswith("chosen by tolerance") for line in lines) == 8

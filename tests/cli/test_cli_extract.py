@@ -7,6 +7,7 @@ import os
 import cv2
 import numpy as np
 import pytest
+from conftest import names_in
 from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
 from vector_files import RING_MM, polyline, slicer
 
@@ -86,10 +87,10 @@ def test_several_candidates_exit_3_and_leave_nothing(vfplan_cli, tmp_path):
     done = vfplan_cli("extract", image, "-o", out, "--mask-out", mask, "--json").fails(3)
     assert done.json["error"]["kind"] == "CurveError"
     assert "2: " in done.error_line
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["two.png"]
+    assert names_in(tmp_path) == ["two.png"]
     numbers = tmp_path / "o.png"
     vfplan_cli("extract", image, "-o", out, "--overlay-out", numbers).fails(3, str(numbers))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["o.png", "two.png"]
+    assert names_in(tmp_path) == ["o.png", "two.png"]
     chosen = vfplan_cli("extract", image, "-o", out, "--stroke", "longest", "--json").sound
     assert [entry["what"] for entry in chosen.json["account"]] == ["ink"]
     everything = vfplan_cli("extract", image, "-o", out, "--stroke", "all", "--overwrite", "--json")
@@ -105,7 +106,7 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
         assert done.json["error"]["kind"] == "OutputError"
         assert done.stderr.count("\n") == 1
     assert pipe.is_fifo()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["pipe.h5", image.name]
+    assert names_in(tmp_path) == ["pipe.h5", image.name]
 
 
 def test_vector_curves(vfplan_cli, image, tmp_path):

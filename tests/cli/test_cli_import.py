@@ -122,8 +122,7 @@ def test_points_come_back(suffix, vfplan_cli, tmp_path):
     export(bundles.minimal(), path)
     run = vfplan_cli("import", path, "--units", "m", "-o", tmp_path / "a.h5", "--json").sound
     assert run.json["leak"]["/leak@kind"] == "cloud"
-    found = vfplan.read_fixture(tmp_path / "a.h5").points
-    assert found.tobytes() == points.tobytes()
+    assert vfplan.read_fixture(tmp_path / "a.h5").points.tobytes() == points.tobytes()
 
 
 def test_a_curve_with_a_gap_wider_than_the_proxy_is_not_written(vfplan_cli, tmp_path):
@@ -197,8 +196,7 @@ def test_of_a_bare_cloud_no_opening_is_told(rows, says, vfplan_cli, tmp_path):
 @pytest.mark.parametrize(("contact_radius_mm", "is_coarse"), [(1.5, True), (8, False)])
 def test_facets_that_are_felt_are_a_finding(contact_radius_mm, is_coarse, vfplan_cli, tmp_path):
     """Facets of 3.3 to 3.7 mm leave a ball of 6 mm by up to 0.38 mm: R / 20 is 0.075 or 0.4 mm."""
-    creation = pytest.importorskip("trimesh").creation
-    creation.icosphere(1, radius=6.0).export(tmp_path / "ball.stl")
+    pytest.importorskip("trimesh").creation.icosphere(1, radius=6.0).export(tmp_path / "ball.stl")
     run = vfplan_cli("import", tmp_path / "ball.stl", "--units", "mm", "--contact-radius",
                      contact_radius_mm, "-o", tmp_path / "ball.h5", "--json").sound  # fmt: skip
     assert run.json["rule"] == "exact"

@@ -8,7 +8,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import ELBOW, output
+from conftest import ELBOW, names_in, output
 
 import vfplan
 
@@ -65,7 +65,7 @@ def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
 
 def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):
     run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).sound
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["elbow-sheet.png", "elbow.h5"]
+    assert names_in(tmp_path) == ["elbow-sheet.png", "elbow.h5"]
     assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
     vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).fails(2, error="output-exists")
 

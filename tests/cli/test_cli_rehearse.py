@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import ELBOW
+from conftest import ELBOW, names_in
 from replays import fixture_of, write_session
 
 import vfplan
@@ -28,8 +28,7 @@ def scene(tmp_path_factory):
 
 def test_the_report_has_its_keys_and_the_files_appear(scene, vfplan_cli, tmp_path):
     out, page = tmp_path / "r.h5", tmp_path / "page"
-    outputs = ("-o", out, "--report", page)
-    done = vfplan_cli("rehearse", *scene, *outputs, "--json").sound
+    done = vfplan_cli("rehearse", *scene, "-o", out, "--report", page, "--json").sound
     found = done.json
     for key in (
         "ticks", "duration_s", "reflexes", "torque_step_max_nm", "torque_max_nm", "elapsed_s",
@@ -97,7 +96,7 @@ def test_plan_rehearses_before_it_writes(vfplan_cli, tmp_path):
 @pytest.mark.full
 def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfplan_cli):
     found = vfplan_cli("demo", "panda", "-o", tmp_path / "demo", "--json").sound.json
-    assert sorted(found["files"]) == sorted(path.name for path in (tmp_path / "demo").iterdir())
+    assert sorted(found["files"]) == names_in(tmp_path / "demo")
     for numbers in found["experiments"].values():
         assert numbers["reachable"]
         assert numbers["slope_n_per_m"] == pytest.approx(1000, rel=0.02)

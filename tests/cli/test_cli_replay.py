@@ -8,7 +8,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from conftest import ELBOW, output
+from conftest import ELBOW, names_in, output
 from meshes import sphere
 from replays import fixture_of, line, meshed, probing, write_session
 
@@ -51,7 +51,7 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
         force = np.linalg.norm(file["force"][:], axis=1)
     assert force.max() == pytest.approx(found["force_max_n"], rel=1e-12)
     assert len(table.read_text().splitlines()) == 3001
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["r.csv", "r.h5"]
+    assert names_in(tmp_path) == ["r.csv", "r.h5"]
 
 
 def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
@@ -78,7 +78,7 @@ def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
         vfplan_cli("replay", fixture, session, option, path,
                    "--overwrite").fails(2, "is an input of this call")  # fmt: skip
     assert (fixture.read_bytes(), session.read_bytes()) == tuple(p.read_bytes() for p in files)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "s.csv"]
+    assert names_in(tmp_path) == ["f.h5", "s.csv"]
 
 
 @pytest.mark.parametrize("how", [(), PAPER])
@@ -96,7 +96,7 @@ def test_replay_loads_no_picture_library(files, tmp_path, how):
 
 def test_report_folder(vfplan_cli, files, tmp_path):
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--json").sound
-    assert [p.name for p in (tmp_path / "out").iterdir()] == ["index.html"]
+    assert names_in(tmp_path / "out") == ["index.html"]
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out").code == 2
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").code == 0
     assert vfplan_cli("replay", *files, "--image", tmp_path / "no.png").code == 2
@@ -169,8 +169,7 @@ def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, t
     run = vfplan_cli("replay", files[0], far, *limits, "--report", tmp_path / "page", "--json")
     assert (run.code, run.json["verdict"]) == (1, "not-tested")
     assert '<p class="verdict none">NOT TESTED' in (tmp_path / "page" / "index.html").read_text()
-    text = vfplan_cli("replay", files[0], far, *limits)
-    assert text.stdout.startswith("NOT TESTED")
+    assert vfplan_cli("replay", files[0], far, *limits).stdout.startswith("NOT TESTED")
     run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")
     assert (run.code, run.json["verdict"]) == (1, "fail")
 

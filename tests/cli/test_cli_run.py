@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from conftest import AWAKE, output
+from conftest import AWAKE, names_in, output
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
 
@@ -50,7 +50,7 @@ def test_a_report_that_cannot_be_written_is_one_line(words, env, tmp_path):
         assert done.returncode == 2, done.stderr
         assert done.stderr.count("\n") == 1
         assert "No space left" in done.stderr
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "new.ply", "old.ply"]
+    assert names_in(tmp_path) == ["a.h5", "new.ply", "old.ply"]
     assert (tmp_path / "old.ply").read_bytes() == (tmp_path / "new.ply").read_bytes()
 
 
@@ -95,7 +95,7 @@ def test_an_ignored_signal_stays_ignored(tmp_path):
     script = "import signal; signal.signal(signal.SIGHUP, signal.SIG_IGN)" + STOPPED
     words = [sys.executable, "-c", script, tmp_path / "out.h5", str(int(signal.SIGHUP)), "raised"]
     output(*words, cwd=tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["out.h5"]
+    assert names_in(tmp_path) == ["out.h5"]
 
 
 def test_an_error_on_a_full_disk_keeps_its_exit_code():

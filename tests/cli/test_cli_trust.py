@@ -13,7 +13,7 @@ from unittest.mock import Mock
 import bundles
 import pytest
 from click.testing import CliRunner
-from conftest import AWAKE, ELBOW
+from conftest import AWAKE, ELBOW, names_in
 from vfplan.cli.run import CommandResult, command, printable, progress
 
 import vfplan
@@ -256,4 +256,4 @@ def test_a_key_of_somebody_else_is_not_signed_with(tmp_path, monkeypatch):
     monkeypatch.setattr(os, "geteuid", lambda: user + 1)
     with pytest.raises(vfplan.errors.InputError, match=f"another user \\(id {user}\\)"):
         sign(tmp_path / "f.h5", tmp_path / "s.h5", key)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.h5", "k", "k.pub"]
+    assert names_in(tmp_path) == ["f.h5", "k", "k.pub"]

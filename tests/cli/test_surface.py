@@ -81,8 +81,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
     replayed = called("replay", "f.h5", "h.csv", "-o", "r.h5", "--json").json
     assert replayed["contact_ticks"] > 300
     assert replayed["entrenched_ticks"] == 0
-    trace = vfplan.replay(fixture, session).trace
-    back = 1e3 * (trace.proxy - SHIFT) @ TURN
+    back = 1e3 * (vfplan.replay(fixture, session).trace.proxy - SHIFT) @ TURN
     assert 4.8 < BENT.distance(back)[500:].min() < 5.2
 
     # Touched by a ball of 1 mm, 0.8 mm further along x than the markers say: the bone is there.

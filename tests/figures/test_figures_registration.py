@@ -44,8 +44,7 @@ def figure(monkeypatch, tmp_path):
 def test_arrows_are_the_residuals_times_the_stated_factor(figure):
     target = planar(grid())
     target[3] += [0.003, -0.004, 0]
-    names = [f"x{i}" for i in range(1, 10)]
-    registration = fit_registration(grid(), target, labels=names)
+    registration = fit_registration(grid(), target, labels=[f"x{i}" for i in range(1, 10)])
     image = PlannedImage(np.full((780, 800, 3), 120, np.uint8))
     made = figure(registration, LINE, image=image)
     labels = texts(made)
@@ -71,8 +70,7 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
 def test_left_out_markers_and_an_exact_fit(figure):
     target = planar(grid())
     target[3] += [0.03, -0.04, 0]
-    robust = fit_registration(grid(), target, robust=True)
-    assert "left out" in texts(figure(robust, LINE))
+    assert "left out" in texts(figure(fit_registration(grid(), target, robust=True), LINE))
     exact = fit_registration(np.round(grid()), np.c_[np.round(grid()), np.zeros(9)])
     assert texts(figure(exact, LINE))
 

@@ -50,8 +50,7 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
 @pytest.mark.parametrize("times", [1, 100])
 def test_scene_shows_the_whole_path_or_says_how_much_is_left_out(pressed, times):
     ends = np.linspace([0.05, 5e-3, 0], [0.05 + 0.1 * times, 0.02, 0], 100)
-    session = Session(np.arange(100) / 1e3, ends)
-    [axes] = scene(replay(pressed.fixture, session)).axes
+    [axes] = scene(replay(pressed.fixture, Session(np.arange(100) / 1e3, ends))).axes
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()]) / 1e3
     is_seen = ((ends[:, :2] >= low) & (ends[:, :2] <= high)).all()
     assert is_seen == (times == 1)

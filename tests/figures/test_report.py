@@ -151,8 +151,7 @@ def test_the_same_replay_gives_the_same_page(pressed, written):
 
 
 def test_in_a_browser(pressed, written, tmp_path):
-    program = need_program("chromium", "chromium")
-    with Page(program, tmp_path / "profile") as browser:
+    with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(written.as_uri())
         spoken = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         problems = [e for e in browser.events if e["method"] in spoken]

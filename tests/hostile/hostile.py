@@ -133,8 +133,7 @@ def references(f):
 
 
 def region_references(f):
-    region = f["points"].regionref[:3]
-    put(f, "sigma", np.array([region] * 70, dtype=h5py.regionref_dtype))
+    put(f, "sigma", np.array([f["points"].regionref[:3]] * 70, dtype=h5py.regionref_dtype))
 
 
 def named_type(f):

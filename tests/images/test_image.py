@@ -66,8 +66,7 @@ def test_transparent_pixels_lie_over_black(tmp_path, mode):
 @pytest.mark.parametrize("depth", [np.uint8, np.uint16])
 def test_a_half_transparent_pixel_is_rounded_to_the_nearest_value(tmp_path, depth):
     full = np.iinfo(depth).max
-    generator = np.random.default_rng(1)
-    bgra = generator.integers(0, full, (37, 11, 4), depth, endpoint=True)
+    bgra = np.random.default_rng(1).integers(0, full, (37, 11, 4), depth, endpoint=True)
     path = tmp_path / "slice.png"
     assert cv2.imwrite(str(path), bgra)
     exact = bgra[..., 2::-1].astype(float) * bgra[..., 3:].astype(float) / full
@@ -176,8 +175,7 @@ def test_what_follows_a_picture_is_left_out_with_a_note(tmp_path, form):
 
 def test_a_picture_of_12_bits_in_16_is_stretched_with_a_note(tmp_path):
     path = tmp_path / "a.png"
-    dark = PICTURE[..., ::-1].astype(np.uint16) << 4
-    assert cv2.imwrite(str(path), dark)
+    assert cv2.imwrite(str(path), PICTURE[..., ::-1].astype(np.uint16) << 4)
     read = vfplan.read_image(path)
     assert np.array_equal(read.rgb, PICTURE.astype(np.uint16) << 8)
     assert codes(read) == ["range-stretched"]

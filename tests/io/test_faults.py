@@ -15,7 +15,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import ELBOW as SAMPLES
-from conftest import need_program
+from conftest import names_in, need_program
 from replays import write_session
 
 import vfplan
@@ -118,8 +118,7 @@ def limited():
 def test_a_file_that_may_not_grow_is_one_line(folder, tmp_path):
     """What a full disk is to a file: every write beyond some point fails, not one of them."""
     program = Path(sys.executable).with_name("vfplan")
-    session = Session(np.arange(3000) * 1e-3, np.full((3000, 3), 0.03))
-    write_session(tmp_path / "s.csv", session)
+    write_session(tmp_path / "s.csv", Session(np.arange(3000) * 1e-3, np.full((3000, 3), 0.03)))
     for option, name in (("-o", "r.h5"), ("--csv", "r.csv")):
         done = subprocess.run(
             [program, "replay", folder / "f.h5", tmp_path / "s.csv", option, tmp_path / name],
@@ -128,13 +127,12 @@ def test_a_file_that_may_not_grow_is_one_line(folder, tmp_path):
         assert (done.returncode, done.stdout) == (2, ""), done
         assert "File too large" in done.stderr
         assert done.stderr.count("\n") == 1
-        assert [path.name for path in tmp_path.iterdir()] == ["s.csv"]
+        assert names_in(tmp_path) == ["s.csv"]
 
 
 def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
     """The result's file is not there until it is right, and an error takes it away."""
-    session = Session(np.arange(20) * 1e-3, np.full((20, 3), 0.03))
-    replayed = vfplan.replay(bundles.small(), session)
+    replayed = vfplan.replay(bundles.small(), Session(np.arange(20) * 1e-3, np.full((20, 3), 0.03)))
     from vfplan.session.result import ResultWriter, write_result
 
     path = tmp_path / "r.h5"
@@ -144,7 +142,7 @@ def test_a_result_is_written_from_python_whole_or_not_at_all(tmp_path):
         raise KeyError
     assert list(tmp_path.iterdir()) == []
     write_result(replayed, path)
-    assert [p.name for p in tmp_path.iterdir()] == ["r.h5"]
+    assert names_in(tmp_path) == ["r.h5"]
 
 
 def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeypatch):

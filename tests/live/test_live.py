@@ -237,8 +237,7 @@ def test_crc_and_header_as_the_protocol_has_them():
     version, kind, device, stamp, size, crc = igtl.HEADER.unpack_from(data)
     assert (version, kind.rstrip(b"\0"), device.rstrip(b"\0")) == (1, b"TRANSFORM", b"vfplan_hip")
     assert (stamp, size, crc) == (1 << 32 | 1 << 31, 48, igtl.crc64(data[58:]))
-    numbers = struct.unpack(">12f", data[58:])
-    assert numbers == (1, 0, 0, 0, 1, 0, 0, 0, 1, 1, -2, 3)
+    assert struct.unpack(">12f", data[58:]) == (1, 0, 0, 0, 1, 0, 0, 0, 1, 1, -2, 3)
 
 
 def messages(client):
@@ -298,8 +297,7 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
         force = np.frombuffer(kinds[2][2], ">f8", 3, 10)
         assert np.array_equal(force, made(3)[2]["force"] * [-1, -1, 1])
         client.sendall(igtl.message("GET_POLYDATA", "vfplan_cloud", 0.0, b""))
-        again = next(m for m in coming if m[0] == "POLYDATA")
-        assert again[2] == first[0][2]
+        assert next(m for m in coming if m[0] == "POLYDATA")[2] == first[0][2]
         client.close()
     stalled.close()
 
@@ -318,8 +316,7 @@ def test_a_client_is_told_when_the_source_is_silent(server, feed, monkeypatch):
         client.close()
     tick = np.zeros(1, sources.SHOWN)[0]
     tick["received"] = before
-    stamp = igtl.HEADER.unpack_from(igtl.tick_messages(tick))[3]
-    assert stamp >> 32 == int(before)
+    assert igtl.HEADER.unpack_from(igtl.tick_messages(tick))[3] >> 32 == int(before)
 
 
 def test_a_feed_hands_out_its_rate_and_waits_for_nobody():
@@ -672,5 +669,4 @@ def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkey
     true = [placed(k, (k / 1e3, 0, 0)) for k in range(5)]
     np.testing.assert_allclose(matrices(got.pose), true, atol=1e-6)
     words = ["replay", fixture, recorded, "--poses", poses, "--rule", "robust", "--json"]
-    replayed = CliRunner().invoke(cli, [*map(str, words)])
-    assert json.loads(replayed.stdout)["poses_refused"] == 0
+    assert json.loads(CliRunner().invoke(cli, [*map(str, words)]).stdout)["poses_refused"] == 0

@@ -121,8 +121,7 @@ def whole():
 
 def drawn():
     """A line that goes on in a quarter circle, and a circle, as pieces and as points on them."""
-    made = fixtures.pieces(line=30, arc=17, circle=50)
-    return replace(made, provenance=PROVENANCE)
+    return replace(fixtures.pieces(line=30, arc=17, circle=50), provenance=PROVENANCE)
 
 
 FINDINGS = (

@@ -161,5 +161,4 @@ def rms(values):
 
 def rms_off(stroke, truth):
     """RMS error across an open true line of all points of a stroke but two at each end [px]."""
-    error = normal_errors(stroke.points_px, truth, False)
-    return rms(error[2:-2])
+    return rms(normal_errors(stroke.points_px, truth, False)[2:-2])

@@ -91,8 +91,7 @@ class Sheet(Canvas):
 def _begin(kind, _seed, rng):
     rasteriser = RASTERISERS[int(rng.integers(len(RASTERISERS)))]
     quality = QUALITIES[int(rng.integers(len(QUALITIES)))]
-    ground = _ground(LARGE_SHAPE if kind in LARGE else SHAPE, rng)
-    return Sheet(ground, rasteriser, rng), quality
+    return Sheet(_ground(LARGE_SHAPE if kind in LARGE else SHAPE, rng), rasteriser, rng), quality
 
 
 def _ground(shape, rng):

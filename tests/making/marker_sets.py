@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.geometry.lines import Array
+
 SPACING_M = 0.5e-3
 LAYOUTS = ("grid", "ring", "random")
 
@@ -17,16 +19,12 @@ class MarkerSet:
     """Markers of a slice whose true place in front of the robot is known."""
 
     kind: str
-    source: NDArray[np.float64]  # (N, 2) [px]
-    target: NDArray[np.float64]  # (N, 3) as touched [m]
-    T: NDArray[np.float64]  # (3, 3) the true map on [u v 1] [m]
+    source: Array  # (N, 2) [px]
+    target: Array  # (N, 3) as touched [m]
+    T: Array  # (3, 3) the true map on [u v 1] [m]
     fle_m: float
     # Whether another order of the labels fits the true positions to within three FLE.
     is_symmetric: bool
-
-    def true_place(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(M, 3) [m] where points (M, 2) of the slice truly lie."""
-        return np.column_stack([points, np.ones(len(points))]) @ self.T.T
 
 
 def marker_sets(
@@ -45,7 +43,7 @@ def marker_sets(
         yield MarkerSet(kind, source, target, T, fle, _is_symmetric(source, 3 * fle))
 
 
-def _layout(rng: np.random.Generator, kind: str, n: int) -> NDArray[np.float64]:
+def _layout(rng: np.random.Generator, kind: str, n: int) -> Array:
     """(n, 2) [px], never on a line."""
     while True:
         jitter = rng.normal(0, rng.choice([0.3, 5.0, 20.0]), (n, 2))
@@ -63,7 +61,7 @@ def _layout(rng: np.random.Generator, kind: str, n: int) -> NDArray[np.float64]:
             return source
 
 
-def _pose(rng: np.random.Generator) -> NDArray[np.float64]:
+def _pose(rng: np.random.Generator) -> Array:
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
     return np.column_stack(
@@ -71,7 +69,7 @@ def _pose(rng: np.random.Generator) -> NDArray[np.float64]:
     )
 
 
-def _is_symmetric(source: NDArray[np.float64], within_m: float) -> bool:
+def _is_symmetric(source: Array, within_m: float) -> bool:
     """Whether a turn, a mirror or an exchange takes the layout onto itself.
 
     By the similarity that fits best, with turns over allowed as a slice may be turned over: the
@@ -118,7 +116,7 @@ def mistaken_orders(rng: np.random.Generator, n: int) -> dict[str, NDArray[np.in
     }
 
 
-def with_outlier(rng: np.random.Generator, target: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_outlier(rng: np.random.Generator, target: Array) -> Array:
     """One marker 5 to 100 mm (log-uniform) from where it was touched, in any direction."""
     moved = target.copy()
     direction = rng.normal(size=3)

@@ -140,8 +140,7 @@ def test_textures_letters_and_rulers_are_no_marks(seed):
     for v in range(100, 500, 20):
         cv2.line(image, (680, v), (690 if v % 100 else 697, v), (255, 255, 0), 1)
     for n in (4, 7, 9):
-        found = compare(image, rng.uniform(40, 560, (n, 2)))
-        assert codes(found) == ["no-marks-drawn"]
+        assert codes(compare(image, rng.uniform(40, 560, (n, 2)))) == ["no-marks-drawn"]
 
 
 def test_labels_beside_markers_that_no_ink_shows_refuse_nothing():

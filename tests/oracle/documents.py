@@ -73,8 +73,7 @@ def documents(names):
         for name in names:
             words = [*COMMANDS[name].split(), "--json"]
             done = CliRunner(env={"SOURCE_DATE_EPOCH": "1767225600"}).invoke(cli, words)
-            document = {"exit": done.exit_code, **json.loads(done.stdout)}
-            answers[name] = dict(leaves(document))
+            answers[name] = dict(leaves({"exit": done.exit_code, **json.loads(done.stdout)}))
     return answers
 
 

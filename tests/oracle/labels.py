@@ -82,8 +82,7 @@ def measured(number):
         curve_mm = 1e3 * curve_error(matrix[:3][:, [0, 1, -1]], markers.truth)
     outcomes = []
     for mistake in MISTAKES:
-        target = markers.target[markers.orders[mistake]]
-        outcomes.append(judged(markers.source, target, model)[0])
+        outcomes.append(judged(markers.source, markers.target[markers.orders[mistake]], model)[0])
     n, fle_mm = len(markers.source), 1e3 * markers.fle_m
     return Row(number, markers.layout, n, model, fle_mm, good, *outcomes, fre_mm, curve_mm)
 

@@ -77,8 +77,7 @@ def test_no_set_of_markers_is_judged_worse(part):
 
 @quick_and_full(documents.QUICK, ("plan", *documents.LONG))
 def test_json_keeps_its_keys_and_values(part):
-    now = documents.documents(part)
-    none(documents.different(frozen(documents, "documents.txt"), now))
+    none(documents.different(frozen(documents, "documents.txt"), documents.documents(part)))
 
 
 def test_the_readme_names_every_file_and_every_command_that_renews_a_page():

@@ -36,8 +36,7 @@ def test_plan_then_replay_a_franka_recording(vfplan_cli, shared_data, tmp_path, 
         planned / f"{name}_markers_robot.csv", *("-o", bundle, "--pixel-spacing", 0.5954),
     ).sound  # fmt: skip
     fixture = vfplan.read_fixture(bundle)
-    recording = shared_data / "panda_sessions" / "recording_1.csv"
-    session, hip = moved_onto(recording, fixture, tmp_path)
+    session, hip = moved_onto(shared_data / "panda_sessions" / "recording_1.csv", fixture, tmp_path)
 
     run = vfplan_cli("replay", bundle, session, "-o", result, "--json").sound
     report = run.json

@@ -65,8 +65,7 @@ def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     fixture = add_guidance(two_lines(0.02), settings, Record())
     vfplan.write_fixture(fixture, tmp_path / "led.h5")
     guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
-    still = np.tile([0.05, 0.02, 0], (1000, 1))
-    assert guide.run(still).force[-1] == pytest.approx([2.0, 0, 0])
+    assert guide.run(np.tile([0.05, 0.02, 0], (1000, 1))).force[-1] == pytest.approx([2.0, 0, 0])
 
 
 def test_a_closed_guide_has_no_ends():

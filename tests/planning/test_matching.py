@@ -62,8 +62,7 @@ def test_register_takes_the_slice_beside_the_curve(markers, tmp_path):
     assert curve.frame == "image"
     with refuses(MarkerError, "slice-without-place"):
         register(curve, *markers, RIGID)
-    image = vfplan.read_image(path)
-    both = register(curve, *markers, RIGID, image=image).fixture.points
+    both = register(curve, *markers, RIGID, image=vfplan.read_image(path)).fixture.points
     assert np.array_equal(both, plan(path, *markers, settings=RIGID).fixture.points)
 
 

@@ -34,8 +34,7 @@ def codes(registration):
 
 @pytest.mark.parametrize("model", MODELS)
 def test_good_markers_are_flagged_once_in_a_hundred_sets(model):
-    rng = np.random.default_rng(2)
-    seeds = rng.integers(1 << 30, size=1200)
+    seeds = np.random.default_rng(2).integers(1 << 30, size=1200)
     flagged = [bool(fit(grid(), planar(grid(), seed=seed), model).outliers) for seed in seeds]
     assert 0.003 < np.mean(flagged) < 0.02
 

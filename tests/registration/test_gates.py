@@ -53,8 +53,7 @@ def test_few_good_markers_have_a_doubt_to_answer(model, sets):
 @pytest.mark.parametrize("mistake", ["reversed", "shifted", "exchanged", "permuted"])
 def test_no_label_mistake_passes_in_silence(mistake, model, sets):
     def change(rng, markers):
-        order = table.mistaken_orders(rng, len(markers.source))[mistake]
-        return markers.target[order]
+        return markers.target[table.mistaken_orders(rng, len(markers.source))[mistake]]
 
     assert "silent" not in judged(sets, model, change)
 
@@ -87,8 +86,7 @@ def test_exchanged_labels_are_named(model):
         target[[i, j]] = target[[j, i]]
         error = refusal(fit(grid(), target, model))
         assert (error.code, error.numbers["action"]) == ("labels-mistaken", "exchanged")
-        swapped = [NAMES[{i: j, j: i}.get(k, k)] for k in range(9)]
-        assert error.numbers["labels"] == swapped
+        assert error.numbers["labels"] == [NAMES[{i: j, j: i}.get(k, k)] for k in range(9)]
         assert error.numbers["fre_rms_m_corrected"] == pytest.approx(right)
         assert NAMES[i] in error.message
         assert f"{1e3 * right:.2f} mm" in error.message

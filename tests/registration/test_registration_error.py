@@ -56,8 +56,7 @@ def test_predicted_tre_is_the_true_one(model, layout, noise):
     source = SOLID if layout == "solid" else LAYOUTS[layout]
     targets = SOLID_TARGETS if layout == "solid" else TARGETS
     spacing = None if layout == "solid" else PX
-    rng = np.random.default_rng(11)
-    noises = rng.normal(0, noise, (2000, *source.shape[:1], 3))
+    noises = np.random.default_rng(11).normal(0, noise, (2000, *source.shape[:1], 3))
     ratio, covered = judged(source, targets, noises, model=model, pixel_spacing=spacing)
     assert 0.97 < ratio < 1.03
     assert 0.94 < covered < 0.96

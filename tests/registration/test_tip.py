@@ -110,8 +110,7 @@ def test_a_bundle_names_the_tool_that_touched_its_markers(vfplan_cli, tmp_path):
 )  # fmt: skip
 def test_what_is_no_pose_is_refused(row, code, vfplan_cli, tmp_path):
     (tmp_path / "p.csv").write_text(f"{row}\n")
-    done = vfplan_cli("tip", tmp_path / "p.csv", "--json")
-    assert done.fails(3, "p.csv: ", error=code)
+    assert vfplan_cli("tip", tmp_path / "p.csv", "--json").fails(3, "p.csv: ", error=code)
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,7 @@ def bone(tmp_path_factory):
 
 def marked(rng, error=1e-3):
     """A registration by markers whose places are off by `error` an axis [m]."""
-    target = robot(MARKS) + rng.normal(0, error, MARKS.shape)
-    return fit_registration(MARKS, target, model="rigid")
+    return fit_registration(MARKS, robot(MARKS) + rng.normal(0, error, MARKS.shape), model="rigid")
 
 
 def touches(bone, rng, count, where):
@@ -61,8 +60,7 @@ def test_the_predicted_error_is_the_error(bone, count):
     rows = []
     for _ in range(count):
         start = marked(rng, 5e-4)
-        touched = touches(bone, rng, 40, flank)
-        fitted = refined(bone, start, touched)
+        fitted = refined(bone, start, touches(bone, rng, 40, flank))
         assert 5e-5 < rms(fitted.distances_m[fitted.used]) < 2e-4
         assert fitted.constraint > 0.03
         found = fitted.registration

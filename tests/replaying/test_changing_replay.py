@@ -205,8 +205,7 @@ def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(t
     limits = (("force_max_n", "at_most", 1e6),)
     for count, is_told in ((0, False), (1, True)):
         path = tmp_path / f"{count}.csv"
-        columns = {"poses": np.full(N, count), "events": 0 * TIMES}
-        write_session(path, SESSION, **columns)
+        write_session(path, SESSION, poses=np.full(N, count), events=0 * TIMES)
         found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
         assert ("session-changes" in codes_of(found)) == is_told
         assert found.verdict == "pass"
@@ -269,8 +268,7 @@ def off_the_edge():
     down = np.linspace([0.02, 0.01, 0], [0.02, -7e-3, 0], 400)
     along = np.linspace(down[-1], [0.06, -7e-3, 0], 800)
     hip = np.concatenate((down, along))
-    fixture = fixture_of(wall)
-    return fixture, vfplan.Session(T * np.arange(len(hip)), hip)
+    return fixture_of(wall), vfplan.Session(T * np.arange(len(hip)), hip)
 
 
 def test_a_release_is_held_back_and_only_the_force_changes():

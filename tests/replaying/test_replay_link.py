@@ -143,8 +143,7 @@ def test_both_rules_and_where_they_part():
     np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
     gap = np.linalg.norm(robust.ticks.proxy - paper.ticks.proxy, axis=1)
     apart = both.metrics["apart"]
-    first = np.flatnonzero(gap > 5e-5)[0]
-    assert apart["spans"][0]["start_tick"] == first
+    assert apart["spans"][0]["start_tick"] == np.flatnonzero(gap > 5e-5)[0]
     assert apart["ticks"] == np.count_nonzero(gap > 5e-5)
     assert apart["proxy_max_m"] == pytest.approx(gap.max())
     assert gap.max() > 0.015
@@ -199,8 +198,7 @@ def test_command_line_faults_and_limits(vfplan_cli, tmp_path):
     np.savez(tmp_path / "s.npz", time=session.time, hip=1e3 * session.hip)
     call = ("replay", tmp_path / "f.h5", tmp_path / "s.npz", "--units", "mm", "--json")
     faults = ("--drop", "0.1", "--delay", "2", "--jitter", "0.5", "--quantise", "10", "--seed", "7")
-    run = vfplan_cli(*call, *faults, "--rule", "both").sound
-    link = run.json["link"]
+    link = vfplan_cli(*call, *faults, "--rule", "both").sound.json["link"]
     expected = {"drop": 0.1, "delay_ticks": 2, "jitter_s": 5e-4, "quantum_m": 1e-5, "seed": 7}
     assert {name: link[name] for name in expected} == expected
     for wrong in (("--at-most", "force_max_n"), ("--drop", "1"), ("--at-most", "nothing=5")):

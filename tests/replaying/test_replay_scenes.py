@@ -96,8 +96,7 @@ def across(recorded, fixture):
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_real_recordings_on_a_planned_curve(shared_data, pelvis, number):
     recorded = read_session(shared_data / "panda_sessions" / f"recording_{number}.csv")
-    moved = across(recorded, pelvis)
-    both = replay(pelvis, moved, rule="both", robot=vfplan.read_robot("franka"))
+    both = replay(pelvis, across(recorded, pelvis), rule="both", robot=vfplan.read_robot("franka"))
     m = both.metrics
     assert m["session"]["rate_hz"] == pytest.approx(1000)
     assert m["session"]["speed_max_m_s"] < 1

@@ -240,8 +240,7 @@ def test_what_moves_and_changes_replays_bit_for_bit(
     events = "events: 11 of 11 begun\n" if has_events else ""
     lines = [line for line in said.splitlines(True) if line[:6] in ("poses:", "events")]
     assert "".join(lines) == poses + events
-    known = table[["poses", "events"]][-1].tolist()
-    assert known == (59 * has_poses, 11 * has_events)
+    assert table[["poses", "events"]][-1].tolist() == (59 * has_poses, 11 * has_events)
     assert (report["exchanges"], report["edits"]) == (2 * has_events, 1261 * has_events)
     if has_events:
         short = tmp_path / "short.csv"

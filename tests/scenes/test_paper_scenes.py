@@ -6,7 +6,7 @@ from itertools import product
 
 import pytest
 from chromium import Page
-from conftest import need_program
+from conftest import names_in, need_program
 
 
 @pytest.fixture(scope="module")
@@ -15,7 +15,7 @@ def folder(tmp_path_factory, vfplan_cli):
     out = tmp_path_factory.mktemp("paper")
     run = vfplan_cli("demo", "paper", "-o", out, "--json")
     assert (run.code, run.stderr) == (0, "")
-    assert sorted(run.json["files"]) == sorted(path.name for path in out.iterdir())
+    assert sorted(run.json["files"]) == names_in(out)
     return out
 
 

@@ -129,8 +129,7 @@ def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, name):
         swapped, doubled = counts or session.notes["mended"].values()
         assert session.notes["mended"] == {"swapped": swapped, "doubled": doubled}
         assert session.ticks == len(order) - doubled
-        kept = np.isin(time, session.time)
-        assert np.array_equal(session.hip, hip[kept])
+        assert np.array_equal(session.hip, hip[np.isin(time, session.time)])
 
 
 def test_what_is_only_late_is_no_gap():

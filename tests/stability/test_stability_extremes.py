@@ -58,8 +58,7 @@ def test_a_figure_beyond_the_limit_and_none_fail():
 
 
 def test_breach_sees_what_it_should():
-    place = patch()
-    engine = engine_for(place, "robust")
+    engine = engine_for(patch(), "robust")
     proxy, state = np.array([[0.0, 4e-3, 0.0], [0.0, 6e-3, 0.0]]), np.zeros(2, np.int8)
     trace = Trace(proxy, proxy, proxy, state, state.astype(np.uint8))
     expected = 5e-3 - engine.parameters.band - 4e-3

@@ -38,8 +38,7 @@ def lift_off(rule):
     """Press 5 mm deep on a sheet, lift 60 mm exactly along its normal."""
     hips = travel([[0, 0.02, 0], [0, -0.005, 0], [0, 0.055, 0]], speed=0.2)
     trace = measure(floor(), hips, rule)
-    last = trace.force[-1]
-    return {"pull-back after 60 mm of lift [N]": float(np.linalg.norm(last))}
+    return {"pull-back after 60 mm of lift [N]": float(np.linalg.norm(trace.force[-1]))}
 
 
 def corner(rule):
@@ -72,8 +71,7 @@ def point_radius(rule, rv):
     """Slide 32 mm along a sheet of fat points, 2 mm below its surface."""
     way = [[-0.016, 0.03, 0], [-0.016, RC + rv - 2e-3, 0], [0.016, RC + rv - 2e-3, 0]]
     trace = measure(floor(), travel(way, 0.1), rule, point_radius=rv)
-    drag = np.abs(trace.force[:, 0]).max()
-    return {f"false drag at r_v = {1e3 * rv:g} mm [N]": float(drag)}
+    return {f"false drag at r_v = {1e3 * rv:g} mm [N]": float(np.abs(trace.force[:, 0]).max())}
 
 
 def channel(rule):

@@ -27,8 +27,7 @@ def path_near(points: np.ndarray) -> np.ndarray:
     draw = np.random.default_rng(7)
     stops = points[draw.integers(0, len(points), 31)] + draw.uniform(-0.008, 0.008, (31, 3))
     part = np.linspace(0.0, 1.0, TICKS // 30, endpoint=False)[:, None]
-    legs = [a + part * (b - a) for a, b in pairwise(stops)]
-    return np.vstack(legs)
+    return np.vstack([a + part * (b - a) for a, b in pairwise(stops)])
 
 
 def engine_sums(fixture: Fixture) -> dict[str, str]:

@@ -43,8 +43,7 @@ class Tab:
         """Approve the state that is shown, but for what is given."""
         while self.digest is None:
             self.heard("state")
-        shown = {"version": self.version, "digest": self.digest}
-        self.send(approve={"by": by, **shown, **wish})
+        self.send(approve={"by": by, "version": self.version, "digest": self.digest, **wish})
 
     def approvable(self):
         """Look along the line as somebody, until the plan may be approved."""

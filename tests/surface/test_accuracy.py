@@ -19,8 +19,7 @@ def off(bone, made, high=None):
     """Distances of the surface's points from the bone, but for the caps [mm]."""
     points = 1e3 * made.fixture.points
     high = bone.high if high is None else high
-    inside = (points[:, 2] >= bone.low) & (points[:, 2] <= high)
-    return bone.distance(points[inside])
+    return bone.distance(points[(points[:, 2] >= bone.low) & (points[:, 2] <= high)])
 
 
 def rms(values):

@@ -6,7 +6,6 @@ from html import escape
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from vfplan.arm.rehearsal import Rehearsal, objections
 from vfplan.display import MAX_DRAWN, resolved
@@ -14,8 +13,6 @@ from vfplan.figures.style import subplots
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 from vfplan.replaying.metrics import row_norms
 from vfplan.report.page import document, facts_table, picture, plain, section, table
-
-Array = NDArray[np.float64]
 
 # Number of postures that the arm is drawn in. More would hide each other.
 DRAWN_POSTURES = 6
@@ -35,9 +32,7 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
             chain.append(arm.data.xpos[body].copy())
             body = int(arm.model.body_parentid[body])
         line = np.array(chain)[::-1]
-        look = {"alpha": 0.25}
-        if not k:
-            look = {"alpha": 0.85, "label": f"{arm.name}, at the start"}
+        look = {"alpha": 0.25} if k else {"alpha": 0.85, "label": f"{arm.name}, at the start"}
         axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")

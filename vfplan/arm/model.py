@@ -15,10 +15,11 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan import _core
 from vfplan.errors import InputError, SettingError, requires_extra
+from vfplan.geometry.lines import Array
 from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
 from vfplan.robot import Robot, read_robot
 
@@ -124,8 +125,6 @@ def check(data: bytes, where: str) -> None:
     except UnicodeDecodeError:
         raise InputError("is not text. Give an MJCF file", where=where, code="not-xml") from None
 
-
-Array = NDArray[np.float64]
 
 # Shipped arms, each with the robot file that has its limits.
 ARMS = {"panda": "franka", "fr3": "fr3"}

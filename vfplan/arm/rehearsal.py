@@ -23,14 +23,13 @@ from vfplan.engine.governor import Governed, Governor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.replaying.guiding import GovernorMeasure
-from vfplan.replaying.metrics import CONTACT_M, CurveRuler, rendered_ticks, row_norms
+from vfplan.replaying.metrics import CONTACT_M, CurveRuler, Report, rendered_ticks, row_norms
 from vfplan.session.result import TickBlock, select_ticks
 from vfplan.session.session import Session
 from vfplan.stability.loop import exact_bound
 from vfplan.stability.study import largest_rendered_stiffness
-
-Array = NDArray[np.float64]
 
 # Number of ticks from one report of progress, and one check of the joints' speed, to the next.
 CHECK_TICKS = 256
@@ -221,7 +220,7 @@ class Rehearsal:
     """The result of a rehearsal."""
 
     # The report; docs/rehearse.md names its keys
-    metrics: dict[str, Any]
+    metrics: Report
     # What the result of a replay holds, of the simulated tip
     ticks: TickBlock
     # The arm's side of it
@@ -395,7 +394,7 @@ def largest_of(values: Array) -> tuple[float, int, int]:
     return float(values[tick, joint]), int(tick), int(joint) + 1
 
 
-def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> dict[str, Any]:
+def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> Report:
     """How close joints are to their limits, the worst condition, and the smallest mass."""
     beyond_rad, tick, joint = largest_of(np.maximum(arm.low - motion.q, motion.q - arm.high))
     ticks = np.unique(np.linspace(0, len(motion.q) - 1, PLACES).astype(int)).tolist()
@@ -418,7 +417,7 @@ def posture_figures(arm: Arm, motion: ArmMotion, ruler: CurveRuler | None) -> di
     return figures
 
 
-def objections(metrics: dict[str, Any]) -> list[str]:
+def objections(metrics: Report) -> list[str]:
     """Why it did not pass, a line each: places out of reach, then what would have stopped it."""
     lines = [
         f"not reached: tick {place['tick']}, {millimetres(place['left_m'], 1)} short"

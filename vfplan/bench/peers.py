@@ -93,8 +93,7 @@ class Peer:
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:
             folder = Path(name)
             for file, (header, rows) in tables.items():
-                path = folder / f"{file}.csv"
-                np.savetxt(path, rows, "%.17g", ",", header=header, comments="")
+                np.savetxt(folder / f"{file}.csv", rows, "%.17g", ",", header=header, comments="")
             lines = ["name,value", *(f"{name},{value:.17g}" for name, value in numbers.items())]
             (folder / "settings.csv").write_text("\n".join(lines) + "\n")
             self.call(folder)

@@ -17,15 +17,14 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import duration, length, three_digits
 from vfplan.engine.proxy import ProxyEngine, Trace
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
+from vfplan.geometry.lines import Array
 from vfplan.planning.settings import FixtureSettings
 
-Array = NDArray[np.float64]
 Setting = str | float | int | bool | None
 Record = dict[str, Any]
 Advance = Callable[[int], None]

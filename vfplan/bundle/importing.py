@@ -36,7 +36,7 @@ from vfplan.engine.parameters import ProxyParameters, check_axis, check_points
 from vfplan.errors import InputError, SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Frame, Provenance, Rendering
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import Array, flattened
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     METRES,
@@ -78,7 +78,7 @@ TEXT_FACET = re.compile(
     re.IGNORECASE,
 )
 
-Points = NDArray[np.float64]
+Points = Array
 Triangles = NDArray[np.int32]
 # Name of a property -> its values, a row for each vertex or face.
 Columns = dict[str, NDArray]
@@ -89,7 +89,7 @@ class Mesh:
     """What a file holds."""
 
     # (N, 3) in the file's unit.
-    points: NDArray[np.float64]
+    points: Array
     # (K, 3) rows of `points`; `None` when the file holds no faces.
     triangles: NDArray[np.integer] | None = None
     # What else the file says, each as "element.property".
@@ -630,7 +630,7 @@ def read_stl(data: bytes) -> tuple[Mesh, bytes]:
     return Mesh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3)), header
 
 
-def text_facets(data: bytes) -> NDArray[np.float64]:
+def text_facets(data: bytes) -> Array:
     """(K, 3, 3) corners of the facets of all solids of a text."""
     check_text_size(data)
     numbers = array("d")

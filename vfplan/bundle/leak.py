@@ -16,7 +16,10 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import Content
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import Array, flattened
+
+# Of points or strokes, or (K, 3) of the corners of triangles.
+Rows = NDArray[np.integer]
 
 # Number of triangles or points that are looked at together, to bound memory.
 BLOCK = 1 << 18
@@ -62,19 +65,19 @@ def certificate(content: Content) -> Content:
     return leak
 
 
-def largest_cover(triangles: NDArray[np.int32], points: NDArray[np.float64]) -> float:
+def largest_cover(triangles: Rows, points: Array) -> float:
     """How far a place of a triangle is from the triangle's nearest corner, at most [m]."""
     rows = np.ascontiguousarray(triangles, np.int32)
     return _core.certificate(points, None, 0.0, triangles=rows)[1]
 
 
-def stroke_ends(stroke: NDArray[np.int32]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def stroke_ends(stroke: Rows) -> tuple[Rows, Rows]:
     """Index of the first and of the last point of each stroke."""
     first = np.append(0, np.flatnonzero(stroke[1:] != stroke[:-1]) + 1)
     return first, np.append(first[1:], len(stroke)) - 1
 
 
-def open_edges(triangles: NDArray[np.int32]) -> int:
+def open_edges(triangles: Rows) -> int:
     """Number of edges that belong to exactly one triangle."""
     sides = sides_of(triangles)
     sides.sort()
@@ -82,7 +85,7 @@ def open_edges(triangles: NDArray[np.int32]) -> int:
     return int(np.count_nonzero(is_new[1:] & is_new[:-1]))
 
 
-def sides_of(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
+def sides_of(triangles: Rows) -> Rows:
     """(3 K,) edges as (lower << 32 | higher) end, each once for every triangle that it is of."""
     following = np.roll(triangles, -1, axis=1)
     sides = np.minimum(triangles, following).astype(np.int64)
@@ -91,7 +94,7 @@ def sides_of(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
     return sides.ravel()
 
 
-def parts_of(count: int, pairs: NDArray[np.integer]) -> NDArray[np.int32]:
+def parts_of(count: int, pairs: Rows) -> Rows:
     """(count,) the number of the part that each thing is of, where pairs (n, 2) join things."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -100,7 +103,7 @@ def parts_of(count: int, pairs: NDArray[np.integer]) -> NDArray[np.int32]:
     return connected_components(graph, directed=False)[1]
 
 
-def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
+def turned_facets(triangles: Rows) -> NDArray[np.bool_]:
     """(K,) the facets to turn over so that all that share an edge agree; as few as possible."""
     runs_up = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     key = sides_of(triangles)
@@ -121,16 +124,15 @@ def turned_facets(triangles: NDArray[np.int32]) -> NDArray[np.bool_]:
     return (fewer < 0) | ((fewer == 0) & (as_it_is > turned))
 
 
-def rim_edges(triangles: NDArray[np.int32]) -> NDArray[np.intp]:
+def rim_edges(triangles: Rows) -> Rows:
     """(E, 2) ends of the edges that belong to exactly one triangle."""
     edges, count = np.unique(sides_of(triangles), return_counts=True)
     return np.column_stack((edges[count == 1] >> 32, edges[count == 1] & 0xFFFFFFFF))
 
 
 def widest_opening(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], samples: NDArray[np.float64],
-    reach: float,
-) -> tuple[float, NDArray[np.float64]]:  # fmt: skip
+    points: Array, triangles: Rows, samples: Array, reach: float
+) -> tuple[float, Array]:
     """The largest ball that may go through a mesh, if it is larger than `reach` [m], and where.
 
     samples: of the mesh, dense against `reach`
@@ -156,9 +158,7 @@ def widest_opening(
     return widest if widest[0] > reach else (0.0, widest[1])
 
 
-def widest_place(
-    edges: NDArray[np.float64], tree: Any, reach: float, area: float
-) -> tuple[float, NDArray[np.float64]]:
+def widest_place(edges: Array, tree: Any, reach: float, area: float) -> tuple[float, Array]:
     """Of a skin over edges (E, 2, 3) the place farthest from a tree's points, and how far [m].
 
     area: of the mesh that has this rim [m2]; it is 0 m to the skin over a sheet
@@ -188,9 +188,7 @@ def widest_place(
     return best
 
 
-def on_skin(
-    places: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def on_skin(places: Array, start: Array, end: Array) -> Array:
     """(n, 3) places (n, 2) within a rim, as high as the rim about them; outside it at NaN."""
     u, v = places[:, :1], places[:, 1:]
     spans = (start[:, 1] > v) != (end[:, 1] > v)
@@ -202,9 +200,7 @@ def on_skin(
     return np.column_stack((places, np.where(is_inside, height, np.nan)))
 
 
-def joined_corners(
-    points: NDArray[np.float64], triangles: NDArray[np.int32], reach: float
-) -> NDArray[np.intp]:
+def joined_corners(points: Array, triangles: Rows, reach: float) -> Rows:
     """(N,) for each point itself, or on a rim the first one within `reach` [m] by small steps."""
     rim = np.unique(rim_edges(triangles))
     corner = np.arange(len(points))
@@ -217,7 +213,7 @@ def joined_corners(
     return corner
 
 
-def pieces_of(points: NDArray[np.float64], reach: float) -> tuple[int, float]:
+def pieces_of(points: Array, reach: float) -> tuple[int, float]:
     """How many pieces a cloud is in if points up to `reach` [m] apart belong together.
 
     With it the widest way from one of the largest pieces to the next [m]; 0 for a single piece.
@@ -248,7 +244,7 @@ def pieces_of(points: NDArray[np.float64], reach: float) -> tuple[int, float]:
     return len(counts), widest
 
 
-def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
+def loneliest(points: Array) -> tuple[float, int]:
     """(distance [m], index) of the point farthest from its nearest neighbour; 0 for one point."""
     rows, place = places_of(points)
     best = (0.0, 0)
@@ -268,7 +264,7 @@ def loneliest(points: NDArray[np.float64]) -> tuple[float, int]:
     return best
 
 
-def places_of(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+def places_of(points: Array) -> tuple[Rows, Rows]:
     """A point of each place, and (N,) the number of the place of each point.
 
     No tree can part points of one place, so a search among them would look at each.
@@ -283,7 +279,7 @@ def places_of(points: NDArray[np.float64]) -> tuple[NDArray[np.int32], NDArray[n
     return order[is_new], place
 
 
-def kd_tree(points: NDArray[np.float64]) -> Any:
+def kd_tree(points: Array) -> Any:
     """A tree that is quick to make."""
     from scipy.spatial import cKDTree
 
@@ -308,9 +304,7 @@ def open_ends(content: Content) -> Content:
     return leak
 
 
-def distance_to_other_strokes(
-    points: NDArray[np.float64], stroke: NDArray[np.int32], ends: NDArray[np.intp]
-) -> NDArray[np.float64]:
+def distance_to_other_strokes(points: Array, stroke: Rows, ends: Rows) -> Array:
     """(E,) distance [m] of each of these points to the nearest one of another stroke."""
     rows, place = places_of(points)
     tree, stroke_in_tree = kd_tree(points[rows]), stroke[rows]

@@ -203,9 +203,7 @@ def shown_frames(
     seconds, latencies_ms: how long each frame took, and until a page showed it
     failed: what did not come, although a wall is shown
     """
-    written = None
-    if output is not None and report["refused"] is None:
-        written = str(output)
+    written = str(output) if output is not None and report["refused"] is None else None
     frames, ms = len(seconds), 1e3 * median(seconds)
     data = report | {
         "frames": frames, "shown": frames - refusals.total(), "refusals": refusals,

@@ -19,23 +19,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.transforms import Affine2D
-from numpy.typing import NDArray
 
 from vfplan.bundle import review_digest
 from vfplan.display import MM
 from vfplan.errors import InputError, MarkerError
 from vfplan.figures.style import HALO, style
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array, ring_of
 from vfplan.geometry.lines import plane as across
-from vfplan.geometry.lines import ring_of
 from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
 from vfplan.markers.correspondences import read_sides
 from vfplan.palette import CLOUD, CONTACT, HIP
 from vfplan.review.plan import Plan as ReviewedPlan
 from vfplan.review.rendered import outlines_of
-
-Array = NDArray[np.float64]
 
 # Width and height of the pages [mm].
 PAGES = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}

@@ -30,14 +30,13 @@ from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
 from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.io.files import MAX_SETTINGS_BYTES, MAX_TEXT_BYTES, read_whole, to_json_types
 from vfplan.io.sandbox import worker_processes
 from vfplan.io.writing import write_whole
 from vfplan.palette import CLOUD
 from vfplan.registration.registration import PROBABILITY
 from vfplan.session.session import Session
-
-Array = NDArray[np.float64]
 
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"

@@ -19,17 +19,14 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import Array, flattened
 from vfplan.registration.models import homogeneous, make_model, make_problem
 from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
 from vfplan.session.session import Session
-
-Array = NDArray[np.float64]
 
 # Number of trials in a block, about half a second of work.
 BLOCK = 64

@@ -121,8 +121,7 @@ def mesh(side: int = 3) -> Fixture:
     corner = (np.arange(side - 1)[:, None] * side + np.arange(side - 1)).ravel()
     lower = np.column_stack([corner, corner + 1, corner + side])
     upper = np.column_stack([corner + 1, corner + side + 1, corner + side])
-    triangles = np.vstack([lower, upper]).astype(np.int32)
-    return replace(cloud(), points=points, mesh=triangles)
+    return replace(cloud(), points=points, mesh=np.vstack([lower, upper]).astype(np.int32))
 
 
 def drawn_mesh() -> Fixture:

@@ -15,7 +15,7 @@ from inspect import signature
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan import _core
 from vfplan.engine.parameters import (
@@ -32,6 +32,7 @@ from vfplan.engine.parameters import (
 from vfplan.errors import SceneError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture, Pieces
+from vfplan.geometry.lines import Array
 
 
 class Status(IntFlag):
@@ -484,7 +485,7 @@ class ProxyEngine:
         """
         return self.run_timed(hips)[0]
 
-    def run_timed(self, hips: ArrayLike) -> tuple[Trace, NDArray[np.float64]]:
+    def run_timed(self, hips: ArrayLike) -> tuple[Trace, Array]:
         """As `run`, and how long each tick took, (T,) [µs], read around the native `step`."""
         *answer, seconds = self.native.run(check_path(hips))
         trace = Trace(*answer)
@@ -586,7 +587,7 @@ class ProxyEngine:
         self._source = None
         self._is_editable = True
 
-    def distance(self, positions: ArrayLike) -> NDArray[np.float64]:
+    def distance(self, positions: ArrayLike) -> Array:
         """Distance (T,) [m] of `positions` (T, 3) [m] from the fixture, across an ignored axis.
 
         It is measured to the curve or the triangles under rule "exact", else to the nearest point.

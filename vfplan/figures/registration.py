@@ -6,13 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
-from vfplan.geometry.lines import normals, plane_normal, ring_of, unit_normal
+from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, unit_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
     from vfplan.registration.registration import Registration
 
-Array = NDArray[np.float64]
 
 # Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name.
 BAR_IN = 2.5 * MARGIN_IN

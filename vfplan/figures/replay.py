@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import pixels_on, subplots
-from vfplan.geometry.lines import normals, ring_of
+from vfplan.geometry.lines import Array, normals, ring_of
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.findings import beyond, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
-
-Array = NDArray[np.float64]
 
 # How often contact circles and normals are drawn [Hz], as in the paper.
 MARK_HZ = 10.0

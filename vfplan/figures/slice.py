@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 
 from vfplan.display import MAX_NUMBERED, finding_name
 from vfplan.figures.style import DPI, HALO, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
-from vfplan.geometry.lines import normals, ring_of
+from vfplan.geometry.lines import Array, normals, ring_of
 from vfplan.images.read import side_of_patient
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from vfplan.fixture import RegistrationRecord, Stroke
     from vfplan.images.read import PlannedImage
 
-
-Array = NDArray[np.float64]
 
 # Parts of a pixel, so that the outline is a smooth line on a picture twice as large.
 FINE = 4

@@ -160,8 +160,7 @@ class Spline:
 
     def __call__(self, at: NDArray, derivative: int = 0) -> Array:
         """(M, K) places at parameters (M,), or their first or second derivatives."""
-        piece = np.searchsorted(self.knots, at, side="right") - 1
-        piece = np.clip(piece, 0, len(self.knots) - 2)
+        piece = np.clip(np.searchsorted(self.knots, at, side="right") - 1, 0, len(self.knots) - 2)
         before, after = self.knots[piece, None], self.knots[piece + 1, None]
         step = after - before
         to_after, to_before = after - at[:, None], at[:, None] - before

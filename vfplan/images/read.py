@@ -20,6 +20,7 @@ from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.images.dicom import is_dicom, memory_file, read_dicom
 from vfplan.images.raster import (
     ALPHA,
@@ -89,7 +90,7 @@ class PlannedImage:
     rgb: NDArray[np.uint8] | NDArray[np.uint16]
     pixel_spacing_mm: tuple[float, float] | None = None
     sha256: str = ""
-    T_patient_image: NDArray[np.float64] | None = None
+    T_patient_image: Array | None = None
     instance: str = ""
     orientation: int = 1
     findings: tuple[Finding, ...] = ()
@@ -228,7 +229,7 @@ def is_volume(data: bytes) -> bool:
 
 def volume_slice(
     data: bytes, where: str, number: int | None
-) -> tuple[int, NDArray[np.float64], list[float], NDArray[np.uint16] | None]:
+) -> tuple[int, Array, list[float], NDArray[np.uint16] | None]:
     """How many slices a volume has, where one lies (4, 3), its range, its greys; of 0 no greys."""
     with memory_file(data) as file:
         # The surfaces' reader runs in a process of its own.
@@ -265,8 +266,7 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
     `read_dicom` for a file that cannot be read, and `ImageError` where a folder holds none.
     """
     rows = []
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in files:
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         if not file.is_file():
             continue
         opened, where = OpenedFile(file, ImageError), str(file)
@@ -317,7 +317,7 @@ def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:
     return flat_as_planned(image, chosen)
 
 
-def plane_of_slice(fixture: Fixture, image: PlannedImage | None) -> NDArray[np.float64] | None:
+def plane_of_slice(fixture: Fixture, image: PlannedImage | None) -> Array | None:
     """(3, 3) from (u, v, 1) of the slice to the frame of the fixture [m]; `None` if unknown."""
     record = fixture.registration
     if record is not None and record.source_frame == "image":
@@ -341,7 +341,7 @@ def height_in_words(image: PlannedImage) -> str:
 OBLIQUE = np.sin(np.pi / 8)
 
 
-def side_of_patient(direction: NDArray[np.float64]) -> str:
+def side_of_patient(direction: Array) -> str:
     """The letters of a direction in LPS, the main one first: L R, P A, H F; a second if oblique."""
     share = np.abs(direction) / np.linalg.norm(direction)
     axes = [axis for axis in np.argsort(-share, kind="stable")[:2] if share[axis] > OBLIQUE]

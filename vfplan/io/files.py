@@ -293,9 +293,7 @@ def parse_decimal(text: str) -> float:
 def parse_seconds(text: str) -> float:
     """A length of time, e.g. `90s`, `30min`, `12h` or `2d`, as seconds."""
     match = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?)(s|min|h|d)", text)
-    seconds = math.inf
-    if match is not None:
-        seconds = float(match[1]) * SECONDS[match[2]]
+    seconds = float(match[1]) * SECONDS[match[2]] if match is not None else math.inf
     if not seconds < 1e9 * SECONDS["d"]:
         raise ValueError(f"{text!r} is no time. Type one like 90s, 30min, 12h or 2d")
     return seconds

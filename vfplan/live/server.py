@@ -35,12 +35,12 @@ from vfplan.engine.moving import is_rigid
 from vfplan.engine.proxy import Status
 from vfplan.errors import InputError, OutputError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream, host_and_port
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
 from vfplan.session.events import POSE_COLUMNS
 
-Array = NDArray[np.float64]
 HEADER = struct.Struct(">H12s20sQQQ")
 
 # What a body begins with in version 2: the sizes of this, of the index and the text of the
@@ -122,8 +122,7 @@ def polydata(
     sizes = np.zeros((len(CELLS), 2), int)
     sizes[CELLS.index(kind)] = len(cells), len(data)
     head = struct.pack(">10I", len(points_mm), *sizes.ravel(), 0)
-    points = np.asarray(points_mm, ">f4").tobytes()
-    return message("POLYDATA", device, time_s, head + points + data)
+    return message("POLYDATA", device, time_s, head + np.asarray(points_mm, ">f4").tobytes() + data)
 
 
 # A client that takes nothing for so long is disconnected [s].

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
-from vfplan.geometry.lines import rms_length
+from vfplan.geometry.lines import Array, Flags, rms_length
 from vfplan.markers.find_marks import (
     CLEAR_MISFIT,
     MATCH_RADIUS_PX,
@@ -26,7 +26,6 @@ from vfplan.markers.find_marks import (
     find_mark,
 )
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 
 # Shorter side [px] of the smallest mark. What is smaller is a speck.
@@ -219,7 +218,7 @@ def offset_findings(
     return findings
 
 
-def stands_apart(offset: Array) -> NDArray[np.bool_]:
+def stands_apart(offset: Array) -> Flags:
     """(K,) which positions lie to their marks otherwise than the others, by (K, 2) offsets [px]."""
     # The median and the median distance from it are not moved by a single wrong position.
     from_median = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
@@ -292,7 +291,7 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     return types
 
 
-def alike_spots(size: Array, is_mark: NDArray[np.bool_], k: int) -> NDArray[np.intp]:
+def alike_spots(size: Array, is_mark: Flags, k: int) -> NDArray[np.intp]:
     """The marks of about the size (width, height) of the k-th spot."""
     allowed = np.maximum(2, ALIKE_SIZE * size[k])
     return np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))

@@ -17,13 +17,12 @@ from typing import Any, Literal
 from unicodedata import category
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import MM
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry import CORNER_PX
-from vfplan.geometry.lines import rms_length
+from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
@@ -65,9 +64,9 @@ class MarkerPoints:
     # (N,) labels, each once.
     labels: tuple[str, ...]
     # (N, 2) in "image", (N, 3) elsewhere.
-    positions: NDArray[np.float64]
+    positions: Array
     # (N,) or (N, 3) standard deviations an axis [m]; `None` where the file names none.
-    sigma: NDArray[np.float64] | None = None
+    sigma: Array | None = None
     # The file, for messages.
     where: str | None = None
     # SHA-256 of the file's bytes, lower-case hex.
@@ -95,12 +94,12 @@ class Correspondences:
     # (N,) labels in the order of the source file.
     labels: tuple[str, ...]
     # (N, 2) [px] in "image", or (N, 3) [m] in "patient_lps".
-    source: NDArray[np.float64]
+    source: Array
     source_frame: MarkerFrame
     # (N, 3) [m] in `target_frame`.
-    target: NDArray[np.float64]
+    target: Array
     # (N,) or (N, 3) standard deviation of the target an axis [m]; `None` where none was given.
-    sigma: NDArray[np.float64] | None = None
+    sigma: Array | None = None
     # "patient_lps" where the target side came from a Slicer file.
     target_frame: MarkerFrame = "robot_base"
     # SHA-256 of "markers" and "markers2".
@@ -109,7 +108,7 @@ class Correspondences:
     findings: tuple[Finding, ...] = ()
     # The tool that touched them, and (3,) its tip in its own frame [m].
     tool: str | None = None
-    tip: NDArray[np.float64] | None = None
+    tip: Array | None = None
 
 
 def read_markers(
@@ -180,8 +179,7 @@ def read_sides(path: Path, spacing_mm: tuple[float, float] | None = None) -> lis
         labels = [label_of(label, f"point {k}", where) for k, (label, _) in enumerate(points, 1)]
         positions = np.array([place for _, place in points]).reshape(-1, 3)
         return [MarkerPoints("patient_lps", tuple(labels), positions, None, where, sha256)]
-    sides = parse_marker_table(text, where, spacing_mm)
-    return [replace(side, sha256=sha256) for side in sides]
+    return [replace(side, sha256=sha256) for side in parse_marker_table(text, where, spacing_mm)]
 
 
 def join(
@@ -399,9 +397,7 @@ def choose_columns(
     return names
 
 
-def unit_of(
-    names: tuple[str, ...], raw: NDArray[np.float64], place: str
-) -> tuple[str, tuple[Finding, ...]]:
+def unit_of(names: tuple[str, ...], raw: Array, place: str) -> tuple[str, tuple[Finding, ...]]:
     """The unit of a table's positions: as its header says, or by the layout's size.
 
     Raises MarkerError: a header without a unit, and a layout that fits metres as little as
@@ -424,7 +420,7 @@ def unit_of(
     )  # fmt: skip
 
 
-def fiducials(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:
+def fiducials(text: str, where: str) -> list[tuple[str | None, Array]]:
     """Label and (3,) position in LPS [m] of each defined point of a `.mrk.json`'s Fiducials.
 
     Positions in `coordinateSystem` (LPS unless stated) and `coordinateUnits` (mm unless stated);
@@ -470,15 +466,12 @@ def markups_of(text: str, where: str) -> list[dict[str, Any]]:
     return _objects(document, "markups", where)
 
 
-def lps_points(markup: dict[str, Any], where: str) -> NDArray[np.float64]:
+def lps_points(markup: dict[str, Any], where: str) -> Array:
     """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
-    positions = [position for _, position in defined_points(markup, where)]
-    return np.array(positions).reshape(-1, 3)
+    return np.array([position for _, position in defined_points(markup, where)]).reshape(-1, 3)
 
 
-def defined_points(
-    markup: dict[str, Any], where: str
-) -> Iterator[tuple[dict[str, Any], NDArray[np.float64]]]:
+def defined_points(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], Array]]:
     """The defined control points, and their positions in LPS [m]."""
     # A unit stands as its code, or as a list of the code, "UCUM" and its name.
     metres = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
@@ -522,7 +515,7 @@ def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any
     return entries
 
 
-def fcsv_points(text: str, where: str) -> list[tuple[str | None, NDArray[np.float64]]]:
+def fcsv_points(text: str, where: str) -> list[tuple[str | None, Array]]:
     """Label and (3,) position in LPS [m] of each point of a Slicer `.fcsv`, in the file's order.
 
     Positions are in mm, in the coordinate system that the header names. With a `# Markups fiducial

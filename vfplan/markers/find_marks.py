@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.display import coordinates
 from vfplan.errors import MarkerError
+from vfplan.geometry.lines import Array
 
-Array = NDArray[np.float64]
 Shape = Literal["cross", "dot"]
 
 # Largest distance [px] between a position and its mark. So far off is a careless click; further off

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.geometry.lines import rms_length
+from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -69,7 +68,7 @@ class MatchResult:
     # are given there.
     curve: Fixture
     # (3, 2) the slice's axes in the patient's frame [m/px]; `None` for every other curve.
-    slice_axes: NDArray[np.float64] | None
+    slice_axes: Array | None
     correspondences: Correspondences
     registration: Registration
 
@@ -192,8 +191,7 @@ def match(
             "The image given is not the file that the curve was drawn on (SHA-256 "
             "differs), so nothing was compared with it. Give that file.",
         )  # fmt: skip
-    moved = replace(correspondences, source=source)
-    return MatchResult(curve, slice_axes, moved, registration)
+    return MatchResult(curve, slice_axes, replace(correspondences, source=source), registration)
 
 
 def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
@@ -231,7 +229,7 @@ def find_drawn(
     return find_markers(slice_image.rgb, correspondences.labels, correspondences.source)
 
 
-def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, NDArray[np.float64]]:
+def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, Array]:
     """The curve in "patient_lps" [m], and the slice's two axes there, (3, 2) [m/px].
 
     curve: in frame "image"
@@ -374,7 +372,7 @@ def refine(
     return refined.registration
 
 
-def read_points(path: str | Path) -> tuple[NDArray[np.float64], str]:
+def read_points(path: str | Path) -> tuple[Array, str]:
     """(T, 3) places [m] that a robot touched, and their file's SHA-256; other columns are not read.
 
     Raises MarkerError: the file cannot be read, or has no such columns of finite numbers

@@ -21,14 +21,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
-from vfplan.geometry.lines import unit_normal
+from vfplan.geometry.lines import Array, unit_normal
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import (
@@ -362,7 +361,7 @@ def make_fixture(
 
 def render(
     curve: Fixture, registration: Registration, settings: FixtureSettings,
-    slice_axes: NDArray[np.float64] | None, margin_m: float, record: Record,
+    slice_axes: Array | None, margin_m: float, record: Record,
 ) -> tuple[CarriedPoints, Rendering]:  # fmt: skip
     """Choose from the tolerance, carry the curve over, and lay lines and arcs along it.
 
@@ -467,8 +466,8 @@ def record_choice(choice: Choice, sampling_error_m: float | None, record: Record
 
 
 def ignored_axis(
-    choice: str | None, registration: Registration, slice_axes: NDArray[np.float64] | None = None
-) -> NDArray[np.float64] | None:
+    choice: str | None, registration: Registration, slice_axes: Array | None = None
+) -> Array | None:
     """(3,) unit vector along which the fixture is infinite; `None` for a fixture in space.
 
     A drawn slice is extruded along its plane's normal unless told otherwise, as the paper ignores
@@ -586,6 +585,5 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
             f"{where}: {1e3 * smallest:.4g} mm are free there, and both forces act. Give a "
             "narrower --guide."
         )
-        place = tuple(places[worst].tolist())
-        record.doubt("guide-in-forbidden", "plan", text, place_m=place)
+        record.doubt("guide-in-forbidden", "plan", text, place_m=tuple(places[worst].tolist()))
     return smallest

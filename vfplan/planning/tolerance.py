@@ -49,14 +49,12 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.geometry.lines import Spline, length_of, spline_through
+from vfplan.geometry.lines import Array, Spline, length_of, spline_through
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
 
-
-Array = NDArray[np.float64]
 
 # Shares of the tolerance; see above.
 DIMPLE_SHARE = 0.4
@@ -198,8 +196,7 @@ def sample_curve(
         spacing = np.full(len(arc), 1 / density_per_m)
     arclength = place_points(arc, spacing, closed)
     parameter = np.interp(arclength, arc, dense)
-    ends = np.append(arclength, arc[-1]) if closed else arclength
-    gaps = np.diff(ends)
+    gaps = np.diff(np.append(arclength, arc[-1]) if closed else arclength)
 
     # R − √(R² − h²/4) + |κ| h²/8, the largest over all gaps [m].
     gap = np.minimum(np.searchsorted(arclength, arc, side="right") - 1, len(gaps) - 1)

@@ -208,8 +208,7 @@ def perspective_test(registration: Registration, fewest: int = 6) -> Perspective
     errors = np.sqrt(problem.weights) * (problem.y - mapped)
     rows = homography_rows(h, problem).reshape(n, 3, -1)
     worst, _, square, probability = most_off(rows, errors, problem.rounding_floor_m**2)
-    squares = float((errors**2).sum())
-    squares = max(squares, problem.rounding_floor_m**2)
+    squares = max(float((errors**2).sum()), problem.rounding_floor_m**2)
     f = max(affine_squares - squares, 0.0) / 2 / (squares / dof)
     p_value = float(f_exceeds(2, dof, f))
     sure = SURE_BY_FIVE if n == MIN_FOR_HOMOGRAPHY else SURE_PERSPECTIVE
@@ -421,7 +420,6 @@ def refuse_wrong_markers(
         A scale that is more than twice the known one, or less than half of it.
     """
     labels = registration.labels
-    as_given = _mm(registration.fre_rms_m)
 
     # Another order of the labels fits clearly better. A robust fit that has left the mistaken
     # markers out does not rest on them.
@@ -456,8 +454,8 @@ def refuse_wrong_markers(
                 "moved"
             )
         raise CheckFailed(
-            f"the markers miss their places by {as_given} rms, and --max-residual allows "
-            f"{1e3 * max_residual_m:g} mm. {advice}",
+            f"the markers miss their places by {_mm(registration.fre_rms_m)} rms, and "
+            f"--max-residual allows {1e3 * max_residual_m:g} mm. {advice}",
             code="residual-large",
             numbers={"fre_rms_m": registration.fre_rms_m, "max_residual_m": max_residual_m},
         )

@@ -436,8 +436,7 @@ class Registration(Fit):
     def _error_rows(self, points: ArrayLike) -> Array:
         """(M, 3, p) how the error [m] at source points follows from p independent unit normals."""
         x = homogeneous(self.normalised(points))
-        rows = marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root
-        return rows * self.sigma_m
+        return (marker_rows(x).reshape(len(x), 3, -1) @ self.covariance_root) * self.sigma_m
 
     @property
     def mean_scale(self) -> float:
@@ -544,8 +543,7 @@ def fit_registration(
     if seen_from is not None:
         direction = direction_of(seen_from)
     problem = make_problem(source, target, model, pixel_spacing, sigma, labels)
-    used = consistent_markers(problem) if robust else None
-    fit = fit_model(problem, used)
+    fit = fit_model(problem, consistent_markers(problem) if robust else None)
 
     # A source in space shows by itself that it fits only a mirror image. A planar one fits its
     # mirror image as well (turned over), so it is held against the side it is looked at from.

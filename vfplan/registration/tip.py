@@ -12,15 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, MarkerError
+from vfplan.geometry.lines import Array
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
 from vfplan.registration.models import most_off, rms
 from vfplan.registration.registration import pointwise_bound
-
-Array = NDArray[np.float64]
 
 # With six poses the 95 % bound holds in 95 to 99 % of simulated sets, with five in 90 to 99 %.
 MIN_POSES = 6

@@ -16,7 +16,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import step_lengths
 from vfplan.io.files import naming_place
 from vfplan.replaying.guiding import make_engine
-from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
+from vfplan.replaying.metrics import CONTACT_M, Report, dots, row_norms
 from vfplan.session.events import Event, Poses
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
@@ -211,7 +211,7 @@ class ChangingFixture:
             self._found["fixture_energy_j"] += float(dots(forces[:-1], carried).sum())
         return moved
 
-    def report(self, status: dict[str, int]) -> dict[str, Any]:
+    def report(self, status: dict[str, int]) -> Report:
         """What a replay's report says of the changes; `status` as `Metrics` counts it."""
         report = self._found | {f"{name}_ticks": status[name] for name in ("changing", "crossed")}
         if self._frame is not None:

@@ -15,7 +15,7 @@ from vfplan.display import count, in_singular, length, millimetres, resolved
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
-from vfplan.replaying.metrics import LIMITS, unit_of
+from vfplan.replaying.metrics import LIMITS, Report, unit_of
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import JUMP_M_S
@@ -43,7 +43,7 @@ def finding(code: str, severity: str, text: str) -> Finding:
     return {"code": code, "severity": severity, "message": text}
 
 
-def told(numbers: dict[str, Any], *findings: tuple[Any, Finding]) -> Iterator[Finding]:
+def told(numbers: Report, *findings: tuple[Any, Finding]) -> Iterator[Finding]:
     """Those findings beside which something is true; their sentences name some of the numbers."""
     for is_told, found in findings:
         if is_told:
@@ -51,7 +51,7 @@ def told(numbers: dict[str, Any], *findings: tuple[Any, Finding]) -> Iterator[Fi
 
 
 def replay_findings(
-    report: dict[str, Any], record: dict[str, Any], parameters: ProxyParameters, robot: Robot | None
+    report: Report, record: Report, parameters: ProxyParameters, robot: Robot | None
 ) -> Iterator[Finding]:
     """Of the recording, of the link, of the run, and where no robot was named, of a common arm.
 
@@ -89,7 +89,7 @@ def replay_findings(
     )  # fmt: skip
 
 
-def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator[Finding]:
+def recording_findings(session: Report, robot: Robot | None) -> Iterator[Finding]:
     """What the recording itself shows; `session` as `SamplingReport.report` gives it."""
     rate, fastest = session["rate_hz"], session["speed_max_m_s"]
     robot_rate = getattr(robot, "rate_hz", rate)
@@ -148,7 +148,7 @@ def recording_findings(session: dict[str, Any], robot: Robot | None) -> Iterator
     )  # fmt: skip
 
 
-def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
+def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Finding]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
     clearance_m, is_paper = report.get("clearance_min_m", 0.0), parameters.rule == "paper"
     active = sum(not episode["passive"] for episode in report["episodes"])
@@ -212,7 +212,7 @@ def robot_limits(robot: Robot) -> Limits:
     return tuple(limit for limit in limits if limit[2] is not None)
 
 
-def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]:
+def check_limits(report: Report, limits: Limits) -> list[Report]:
     """Each limit against the report.
 
     report: as a replay gives it; `a.b` names b within a
@@ -234,7 +234,7 @@ def check_limits(report: dict[str, Any], limits: Limits) -> list[dict[str, Any]]
     return checks
 
 
-def has_touched(report: dict[str, Any]) -> bool:
+def has_touched(report: Report) -> bool:
     """Whether the fixture did anything: it pushed the tool, or a guide had hold of the tip.
 
     report: as `Metrics.report` gives it
@@ -242,7 +242,7 @@ def has_touched(report: dict[str, Any]) -> bool:
     return report["contact_ticks"] > 0 or report.get("arc_m") is not None
 
 
-def open_words(report: dict[str, Any]) -> str:
+def open_words(report: Report) -> str:
     """What a "pass" leaves open, to stand after it; empty where it leaves nothing open.
 
     In a session that was resampled lines fill the gaps, so those of the recording count.
@@ -274,7 +274,7 @@ def open_words(report: dict[str, Any]) -> str:
     return "".join(f", but {text}" for is_open, text in words if is_open)
 
 
-def untested_reason(report: dict[str, Any]) -> str:
+def untested_reason(report: Report) -> str:
     """Why the ticks prove nothing, whatever the limits say; empty where they do."""
     if "start_depth_m" in report:
         return "the tool began inside the mesh, where nothing says which side is forbidden"
@@ -291,7 +291,7 @@ def untested_reason(report: dict[str, Any]) -> str:
     return ""
 
 
-def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
+def verdict_of(report: Report, checks: list[Report]) -> str:
     """How a replay ended: "pass", "fail" or "not-tested".
 
     A replay passes if every limit holds and nothing makes it untested. A verdict speaks of the
@@ -302,7 +302,7 @@ def verdict_of(report: dict[str, Any], checks: list[dict[str, Any]]) -> str:
     return "not-tested" if not checks or untested_reason(report) else "pass"
 
 
-def verdict_sentence(metrics: dict[str, Any]) -> str:
+def verdict_sentence(metrics: Report) -> str:
     """How far the tool went beyond the line, then the limits that were asked, and what is open."""
     limits = metrics.get("checks", [])
     texts = {False: [], True: []}
@@ -319,7 +319,7 @@ def verdict_sentence(metrics: dict[str, Any]) -> str:
     return in_singular(f"{beyond_words(metrics)}; {words}")
 
 
-def beyond_words(metrics: dict[str, Any]) -> str:
+def beyond_words(metrics: Report) -> str:
     """How far the tool went beyond what was drawn, or from a guide's line."""
     if guides_alone(metrics):
         return f"up to {millimetres(metrics['lateral_max_m'], 2)} from the guide's line"
@@ -331,12 +331,12 @@ def beyond_words(metrics: dict[str, Any]) -> str:
     return f"up to {millimetres(farthest_m, 2)} beyond {drawn}"
 
 
-def guides_alone(metrics: dict[str, Any]) -> bool:
+def guides_alone(metrics: Report) -> bool:
     """Whether nothing but a guide was rendered, which has no rule and no contact."""
     return "guide" in metrics and "region_force_max_n" not in metrics["guide"]
 
 
-def beyond(metrics: dict[str, Any], overlap_m: Any) -> tuple[str, Any]:
+def beyond(metrics: Report, overlap_m: Any) -> tuple[str, Any]:
     """What was drawn, and how far the tool is beyond it [m], of the overlap.
 
     The overlap begins at the margin around it. A fixture given in exchange may have another margin.
@@ -350,13 +350,13 @@ def beyond(metrics: dict[str, Any], overlap_m: Any) -> tuple[str, Any]:
     return drawn, np.maximum(0.0, overlap_m - scene["point_radius_m"])
 
 
-def bound_text(check: dict[str, Any]) -> str:
+def bound_text(check: Report) -> str:
     """The bound of a limit, such as "at most 20 N"."""
     (sense,) = {"at_most", "at_least"} & check.keys()
     return f"{sense.replace('_', ' ')} {check[sense]:g}{unit_beside(check['name'])}"
 
 
-def check_text(check: dict[str, Any]) -> str:
+def check_text(check: Report) -> str:
     """A limit and the value that was measured."""
     name = check["name"]
     value, bound = check["value"], check.get("at_most", check.get("at_least"))

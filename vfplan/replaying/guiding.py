@@ -19,7 +19,7 @@ from vfplan.engine.proxy import ProxyEngine, Trace, check_renderable, sampled, s
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
-from vfplan.replaying.metrics import dots, row_norms, timed
+from vfplan.replaying.metrics import Report, dots, row_norms, timed
 from vfplan.robot import Robot
 from vfplan.session.session import Largest, WithPrevious
 
@@ -135,7 +135,7 @@ class Guided:
             np.fmax.at(self._lateral, bins, guide.lateral_m[held])
             np.maximum.at(self._force, bins, row_norms(guide.force[held]))
 
-    def report(self, tick_s: float) -> dict[str, Any]:
+    def report(self, tick_s: float) -> Report:
         """`arc_m`, `lateral_max_m` and the part `guide` of a replay's report.
 
         `tick_s`: the session's mean interval [s].
@@ -182,12 +182,11 @@ class GovernorMeasure:
         """Take in the next ticks: forces and HIPs (T, 3), T at least 1."""
         self._held_back_max_n = max(self._held_back_max_n, float(governed.held_back.max()))
         self._held_ticks += int(np.count_nonzero(governed.held_back))
-        overdrawn = governed.status & GovernorStatus.OVERDRAWN
-        self._overdrawn_ticks += int(np.count_nonzero(overdrawn))
+        self._overdrawn_ticks += int(np.count_nonzero(governed.status & GovernorStatus.OVERDRAWN))
         self._wanted.update(wanted, hips)
         self._added.update(governed.force - wanted, hips)
 
-    def report(self, governor: Governor) -> dict[str, Any]:
+    def report(self, governor: Governor) -> Report:
         """What replays and rehearsals report of it."""
         return {
             "engine_force_max_n": self._wanted.max_n,
@@ -220,7 +219,7 @@ class GovernedForces:
         self._measure.update(trace.force, governed, hip)
         return replace(trace, force=governed.force)
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """The `governor` part of a replay's report."""
         return {
             "force_step_n": self._robot.force_step_limit_n,

@@ -7,7 +7,6 @@ part; `approach_sessions` are hands that press along a drawn curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from vfplan.display import count, millimetres
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, runs
-from vfplan.replaying.metrics import row_norms
+from vfplan.replaying.metrics import Report, row_norms
 from vfplan.session.result import TickBlock
 from vfplan.session.session import Array, LongestRun, Session
 
@@ -55,7 +54,7 @@ class Link:
                 message = f"{name} is {value}. Give {allowed}"
                 raise SettingError(message, code="link-out-of-range", numbers={name: value})
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """The faults that are set, by name, and the seed."""
         return {name: value for name, value in vars(self).items() if value is not None}
 
@@ -119,7 +118,7 @@ class LossyLink:
         self._past_hip = hips[first:]
         return positions
 
-    def report(self, lost_limit: int | None) -> dict[str, Any]:
+    def report(self, lost_limit: int | None) -> Report:
         """What was lost; with a robot's limit, whether the robot would have stopped."""
         if self._link.drop is None:
             return {}
@@ -191,7 +190,7 @@ def approach_sessions(
     return sessions
 
 
-def apart_text(apart: dict[str, Any]) -> str:
+def apart_text(apart: Report) -> str:
     """How far two rules are apart, as `Comparison.report` has it."""
     return (
         f"the rules part {count(apart['span_count'], 'time')}, by at most "
@@ -239,7 +238,7 @@ class Comparison:
             span["end_tick"], span["end_s"] = first + int(rows[-1]), float(a.time[rows[-1]])
             span["proxy_max_m"] = max(span["proxy_max_m"], largest)
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """Where they part; the spans listed are the first 50."""
         data = {
             "ticks": self._parted_ticks,

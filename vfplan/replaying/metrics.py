@@ -25,13 +25,14 @@ from vfplan.display import MM
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import arc_lengths, flattened, runs
+from vfplan.geometry.lines import Array, arc_lengths, flattened, runs
 from vfplan.io.files import to_json_types
 from vfplan.robot import Robot
 from vfplan.session.result import STATES, TickBlock, concatenate_ticks
 from vfplan.session.session import Largest
 
-Array = NDArray[np.float64]
+# All or a part of what a replay reports, as `--json` has it.
+Report = dict[str, Any]
 
 # A penetration above this is contact [m]. Below it is the rounding of p + (x - p).
 CONTACT_M = ROUNDING_M
@@ -119,8 +120,7 @@ class Steps:
     @cached_property
     def speed(self) -> Array:
         """(n,) |Δx_k| / Δt_k of the HIP [m/s]; 0 at the last tick."""
-        step = row_norms(self.dhip)
-        return step / np.where(self.dt > 0, self.dt, 1.0)
+        return row_norms(self.dhip) / np.where(self.dt > 0, self.dt, 1.0)
 
     @cached_property
     def sliding(self) -> tuple[Array, Array, Array, Array]:
@@ -294,7 +294,7 @@ class Episodes:
         self._speed = float(steps.speed[-1])
         self._hold_j = 0.0 if steps.held[-1] else float(steps.hold_j[-1])
 
-    def report(self, ruler: CurveRuler | None) -> dict[str, Any]:
+    def report(self, ruler: CurveRuler | None) -> Report:
         """`episodes`, in the order of time, and `episodes_left_out` where there were more."""
         self._finish_latest()
         listed = []
@@ -315,12 +315,12 @@ class Episodes:
             return {"episodes": listed}
         return {"episodes": listed, "episodes_left_out": dict(self._unlisted)}
 
-    def _is_passive(self, episode: dict[str, Any]) -> bool:
+    def _is_passive(self, episode: Report) -> bool:
         """Whether its energy is what holding each force for a tick explains."""
         explained = episode["energy_hold_j"] + self._slack_m * episode["force_max_n"]
         return bool(episode["energy_j"] <= explained)
 
-    def _extend_latest(self, run: dict[str, Any]) -> None:
+    def _extend_latest(self, run: Report) -> None:
         """Join a run of contact to the latest episode."""
         episode = self._latest
         peak = max(episode["energy_peak_j"], episode["energy_j"] + run["energy_peak_j"])
@@ -344,7 +344,7 @@ class Episodes:
             self._unlisted["penetration_max_m"] = max(self._unlisted["penetration_max_m"], depth)
             self._unlisted["active"] += not self._is_passive(episode)
 
-    def _measure(self, steps: Steps, start: int, end: int) -> dict[str, Any]:
+    def _measure(self, steps: Steps, start: int, end: int) -> Report:
         """A run of contact from row `start` to before row `end`."""
         rows = slice(start, end)
         ticks = steps.ticks
@@ -379,7 +379,7 @@ class Episodes:
         return run
 
 
-def episode_count(report: dict[str, Any]) -> int:
+def episode_count(report: Report) -> int:
     """How many episodes a replay had, also those that its report does not list."""
     return len(report["episodes"]) + report.get("episodes_left_out", {"count": 0})["count"]
 
@@ -406,7 +406,7 @@ class CurveRuler:
         """The ruler of a fixture, or `None` when it was not drawn as a curve."""
         return None if fixture.curve is None else CurveRuler(fixture)
 
-    def locate(self, place: Array) -> dict[str, Any]:
+    def locate(self, place: Array) -> Report:
         """The stroke, the arc length [m] and the index of the planned point nearest to a place."""
         k = int(self.nearest(place[None])[0])
         return {"stroke": int(self.stroke[k]), "s_m": float(self.arclength[k]), "point": k}
@@ -501,7 +501,7 @@ class Metrics:
         for name, values in summands.items():
             self._sums[name] += float(values.sum())
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """The contract's keys, and this project's own."""
         sums, peaks = self._sums, self._peaks
         ticks = int(self._states.sum())
@@ -568,7 +568,7 @@ class StepTimes:
         self._max_us = 0.0
         self.ticks = 0
 
-    def run(self, engine: Any, hip: NDArray[np.float64]) -> Trace:
+    def run(self, engine: Any, hip: Array) -> Trace:
         """`engine.run(hip)`, timed."""
         self.ticks += len(hip)
         trace, micros = timed(engine, hip)
@@ -585,7 +585,7 @@ class StepTimes:
         return dict(zip(names, [*quantiles.tolist(), self._max_us], strict=True))
 
 
-def timed(engine: Any, hip: NDArray[np.float64]) -> tuple[Trace, NDArray[np.float64]]:
+def timed(engine: Any, hip: Array) -> tuple[Trace, Array]:
     """`engine.run(hip)`, and the time of each tick (n,) [µs].
 
     The native engine times itself around each step; any other is stepped from Python.

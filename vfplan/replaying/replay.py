@@ -40,6 +40,7 @@ from vfplan.replaying.metrics import (
     CONTACT_M,
     Metrics,
     PairedTicks,
+    Report,
     StepTimes,
     dots,
     episode_count,
@@ -190,7 +191,7 @@ class EngineRun:
         trace = self._times.run(self.engine, hip)
         return trace if self._governor is None else self._governor.run(hip, trace)
 
-    def finish(self) -> dict[str, Any]:
+    def finish(self) -> Report:
         """The numbers of the whole session."""
         self._metrics.update(self._pairs.finish())
         report = self._metrics.report() | {"step_us": self._times.report()}
@@ -227,7 +228,7 @@ class Replay:
     rule: str
     engine: str
     ticks: TickBlock
-    metrics: dict[str, Any]
+    metrics: Report
     fixture: Fixture
     stride: int = 1
     other: Replay | None = field(default=None, repr=False)
@@ -238,7 +239,7 @@ class Replay:
         return self.ticks
 
     @property
-    def record(self) -> dict[str, Any]:
+    def record(self) -> Report:
         """What a result file keeps beside the ticks: what was replayed against what, and how."""
         names = ("rule", "engine", "scene", "session", "fixture", "link", "governor")
         record = {name: self.metrics[name] for name in names if name in self.metrics}
@@ -449,7 +450,7 @@ def replay(
     return replace(robust, rule="both", metrics=robust.metrics | beside, other=paper)
 
 
-def scene_report(fixture: Fixture, parameters: ProxyParameters) -> dict[str, Any]:
+def scene_report(fixture: Fixture, parameters: ProxyParameters) -> Report:
     """The fixture and the parameters that were rendered."""
     scene = {
         "planar": fixture.ignore_axis is not None,

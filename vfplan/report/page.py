@@ -26,16 +26,15 @@ from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import axis_names, guide_plot, plane_basis, scene, slice_depth, timeline
 from vfplan.figures.style import WIDTH_PX, png_bytes
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
 from vfplan.replaying.findings import beyond, check_text, guides_alone, verdict_sentence
 from vfplan.replaying.link import apart_text
-from vfplan.replaying.metrics import NUMBERS, episode_count, row_norms
+from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.session.result import TickBlock
-
-Array = NDArray[np.float64]
 
 # Number of columns of the whole session's envelope, one for each pixel of the plot's width.
 COLUMNS = WIDTH_PX
@@ -137,8 +136,7 @@ def envelope(ticks: TickBlock, span: Sequence[float], columns: int) -> dict[str,
     data = {"span": list(span), "time": _flat(ticks.time[starts], 6)}
     for name, values in (("force", row_norms(ticks.force)), ("depth", MM * depth)):
         for end, extreme in (("low", np.minimum), ("high", np.maximum)):
-            parts = extreme.reduceat(values[:last], starts)
-            data[f"{name}_{end}"] = _flat(parts, 4)
+            data[f"{name}_{end}"] = _flat(extreme.reduceat(values[:last], starts), 4)
     return data
 
 
@@ -247,8 +245,7 @@ def scrubber(replayed: Replay) -> str:
     if replayed.stride > 1:
         ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
     words = f"Each column reaches from the least to the largest value {ticks}."
-    text = part("scrubber.html").replace("{scene}", part("scene.html"))
-    return text.replace("{envelope}", words)
+    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{envelope}", words)
 
 
 def facts_table(facts: dict[str, str]) -> str:
@@ -267,8 +264,7 @@ def scripts(data: dict[str, Any], script: str) -> str:
     # "</" inside the data would end the script element.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
     engine = part("page/engine.js", "vfplan.review").replace("export ", "")
-    parts = ("canvas.js", "scene.js", "plot.js", "hand.js")
-    drawing = engine + "".join(map(part, parts)) + script
+    drawing = engine + "".join(map(part, ("canvas.js", "scene.js", "plot.js", "hand.js"))) + script
     return f'<script type="application/json" id="data">{text}</script><script>{drawing}</script>'
 
 
@@ -366,7 +362,7 @@ def plain(value: Any) -> str:
     return resolved(value, 9) if isinstance(value, float) else str(value)
 
 
-def summary(metrics: dict[str, Any]) -> str:
+def summary(metrics: Report) -> str:
     """The main numbers; of two rules a column each."""
     rules = {metrics["rule"]: metrics}
     if "paper" in metrics:
@@ -392,7 +388,7 @@ def summary(metrics: dict[str, Any]) -> str:
     return text
 
 
-def checks(metrics: dict[str, Any]) -> str:
+def checks(metrics: Report) -> str:
     """Each limit that was given, and whether it holds."""
     rows = []
     for check in metrics.get("checks", []):
@@ -401,7 +397,7 @@ def checks(metrics: dict[str, Any]) -> str:
     return table(["verdict", "limit"], rows, "group") if rows else ""
 
 
-def findings(metrics: dict[str, Any]) -> str:
+def findings(metrics: Report) -> str:
     """What a person should look at."""
     rows = [
         [f'<b class="{finding["severity"]}">{finding["severity"]}</b>', finding["code"],
@@ -413,7 +409,7 @@ def findings(metrics: dict[str, Any]) -> str:
     return table(["severity", "finding", "what it says"], rows)
 
 
-def episodes(metrics: dict[str, Any]) -> str:
+def episodes(metrics: Report) -> str:
     """One row an episode; a click moves the scrubber to its deepest tick."""
     listed = metrics["episodes"]
     if not listed:
@@ -450,7 +446,7 @@ def settings_table(values: dict[str, Any]) -> str:
     return table([], rows, "settings")
 
 
-def settings(metrics: dict[str, Any], fixture: Fixture) -> str:
+def settings(metrics: Report, fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
     names = ("fixture", "scene", "session", "link", "robot", "left_out")
     groups = {name: metrics[name] for name in names if metrics.get(name)}

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from vfplan.display import MM
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import unit_normal
+from vfplan.geometry.lines import Array, unit_normal
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences, read_markers, read_sides
 from vfplan.planning.settings import FixtureSettings
@@ -92,7 +92,7 @@ class Fit:
     markers: tuple[Marker, ...] = ()
     settings: FixtureSettings = field(default_factory=FixtureSettings)
     pixel_spacing_mm: tuple[float, float] | None = None
-    T_patient_image: NDArray[np.float64] | None = None
+    T_patient_image: Array | None = None
     given: Correspondences | None = None
 
     @property
@@ -148,7 +148,7 @@ class Fit:
             return None, error.message
         return registration, ""
 
-    def to_source(self, places: NDArray, depth_m: NDArray | float = 0.0) -> NDArray[np.float64]:
+    def to_source(self, places: NDArray, depth_m: NDArray | float = 0.0) -> Array:
         """Places on the slice (M, 2) [px] in the markers' frame: (M, 2) [px] or (M, 3) [m]."""
         places = np.asarray(places, float).reshape(-1, 2)
         if self.T_patient_image is None:
@@ -158,7 +158,7 @@ class Fit:
         return on_slice + depths[:, None] * unit_normal(self.T_patient_image)
 
     @property
-    def metres_per_step(self) -> NDArray[np.float64] | None:
+    def metres_per_step(self) -> Array | None:
         """(3, 2) where a step of a pixel along u and along v leads in front of the robot [m]."""
         if self.registration is None:
             return None
@@ -234,7 +234,7 @@ def size_of(plane: NDArray) -> float:
 
 def bound95_m(
     registration: Registration, strokes: Sequence[Stroke], place: NDArray | None, step: int = 1
-) -> NDArray[np.float64]:
+) -> Array:
     """The 95 % bound at every so many points of strokes, by the markers and of their own [m].
 
     `place` (3, 3) takes (u, v, 1) to the patient's frame of a registration that begins there. The

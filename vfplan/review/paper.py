@@ -21,9 +21,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfplan.geometry.lines import Array
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
 
-Array = NDArray[np.float64]
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
@@ -298,8 +298,7 @@ def draw_disc(canvas: Pixels, centre: Any, radius: float, colour: Any, thickness
 
 def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
     """The outlines of what is brighter than 127, inner ones too."""
-    inside = (mask > 127).astype(np.uint8)
-    return cv2.findContours(inside, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
+    return cv2.findContours((mask > 127).astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)[0]
 
 
 def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> None:

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle import rendered_values
 from vfplan.bundle.content import digest_of_content, review_digest, to_content
@@ -31,7 +30,7 @@ from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Fixture, Rendering, Review, Stroke
-from vfplan.geometry.lines import plane_normal, runs, unit_normal
+from vfplan.geometry.lines import Array, plane_normal, runs, unit_normal
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
@@ -39,7 +38,6 @@ from vfplan.registration.registration import Registration, fit_registration
 from vfplan.review.markers import size_of
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
-Array = NDArray[np.float64]
 Kind = Literal["wall", "guide"]
 
 # Nodes of the grid along the longer side of a picture, at least and at most. Between them the

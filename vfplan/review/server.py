@@ -129,9 +129,7 @@ class Draft:
             message = f"This is no draft of a review. {advice}"
             raise InputError(message, where=where, code="no-draft") from None
         if header != self._header:
-            what = "other settings"
-            if header["sha256"] != self._header["sha256"]:
-                what = "other files"
+            what = "other settings" if header["sha256"] == self._header["sha256"] else "other files"
             message = f"This is the draft of a review with {what}. {advice}"
             raise InputError(message, where=where, code="another-draft")
         try:

@@ -19,7 +19,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding
@@ -323,7 +322,7 @@ class Inset:
 
 
 def is_even_ahead(
-    rgb: NDArray[np.uint8], stroke: Stroke, end: paper.Array, direction: paper.Array | None
+    rgb: paper.Pixels, stroke: Stroke, end: paper.Array, direction: paper.Array | None
 ) -> bool:
     """Whether all pixels ahead of an end have one grey.
 
@@ -347,9 +346,7 @@ def insets_of(plan: Plan) -> list[Inset]:
     if plan.metres_per_px is not None:
         width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(plan.strokes, 1):
-        name = f"line {number}"
-        if len(plan.strokes) == 1:
-            name = "the line"
+        name = "the line" if len(plan.strokes) == 1 else f"line {number}"
         for which, end, direction in picture.ends_of(stroke):
             caption = f"{which.capitalize()} of {name}"
             note = width
@@ -403,7 +400,7 @@ def insets_of(plan: Plan) -> list[Inset]:
 
 
 def draw_insets(
-    sheet: Paper, insets: list[Inset], rgb: NDArray[np.uint8], plan: Plan, y: float
+    sheet: Paper, insets: list[Inset], rgb: paper.Pixels, plan: Plan, y: float
 ) -> tuple[float, float]:
     """Draw rows of insets; a row that does not fit begins a new page.
 
@@ -425,9 +422,7 @@ def draw_insets(
     return last_row, y
 
 
-def draw_inset(
-    sheet: Paper, inset: Inset, rgb: NDArray[np.uint8], plan: Plan, x: int, y: int
-) -> None:
+def draw_inset(sheet: Paper, inset: Inset, rgb: paper.Pixels, plan: Plan, x: int, y: int) -> None:
     """Draw an inset with its frame at a place of the page."""
     u, v, size, _ = inset.window
     rows, columns = np.arange(v, v + size), np.arange(u, u + size)
@@ -459,7 +454,7 @@ def draw_inset(
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
 
 
-def spread_greys(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def spread_greys(pixels: paper.Pixels) -> paper.Pixels:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
     So greys that differ by one are told apart, and a box of one grey stands out of the noise
@@ -470,7 +465,7 @@ def spread_greys(pixels: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
+def draw_band(enlarged: paper.Pixels, inset: Inset, plan: Plan) -> None:
     """Draw line, 95 % band and what the robot renders at true scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
@@ -489,7 +484,7 @@ def draw_band(enlarged: NDArray[np.uint8], inset: Inset, plan: Plan) -> None:
 class Sheet:
     """A finished sheet: (H, W, 3) uint8 pixels, red first, and what stands where on its pages."""
 
-    pixels: NDArray[np.uint8]
+    pixels: paper.Pixels
     boxes: tuple[Box, ...]
 
     def page_pngs(self) -> list[bytes]:
@@ -542,7 +537,7 @@ def draw_sheet(plan: Plan) -> Sheet:
     return Sheet(sheet.image(), tuple(sheet.boxes))
 
 
-def png_of(pixels: NDArray[np.uint8]) -> bytes:
+def png_of(pixels: paper.Pixels) -> bytes:
     """A PNG file that prints at its own size, 200 dots an inch."""
     from PIL import Image
 

@@ -170,8 +170,7 @@ def travel(corners: Vector, speed: float, rate: float = 1000.0) -> Vector:
 
 def corners_mm(*points: tuple[float, ...]) -> Vector:
     """The corners of a path in millimetres, (u, v) or (x, y, z), as (K, 3) in metres."""
-    rows = [[*point, 0.0][:3] for point in points]
-    return np.array(rows) * 1e-3
+    return np.array([[*point, 0.0][:3] for point in points]) * 1e-3
 
 
 class Circle(Drawn):
@@ -313,8 +312,7 @@ class Omega(Drawn):
 
         # The line moved to its left, without what lies closer to another part of it.
         distance = 3e-3
-        moved = [outside(run.sample(2.5e-4), -distance) for run in self.runs]
-        moved = in_space(np.vstack(moved))
+        moved = in_space(np.vstack([outside(run.sample(2.5e-4), -distance) for run in self.runs]))
         moved = moved[self.clearance(moved) > (1 - 1e-3) * distance]
 
         left, right = corners_mm((-60, 10)), corners_mm((60, 10))

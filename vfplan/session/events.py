@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError
@@ -259,7 +259,7 @@ def as_the_loop_saw(
     return poses, events
 
 
-def _check_counts(column: str, counts: NDArray[np.float64], largest: int, where: str) -> None:
+def _check_counts(column: str, counts: Array, largest: int, where: str) -> None:
     rises = (np.diff(counts, prepend=0) >= 0).all()
     if not rises or (len(counts) and counts[-1] > largest):
         found = f"column {column!r} ends with {counts[-1]:g}"

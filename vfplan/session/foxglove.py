@@ -14,6 +14,7 @@ from foxglove import messages as fg
 from numpy.typing import NDArray
 
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array
 from vfplan.session.channels import CDR_LITTLE_ENDIAN
 
 BONE = fg.Color(r=0.8, g=0.2, b=0.2, a=1.0)
@@ -141,7 +142,7 @@ def vector(place: Any) -> fg.Vector3:
     return fg.Vector3(x=x, y=y, z=z)
 
 
-def corners(points: NDArray[np.float64]) -> list[fg.Point3]:
+def corners(points: Array) -> list[fg.Point3]:
     """Points (N, 3) as Foxglove has them."""
     return [fg.Point3(x=x, y=y, z=z) for x, y, z in points.tolist()]
 
@@ -152,12 +153,12 @@ def pose(place: Any = (0.0, 0.0, 0.0), turn: tuple[float, ...] = (0.0, 0.0, 0.0,
     return fg.Pose(position=vector(place), orientation=fg.Quaternion(x=x, y=y, z=z, w=w))
 
 
-def ball(place: NDArray[np.float64], radius_m: float, colour: fg.Color) -> fg.SpherePrimitive:
+def ball(place: Array, radius_m: float, colour: fg.Color) -> fg.SpherePrimitive:
     """A sphere."""
     return fg.SpherePrimitive(pose=pose(place), size=vector([2 * radius_m] * 3), color=colour)
 
 
-def arrow(place: Any, force: NDArray[np.float64], width_m: float) -> fg.ArrowPrimitive:
+def arrow(place: Any, force: Array, width_m: float) -> fg.ArrowPrimitive:
     """The arrow of a force; an arrow without rotation points along x."""
     force_n = float(np.linalg.norm(force))
     x, y, z = force / force_n

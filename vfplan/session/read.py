@@ -265,9 +265,7 @@ def plain_datasets(file: h5py.Group, names: Iterable[str]) -> dict[str, h5py.Dat
     datasets = {}
     for name in names:
         # A link to another file is never followed: a session is one file.
-        dataset = None
-        if isinstance(file.get(name, getlink=True), h5py.HardLink):
-            dataset = file[name]
+        dataset = file[name] if isinstance(file.get(name, getlink=True), h5py.HardLink) else None
         is_plain = isinstance(dataset, h5py.Dataset) and dataset.shape is not None
         if not is_plain or dataset.external or dataset.is_virtual:
             message = f"{name!r} is a link or no plain dataset. Store the data under that name"

@@ -16,10 +16,8 @@ from numpy.typing import NDArray
 from vfplan.display import MAX_LISTED
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
-from vfplan.geometry.lines import interpolated
+from vfplan.geometry.lines import Array, interpolated
 from vfplan.io.files import METRES
-
-Array = NDArray[np.float64]
 
 # The frames in which a robot's positions can be.
 FRAMES = ("robot_base", "patient_lps")
@@ -123,8 +121,7 @@ class SamplingReport:
             # Only the samples around it tell a late sample from one that is missing.
             before, after = np.sort(phase[max(0, k + 1 - AROUND) : k + 1]), phase[k + 1 :][:AROUND]
             shift = np.sort(after)[len(after) // 2] - before[len(before) // 2]
-            late = min(dt[k] - self._nominal_s, shift) / self._nominal_s
-            missing = round(late)
+            missing = round(min(dt[k] - self._nominal_s, shift) / self._nominal_s)
             is_gap[k] = missing > 0
             if not missing:
                 continue

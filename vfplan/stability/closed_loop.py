@@ -191,9 +191,7 @@ def closed_loop_case(
     if scene == "flat":
         min_ratio = 1 - FLAT_TOLERANCE
         is_good = abs(ratio - 1) <= FLAT_TOLERANCE or is_beyond_search
-    ending = "no rest"
-    if pressed["rest_s"] is not None:
-        ending = f"rest in {pressed['rest_s']:.2f} s"
+    ending = f"rest in {pressed['rest_s']:.2f} s" if pressed["rest_s"] is not None else "no rest"
     detail = (
         f"largest stable K {measured:.0f} N/m{' or more' * is_beyond_search}, {ratio:.3f} of the "
         f"exact bound; pressed: overshoot {pressed['overshoot']:.2f}, {ending}, limit cycle "

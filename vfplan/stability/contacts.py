@@ -90,8 +90,7 @@ def beside(scene: scenes.Scene, touch: Vector, *normals: Vector, **more: Any) ->
 
 def patch() -> Contact:
     """A flat sheet, 20 mm wide, with points 0.5 mm apart: enough for one contact."""
-    points = scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3)
-    return Contact(points, RADIUS * Y, Y[None])
+    return Contact(scenes.grid(-0.01 * (X + Z), 0.02 * X, 0.02 * Z, 0.5e-3), RADIUS * Y, Y[None])
 
 
 def omega() -> Iterator[Contact]:

@@ -17,11 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.engine.parameters import Vector, number
 from vfplan.engine.proxy import ProxyEngine, Status, Step
 from vfplan.errors import SettingError
+from vfplan.geometry.lines import Array
 from vfplan.robot import Robot
 
 # Smallest decay b T / m of a tick. float64 cannot tell the bound of a smaller one from 0.
@@ -59,9 +59,7 @@ def filter_share(robot: Robot) -> float:
     return period / (period + age)
 
 
-def transition(
-    robot: Robot, hand: float = 0.0, seconds: float | None = None
-) -> NDArray[np.float64]:
+def transition(robot: Robot, hand: float = 0.0, seconds: float | None = None) -> Array:
     """(2, 2) the exact motion of the mass along one axis from x = 0.
 
     The rows are the displacement [m] and the velocity [m/s] afterwards. The columns are the
@@ -83,11 +81,10 @@ def transition(
     alpha = robot.damping_n_s_per_m * t / robot.mass_kg
     kappa = hand * t * t / robot.mass_kg
     rate = np.array([[0.0, 1.0, 0.0], [-kappa, -alpha, 1.0], [0.0, 0.0, 0.0]])
-    units = [[t, t * t / robot.mass_kg], [1.0, t / robot.mass_kg]]
-    return expm(rate)[:2, 1:] * units
+    return expm(rate)[:2, 1:] * [[t, t * t / robot.mass_kg], [1.0, t / robot.mass_kg]]
 
 
-def loop_matrix(robot: Robot, stiffness: float, hand: float = 0.0) -> NDArray[np.float64]:
+def loop_matrix(robot: Robot, stiffness: float, hand: float = 0.0) -> Array:
     """One tick of mass and sampled spring F_k = -K x_{k-d}, a square matrix.
 
     The state is (x, v), the d older positions, the youngest first, and the force of the tick before

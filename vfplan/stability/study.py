@@ -285,9 +285,7 @@ def study(
         A stiffness, a safety factor or a figure of the robot that is not finite or out of range.
     """
     number("margin", safety_factor, "", least=1.0)
-    rendered = DEFAULT_STIFFNESS
-    if fixture is not None:
-        rendered = largest_rendered_stiffness(fixture)
+    rendered = largest_rendered_stiffness(fixture) if fixture is not None else DEFAULT_STIFFNESS
     if stiffness is not None:
         rendered = number("stiffness", stiffness, "N/m", above=0.0)
     stiffness = rendered

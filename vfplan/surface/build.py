@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle.importing import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
+from vfplan.geometry.lines import Array
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
@@ -23,7 +23,6 @@ from vfplan.surface.mesh import MIN_SLOPE, grid_axes, level_surface
 from vfplan.surface.outline import Contours, SlicedVolume, Stack, holes_of, slice_contours
 from vfplan.surface.sources import read_contours
 
-Array = NDArray[np.float64]
 # Largest distance of a place in a triangle from its corners, in grid steps.
 #
 # Over the shapes of the tests 0.89 is measured. The report has each surface's own.

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle.dicom import crossings
 from vfplan.figures.style import new_figure, save_png, style
+from vfplan.geometry.lines import Array
 from vfplan.palette import CONTACT, FORCE, HIP
 from vfplan.surface.outline import rings_of
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from vfplan.surface.build import Surface
     from vfplan.surface.outline import Stack
 
-Array = NDArray[np.float64]
 # Where the eye is: above the slices' plane, and around their normal from x on [degrees].
 ELEVATION, AZIMUTH = 20, -65
 BONE_COLOUR = (0.93, 0.88, 0.76)

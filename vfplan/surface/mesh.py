@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import ROUNDING_M
+from vfplan.geometry.lines import Array, Flags
 from vfplan.surface.outline import Outline, Stack
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Indices = NDArray[np.intp]
 Triangles = NDArray[np.int32]
 # Number of nodes along a side of a block. Far from the outline one distance serves all of them.

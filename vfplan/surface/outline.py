@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, requires_extra
-from vfplan.geometry.lines import plane
+from vfplan.geometry.lines import Array, plane
 from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from shapely import Polygon
 
 
-Array = NDArray[np.float64]
 # Largest width of a keyhole's channel [m]. No tool draws bone as thin.
 CHANNEL_M = 1e-4
 # Smallest way along the ring from one side of a channel to the other, in widths of a channel.
@@ -166,8 +165,7 @@ def polygon_of(ring: Array) -> Polygon:
     """
     from shapely import Polygon, get_parts, is_valid_reason, make_valid
 
-    ring = without_repeated_corners(ring)
-    ring = with_closed_channel(ring)
+    ring = with_closed_channel(without_repeated_corners(ring))
     polygon = Polygon(ring) if len(ring) > 2 else Polygon()
     # Of a ring that crosses itself this is the area that it runs round more often to the left.
     ring_area = polygon.area
@@ -448,8 +446,7 @@ def common_normal(contours: Contours) -> Array:
         flat = spreads.max(axis=0) <= 1e-9 * max(spreads.max(), 1e-3)
         if flat.any():
             return np.eye(3)[int(flat.argmax())]
-        scatter = sum(ring.T @ ring for ring in centred)
-        normal = np.linalg.eigh(scatter)[1][:, 0]
+        normal = np.linalg.eigh(sum(ring.T @ ring for ring in centred))[1][:, 0]
     axis = int(np.abs(normal).argmax())
     if abs(abs(normal[axis]) - 1) < 1e-15:
         return np.eye(3)[axis]

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, InputError
-from vfplan.geometry.lines import unit_normal
+from vfplan.geometry.lines import Array, unit_normal
 from vfplan.images.dicom import (
     begins_like_dicom,
     group_value,
@@ -31,7 +30,6 @@ from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 from vfplan.surface.volumes import MAX_VOXEL_M, MIN_VOXEL_M
 from vfplan.vectors.curve import FINE_M, VectorDrawing, without_repeated_end
 
-Array = NDArray[np.float64]
 # Number of bytes by which a file's kind is known. DICOM's mark ends at byte 132.
 HEAD_BYTES = 256
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
@@ -106,8 +104,7 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
     """
     data, digest = read_bytes(path, MAX_TEXT_BYTES)
     refuse_costly(data, str(path))
-    file = io.BytesIO(data)
-    with open_dataset(file, str(path), InputError, needs_preamble=False) as dataset:
+    with open_dataset(io.BytesIO(data), str(path), InputError, needs_preamble=False) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
             return contours_of_rtstruct(dataset, structure, {"contours": digest})

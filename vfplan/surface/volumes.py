@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, VfplanError, requires_extra
-from vfplan.geometry.lines import unit_normal
+from vfplan.geometry.lines import Array, unit_normal
 from vfplan.images.raster import chosen_index
 from vfplan.io.files import (
     GZIP_OR_ZLIB,
@@ -34,7 +34,6 @@ from vfplan.io.files import (
 from vfplan.io.sandbox import raise_limits, raise_limits_for, run_in_sandbox
 from vfplan.surface.outline import SAME_M, Contours, Structure, choose_structure
 
-Array = NDArray[np.float64]
 # Standard deviation of the smoothing [px], as the stairs of a mask are a pixel long.
 SMOOTHING_PX = 1.0
 # Empty pixels around a mask: as far as the smoothing reaches (SciPy cuts at 4 deviations).
@@ -314,9 +313,7 @@ def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
         )  # fmt: skip
     layers = np.frombuffer(voxels, dtype).reshape((1, *sizes)[-4:], order="F")
     T_lps_voxel = nrrd_place(header)
-    places = {}
-    if has_labels:
-        places = nrrd_segments(header, len(layers)) or places_of_labels(layers)
+    places = (nrrd_segments(header, len(layers)) or places_of_labels(layers)) if has_labels else {}
     return layers, places, T_lps_voxel
 
 
@@ -403,9 +400,7 @@ def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     logging.getLogger("nibabel.global").setLevel(logging.CRITICAL)
     is_packed = data.startswith(GZIP)
     with library_errors("cannot be read as NIfTI"):
-        head = data
-        if is_packed:
-            head = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540)
+        head = zlib.decompressobj(GZIP_OR_ZLIB).decompress(data, 540) if is_packed else data
         kind = nibabel.Nifti1Image if head[:4] in NIFTI_1 else nibabel.Nifti2Image
         header = kind.header_class(head[: kind.header_class.template_dtype.itemsize])
         shape = tuple(int(n) for n in header.get_data_shape())

@@ -20,6 +20,7 @@ from vfplan.errors import CurveError, ImageError
 from vfplan.fixture import Stroke
 from vfplan.geometry import CORNER_PX, ROUNDING
 from vfplan.geometry.lines import (
+    Array,
     arc_lengths,
     evenly,
     interpolated,
@@ -66,7 +67,7 @@ class VectorDrawing:
         Where on the first pixel a calibrated program counts from; (M, 2) points are then in mm.
     """
 
-    points: NDArray[np.float64]
+    points: Array
     closed: bool
     joined: Joined
     sha256: str = ""
@@ -101,7 +102,7 @@ class VectorDrawing:
         ends = (np.repeat(side, PLACES_A_PIECE, axis=0) for side in (ring[:-1], ring[1:]))
         return float(np.linalg.norm(curve - on_segments(curve, *ends), axis=1).max())
 
-    def at(self, parameters: NDArray) -> NDArray[np.float64]:
+    def at(self, parameters: NDArray) -> Array:
         """(K, 2|3) points at float numbers of the curve's points."""
         ring = ring_of(self.points, self.closed)
         numbers = np.arange(len(ring))
@@ -116,7 +117,7 @@ class VectorDrawing:
         spline = CubicSpline(chords, ring, bc_type="periodic" if self.closed else "natural")
         return spline(np.interp(parameters, numbers, chords))
 
-    def _parameters(self, counts: Any) -> NDArray[np.float64]:
+    def _parameters(self, counts: Any) -> Array:
         """Float numbers of points that cut each piece into so many parts, ends included."""
         pieces = len(self.points) - (not self.closed)
         ends = np.concatenate([[0], np.cumsum(np.broadcast_to(counts, pieces))])

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
 from vfplan.geometry import CORNER_PX
+from vfplan.geometry.lines import Array
 from vfplan.images.dicom import is_dicom
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
@@ -243,7 +244,7 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
 
 def read_roi(
     data: bytes, origin: PixelOrigin | None, where: str
-) -> tuple[NDArray[np.float64], bool, tuple[str, ...]]:
+) -> tuple[Array, bool, tuple[str, ...]]:
     """The (M, 2) vertices (u, v) [px] of a `.roi`, whether it is closed, and warnings.
 
     Raises
@@ -306,7 +307,7 @@ def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
         )
 
 
-def _from_centres(points: NDArray, origin: str) -> NDArray[np.float64]:
+def _from_centres(points: NDArray, origin: str) -> Array:
     """Points that are counted from a pixel's centre or corner, counted from centres."""
     return points - CORNER_PX if origin == "corner" else points
 
