@@ -119,6 +119,17 @@ def test_an_end_moves_to_the_end_of_ink_that_is_near_and_in_the_picture():
     assert points.max() < 379.5
 
 
+@pytest.mark.parametrize("turns", [(0.8,), (1.3,), (2.6, -2.6)])
+def test_an_end_stays_where_it_was_drawn_if_a_leader_line_or_an_arrow_begins_there(turns):
+    others = [[BENT[-1], BENT[-1] + slices.turned((25, 0), turn)] for turn in turns]
+    ink, away = coloured([BENT, *others], 4.0), []
+    for seed in range(6):
+        path = drawn(BENT, False, seed)
+        line = ink.draw(path, False, 8.0, (True, True))
+        away.append(line.points[-1, 0] - path[-1, 0])
+    assert np.abs(away).max() < 2.5
+
+
 def test_every_way_through_a_fork():
     mask = np.zeros((60, 80), bool)
     mask[30, 5:70] = True

@@ -52,8 +52,17 @@ REACH_PX = 8.0
 # Distance [px] from the ink within which a path lies once it was moved there.
 CLOSE_PX = 3.0
 
+# Distance [px] of neighbours on a skeleton at most, across a pixel's corner.
+STEP_OF_BONES_PX = 1.5
+
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
+
+# Distance [px] from where a hand put an end to where the ink seems to end, if it bends away there.
+BENT_PX = 0.5
+
+# Points of a drawn path over which a line goes from its last ink onto that path.
+ONTO_PATH_POINTS = 6
 
 # Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
 BORDER_POINTS = 3
@@ -319,12 +328,28 @@ class SliceInk:
     def draw(self, path: NDArray, closed: bool, reach_px: float, free: tuple[bool, bool]) -> Stroke:
         """Measure a path that a hand drew; a free end near the end of its ink moves there.
 
+        Where ink goes on from there, or other ink joins, the end stays where the hand put it.
+
         free: whether the (first, last) end is free, and does not lie on another line
         """
         line = self.measure(path, closed, reach_px)
         if closed or not any(free):
             return line
-        return self._to_its_ends(line, free, self.width_along(line.points, False), reach_px)
+        width = self.width_along(line.points, False)
+        moved = self._to_its_ends(line, free, width, reach_px)
+        away = _core.nearest(moved.points, self.bones[0])[0] - width / 2 - tuned.EDGE_BLUR_PX
+        others = self.bones[0][(away > 0) & (away <= STEP_OF_BONES_PX)]
+        if not len(others):
+            return moved
+        stays = free & (_core.nearest(others, moved.end_points)[0] <= reach_px)
+        if not stays.any():
+            return moved
+        line = self._to_its_ends(line, tuple(free & ~stays), width, reach_px)
+        # Where the ink bends away at that end, its middle is not the line's.
+        is_bent = stays & (np.hypot(*(moved.end_points - line.end_points).T) > BENT_PX)
+        away = np.abs(line.points[:, None] - line.end_points[is_bent]).max(2).min(1, initial=np.inf)
+        sigma = np.where(away <= reach_px, np.maximum(line.sigma, BRANCH_SIGMA_PX), line.sigma)
+        return with_drawn_ends(replace(line, sigma=sigma), path, stays & line.edited[[0, -1]])
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
@@ -384,6 +409,26 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
     return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
+
+
+def with_drawn_ends(line: Stroke, path: NDArray, is_drawn: NDArray[np.bool_]) -> Stroke:
+    """The line with (first, last) ends that no ink confirms as they were drawn, along a path.
+
+    Beyond its confirmed ink a line may have been moved onto that of another one.
+    """
+    known = np.flatnonzero(~line.edited)
+    if not is_drawn.any() or not len(known):
+        return line
+    stroke, ends = MendedStroke.of(line), line.points[known[[0, -1]]]
+    start, stop = _core.nearest(path, ends)[1] + (-ONTO_PATH_POINTS, ONTO_PATH_POINTS)
+    is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= 1.0)
+    if is_drawn[1]:
+        drawn = np.vstack([ends[1], path[min(stop, len(path) - 1) :]])
+        stroke = stroke._with_stretch(known[-1], len(line.points) - 1, drawn, None)
+    if is_drawn[0]:
+        drawn = np.vstack([path[: max(start, 0) + 1], ends[0]])
+        stroke = stroke._with_stretch(0, known[0], drawn, None)
+    return stroke
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
