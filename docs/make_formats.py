@@ -28,7 +28,9 @@ only informs ([glossary](glossary.md#findings-and-approval)).
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
-SLICES = "a contour or slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
+SLICES = (
+    "a contour or slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
+)
 IMPORTED = ", ".join(f"`{suffix}`" for suffix in SUFFIXES)
 SURFACES = f"""`vfplan import` reads {IMPORTED}, and `vfplan surface` reads the
 other formats.
@@ -54,12 +56,13 @@ TABLES = {
          "PixelSpacing, position and orientation, also of each frame of an enhanced (multi-frame) "
          "file; window centre and width",
          "`--imager-spacing`, if the file has only ImagerPixelSpacing",
-         "PixelAspectRatio other than 1:1, if neither the file nor `--pixel-spacing` gives the size of "
-         "a pixel",
+         "PixelAspectRatio other than 1:1, if neither the file nor `--pixel-spacing` gives the "
+         "size of a pixel",
          "pydicom"),
         ("NRRD, NIfTI", "grey volumes, one slice across the third axis by `--frame`",
          "origin, patient axes, units (without any: mm)", "",
-         "several volumes in a file; sform and qform that differ; voxels that are not finite", "pynrrd, nibabel"),
+         "several volumes in a file; sform and qform that differ; voxels that are not finite",
+         "pynrrd, nibabel"),
     ],
     "Curves as vectors": [
         ("Slicer `.mrk.json`, `.fcsv`",
@@ -98,7 +101,8 @@ TABLES = {
          "a unit in the header; the number of a point, which becomes its label; an area's X,Y "
          "count from the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt",
-         "a table with a unit, if neither the slice nor `--pixel-spacing` gives the size of a pixel",
+         "a table with a unit, if neither the slice nor `--pixel-spacing` gives the size of a "
+         "pixel",
          "tables as ImageJ 1.54 writes them"),
         ("Slicer `.mrk.json`, `.fcsv`", "points (Fiducial)",
          "LPS or RAS, units; status: points that are not *defined* are left out", "",
@@ -123,7 +127,8 @@ TABLES = {
          "trimesh; headers as 3D Slicer writes them"),
         ("CSV, NPY", "points", "units in the header", "`--units`, `--frame`",
          "columns with different units", "NumPy"),
-        ("NRRD", "label maps, segments", f"`space`: patient axes in any order; units {UNITS} (without any: mm)",
+        ("NRRD", "label maps, segments",
+         f"`space`: patient axes in any order; units {UNITS} (without any: mm)",
          "`--structure`",
          "other axes and units; no `space origin` or no `space directions`", "pynrrd, SimpleITK"),
         ("NIfTI", "label maps", "sform, qform, units (without any: mm)", "`--structure`",
@@ -147,8 +152,9 @@ def main(arguments: list[str]) -> int:
         text += "".join(f"| {' | '.join(row)} |\n" for row in rows)
     listed = ", ".join(f"`{suffix}`" for suffix in FORMS)
     text += f"\n## Written\n\n`vfplan export` writes {listed}. "
-    text += "STL and `.mrk.json` are in\nLPS if the registration knows the patient's axes; otherwise they "
-    text += "are, like PLY, CSV and DXF, in the\n[bundle's](glossary.md#the-fixture) frame.\n"
+    text += "STL and `.mrk.json` are in\nLPS if the registration knows the patient's axes; "
+    text += "otherwise they are, like PLY, CSV and DXF, in the\n"
+    text += "[bundle's](glossary.md#the-fixture) frame.\n"
     if "--check" in arguments:
         return int(PAGE.read_text() != text)
     PAGE.write_text(text)

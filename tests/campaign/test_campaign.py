@@ -6,11 +6,11 @@ import signal
 import subprocess
 import sys
 import time
-from conftest import names_in
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import names_in
 from refusals import refuses
 from replays import fixture_of
 from scipy.stats import norm
