@@ -292,7 +292,7 @@ FIGURES = {
 def replay_text(report: dict[str, Any]) -> str:
     """The report of a replay on a screen."""
     from vfplan.replaying.findings import check_text, guides_alone, untested_reason
-    from vfplan.replaying.link import Link, apart_text
+    from vfplan.replaying.link import apart_text, link_text
     from vfplan.replaying.metrics import episode_count
 
     engine = f" ({report['engine']} engine)" if report["engine"] != "native" else ""
@@ -309,9 +309,7 @@ def replay_text(report: dict[str, Any]) -> str:
         lines += ["rule paper, side by side:", *figure_lines(report["paper"], "  ")]
         lines.append(apart_text(report["apart"]))
     if "link" in report:
-        names = (*Link.__dataclass_fields__, "lost", "lost_longest")
-        told = [f"{name} {value:g}" for name, value in report["link"].items() if name in names]
-        lines.append(f"lossy link   {', '.join(told)}")
+        lines.append(f"lossy link   {link_text(report['link'])}")
     lines += ["{severity}: {code}: {message}".format(**found) for found in report["findings"]]
     for check in report.get("checks", []):
         lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")

@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
+<<<<<<< HEAD
 from vfplan.geometry.lines import Array, Flags, length_of, values_at
+=======
+from vfplan.geometry.lines import length_of, ring_of, values_at
+>>>>>>> room-report
 from vfplan.io.files import now_utc
 from vfplan.settings import recorded
 
@@ -489,6 +493,16 @@ class Fixture:
             known = [_rows_of(values, rows) for values in known]
             strokes.append(Stroke(self.points[rows], bool(closed), *known))
         return tuple(strokes)
+
+    @property
+    def guiding_lines(self) -> list[NDArray[np.float64]]:
+        """The strokes that guide, (n, 3) [m]; a closed one ends with its first point again.
+
+        The fixture has `guidance`.
+        """
+        chosen = self.guidance.stroke
+        strokes = self.strokes if chosen is None else [self.strokes[chosen]]
+        return [ring_of(stroke.points, stroke.closed) for stroke in strokes]
 
     @property
     def pieces(self) -> Pieces | None:

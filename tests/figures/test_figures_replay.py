@@ -61,6 +61,8 @@ def test_scene_shows_the_whole_tube_of_a_guide():
     guided = replace(fixture_of(line()), guidance=Guidance(0.05, 1000.0))
     [axes] = scene(replay(guided, probing(1.0))).axes
     assert axes.get_ylim()[0] < -50 < 50 < axes.get_ylim()[1]  # mm
+    [tube] = axes.collections[0].get_paths()
+    assert tube.contains_points([[-49, 0], [149, 0], [-40, 40]]).tolist() == [True, True, False]
 
 
 def test_solid_scenes_are_drawn_too(tmp_path):

@@ -137,6 +137,8 @@ def test_the_page_has_an_engine_where_that_made_the_ticks_alone(pressed):
     assert timeline(replayed).axes[0].get_title("left").endswith(", guide")
     for more in ({"link": Link(delay_ticks=2)}, {"governor": read_robot("franka")}):
         assert scrubber_data(replay(pressed.fixture, probing(), **more))["played"] is None
+    linked = replay(guided, probing(), link=Link(delay_ticks=2))
+    assert "lossy link: delay_ticks 2, seed 0.</p>" in page(linked)
 
 
 def test_text_from_outside_cannot_become_markup(pressed):

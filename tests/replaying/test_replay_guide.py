@@ -12,6 +12,7 @@ from replays import fixture_of, line, write_session
 import vfplan
 from vfplan.errors import SceneError
 from vfplan.fixture import Curve, Guidance, Pieces
+from vfplan.replaying.link import Link
 from vfplan.replaying.replay import replay
 from vfplan.session.session import Session
 
@@ -48,6 +49,12 @@ def test_lateral_error_force_and_work_are_those_of_the_closed_form():
     seen = [(a, v) for a, v in zip(profile["arc_m"], profile["lateral_m"], strict=True) if v]
     assert len(seen) > 350
     assert max(v for _, v in seen) == pytest.approx(y.max(), abs=1e-12)
+
+
+def test_behind_a_lossy_link_every_tick_counts():
+    session = along(np.linspace(0, 3e-3, 4000))
+    m = replay(guided(fixture_of(line())), session, link=Link(drop=0.2)).metrics
+    assert (m["guide"]["held_ticks"], m["guide"]["outside_ticks"]) == (4000, m["contact_ticks"])
 
 
 def test_before_the_tip_is_in_the_tube_there_is_no_force():

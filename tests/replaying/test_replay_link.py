@@ -15,6 +15,7 @@ import vfplan
 from vfplan.errors import SettingError
 from vfplan.replaying.findings import check_text, verdict_sentence
 from vfplan.replaying.link import Comparison, Link, LossyLink
+from vfplan.replaying.metrics import Number
 from vfplan.replaying.replay import replay
 from vfplan.robot import Robot, read_robot
 from vfplan.session.result import TickBlock
@@ -170,8 +171,9 @@ def test_limits_hold_or_do_not():
         "clearance_min_m at least -1e-05 m"
     )
     rounding = {"name": "clearance_min_m", "value": -6.9e-16}
-    for bound, told in ((1e-3, "is 0 m, "), (-1e-3, "is 0 m, "), (0.0, "is just below 0 m, ")):
+    for bound, told in ((1e-3, "is 0 m, "), (-1e-3, "is 0 m, "), (0.0, "is -6.9e-16 m, ")):
         assert told in check_text(rounding | {"at_least": bound})
+    assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "-7e-10"
     with refuses(SettingError, "no-such-number") as refused:
         replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
     assert "Give one of penetration_max_m, " in str(refused.value)

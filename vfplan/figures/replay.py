@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import pixels_on, subplots
+<<<<<<< HEAD
 from vfplan.geometry.lines import Array, normals, ring_of
+=======
+from vfplan.geometry.lines import normals
+>>>>>>> room-report
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.findings import beyond, guides_alone
@@ -67,8 +72,8 @@ def scene(replayed: Replay) -> Figure:
         arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
         cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
     else:
-        tube = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
-        around = max(3 * radius, 2 * tube)
+        tube_mm = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
+        around = max(3 * radius, 2 * tube_mm)
         low, high = cloud.min(axis=0) - around, cloud.max(axis=0) + around
         path = np.vstack([hip, proxy, low, high])
         ends = path.min(axis=0) - radius, path.max(axis=0) + radius
@@ -84,18 +89,10 @@ def scene(replayed: Replay) -> Figure:
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
         if fixture.guidance is not None:
-            # The band around the strokes that guide.
-            guidance = fixture.guidance
-            tube_label = "tube"
-            for number, stroke in enumerate(fixture.strokes):
-                if guidance.stroke not in (None, number):
-                    continue
-                line = MM * ring_of(stroke.points, stroke.closed) @ basis
-                across = MM * guidance.radius * normals(line, closed=False)
-                band = np.vstack([line + across, (line - across)[::-1]])
-                axes.fill(*band.T, color=BRIDGED, alpha=0.3, lw=0, label=tube_label, zorder=1)
-                # The legend names the tube once.
-                tube_label = None
+            lines = fixture.guiding_lines
+            tube = [tube_outline(MM * line @ basis, tube_mm) for line in lines]
+            look = {"color": BRIDGED, "alpha": 0.3, "lw": 0, "zorder": 1}
+            axes.add_collection(PolyCollection(tube, label="tube", **look))
     label = f"fixture, {len(fixture.points)} points"
     axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
     axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
@@ -111,6 +108,16 @@ def scene(replayed: Replay) -> Figure:
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
+
+
+def tube_outline(line: Array, radius: float) -> Array:
+    """(N, 2) around all that is within a radius of a line (M, 2), which is round at its ends."""
+    across = radius * normals(line, closed=False)
+    half_turn = np.linspace(0, np.pi, 33)[:, None]
+    # From the left of the line around its end to the right.
+    ahead = across @ [[0, -1], [1, 0]]
+    first, last = (np.cos(half_turn) * across[k] + np.sin(half_turn) * ahead[k] for k in (0, -1))
+    return np.vstack([line + across, line[-1] + last, (line - across)[::-1], line[0] - first])
 
 
 def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: float) -> Array:
@@ -143,12 +150,12 @@ def plane_basis(axis: Array | None) -> Array:
 
 
 def axis_names(basis: Array) -> list[str]:
-    """What a picture's axes are called: the frame's own, with a sign, or numbers across them."""
-    if not np.allclose(np.abs(basis).max(axis=0), 1):
-        return [f"in plane {number}" for number in range(1, basis.shape[1] + 1)]
+    """What a picture's axes are called: the frame's own, with a sign; "≈x" of one beside x."""
     along = np.abs(basis).argmax(axis=0)
     return [
-        ("−" if column[axis] < 0 else "") + "xyz"[axis]
+        ("" if np.isclose(abs(column[axis]), 1) else "≈")
+        + ("−" if column[axis] < 0 else "")
+        + "xyz"[axis]
         for axis, column in zip(along, basis.T, strict=True)
     ]
 
@@ -162,12 +169,12 @@ def guide_plot(replayed: Replay) -> Figure:
     force = np.where(np.isnan(lateral), np.nan, profile["force_n"])
     figure, (top, bottom) = subplots(7.0, 3.4, 2, 1, sharex=True, height_ratios=(2, 1))
     top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
-    top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest lateral error")
+    top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
-    top.set_ylabel("beside the curve [mm]")
+    top.set_ylabel("from the guide [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
-    top.set_title(f"outside for {guide['outside_s']:.2f} s", loc="left")
+    top.set_title(f"outside the tube for {guide['outside_s']:.3f} s", loc="left")
     bottom.set(xlabel="arc length along the guide [mm]", ylabel="force [N]")
     bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure
@@ -204,7 +211,13 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    axes.plot(*places[~pressed].T, ".", ms=1.2, color=CLOUD, label="planned curve, not pressed")
+    axes.plot(
+        *places[~pressed].T,
+        ".",
+        ms=1.2,
+        color=CLOUD,
+        label="planned curve, not pressed; pen and slice in grey",
+    )
     dots = axes.scatter(
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
     )

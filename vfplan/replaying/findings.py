@@ -75,7 +75,7 @@ def replay_findings(
             "The quaternions of {rounded} poses differ from length 1 by more than {limit:g}, and "
             "were taken at it. Record them with more digits.")),
     )  # fmt: skip
-    yield from run_findings(report, parameters)
+    yield from run_findings(report | {"link": link}, parameters)
     # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
     panda = read_robot("franka")
     is_fast = session["rate_hz"] >= 0.9 * panda.rate_hz
@@ -148,13 +148,19 @@ def recording_findings(session: Report, robot: Robot | None) -> Iterator[Finding
     )  # fmt: skip
 
 
+<<<<<<< HEAD
 def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Finding]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it."""
+=======
+def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
+    """What the numbers of a run say; `report` as `Metrics.report` gives it, `link` beside it."""
+>>>>>>> room-report
     clearance_m, is_paper = report.get("clearance_min_m", 0.0), parameters.rule == "paper"
     active = sum(not episode["passive"] for episode in report["episodes"])
     active += report.get("episodes_left_out", {"active": 0})["active"]
     numbers = {
         "depth": length(-clearance_m), "band": length(parameters.band), "active": active,
+        "or_link": ", or mend the lossy link" if report.get("link") else "",
         "other_rule": ", with another rule" if is_paper else "", "r1_mm": 1e3 * parameters.r1,
     }  # fmt: skip
     # A session that starts inside is led out; only an entry from outside is the rule's fault.
@@ -198,7 +204,7 @@ def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Findin
             "proxy may in one. Move more slowly, or take rule 'robust'.")),
         (active, finding("active", "warning",
             "In {active} episodes the fixture gave the hand more energy than holding each force "
-            "for a tick explains. Lower the stiffness, or move more slowly.")),
+            "for a tick explains. Lower the stiffness, or move more slowly{or_link}.")),
     )  # fmt: skip
 
 
@@ -362,11 +368,8 @@ def check_text(check: Report) -> str:
     value, bound = check["value"], check.get("at_most", check.get("at_least"))
     found = resolved(value)
     # Digits that are not shown may decide.
-    hides = np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound)
-    if hides and value != bound:
-        found = f"{value:.6g}"
-        if np.isclose(value, bound, rtol=1e-5, atol=1e-12):
-            found = f"just {'above' if value > bound else 'below'} {bound:g}"
+    if np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound):
+        found = str(value)
     return f"{name} is {found}{unit_beside(name)}, {bound_text(check)} is allowed"
 
 

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +41,14 @@ class ForceMeasure:
         steps = row_norms(np.diff(forces, axis=0))
         self.step_max_n = max(self.step_max_n, float(steps.max(initial=0.0)))
         self.work_j += float(dots(forces[:-1], np.diff(hips, axis=0)).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class GuidedTrace(Trace):
+    """The answers of a guide and a region together, and those of each."""
+
+    guide: GuideTrace
+    region: Trace
 
 
 class Guided:
@@ -108,13 +116,14 @@ class Guided:
         else:
             trace, region_micros = timed(self.region, hips)
             micros += region_micros
-        if len(hips):
-            self._measure(hips, guide, trace)
+        both = GuidedTrace(**vars(trace), guide=guide, region=trace)
         if self.region is not None:
-            trace = replace(trace, force=trace.force + guide.force)
-        return trace, micros
+            both = replace(both, force=trace.force + guide.force)
+        return both, micros
 
-    def _measure(self, hips: Vector, guide: GuideTrace, region: Trace) -> None:
+    def measure(self, hips: Vector, trace: GuidedTrace) -> None:
+        """Take in the next ticks, T at least 1; a lossy link gives an answer to several."""
+        guide, region = trace.guide, trace.region
         held = guide.held
         lateral = np.where(held, guide.lateral_m, 0.0)
         self._lateral_max.update(lateral, self._ticks)

@@ -201,7 +201,12 @@ class Number(NamedTuple):
         """The value without its unit; nothing if there is none."""
         if value is None:
             return ""
-        return f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
+        scaled = FACTORS.get(self.unit, 1) * value
+        text = f"{scaled:z.{self.decimals}f}"
+        # A clearance below 0 says so.
+        if self.key == "clearance_min_m" and scaled < 0 == float(text):
+            return f"{scaled:.1g}"
+        return text
 
 
 # How many of a unit are in the SI unit.
@@ -213,27 +218,27 @@ NUMBERS = (
     Number("contact_episodes", "", 0, "contact episodes"),
     Number("start_s", "s", 3, column="start"),
     Number("end_s", "s", 3, column="end"),
-    Number("dwell_s", "s", 3, column="dwell"),
+    Number("dwell_s", "s", 3, column="contact"),
     Number("penetration_max_m", "mm", 3, "penetration |proxy − HIP|, largest", "deepest"),
     Number("penetration_rms_m", "mm", 3, "penetration, RMS over the session"),
-    Number("overlap_max_m", "mm", 3, "overlap beyond the edge of the margin, largest", "overlap"),
+    Number("overlap_max_m", "mm", 3, "beyond {drawn}, largest", "beyond"),
     Number("force_max_n", "N", 3, "force, largest", "force"),
     Number("force_rms_n", "N", 3, "force, RMS over the session"),
     Number("force_step_max_n", "N", 3, "change of force in one tick, largest"),
     Number("clearance_min_m", "µm", 2, "clearance of the proxy's ball, least"),
     Number("band_m", "µm", 2, "band: the clearance may go down to minus this"),
-    Number("energy_j", "mJ", 4, "energy given to the hand", "energy"),
-    Number("energy_hold_j", "mJ", 4, "of it by holding the force over a tick"),
+    Number("energy_j", "mJ", 3, "energy given to the hand", "energy"),
+    Number("energy_hold_j", "mJ", 3, "of it by holding the force over a tick"),
     Number("friction", "", 5, "apparent friction"),
     Number("slide_m", "mm", 3),
     Number("lag_rms_m", "µm", 2, "lag of the proxy while sliding, RMS"),
     Number("lateral_max_m", "mm", 3, "distance from the guide, largest"),
-    Number("fixture_energy_j", "mJ", 4),
+    Number("fixture_energy_j", "mJ", 3),
     Number("pose_age_max_s", "ms", 1),
-    Number("entrenched_ticks", "", 0, "ticks entrenched"),
-    Number("too_fast_ticks", "", 0, "ticks too fast for the rule"),
+    Number("entrenched_ticks", "", 0, "ticks entrenched: proxy inside the fixture"),
+    Number("too_fast_ticks", "", 0, "ticks after which the proxy had farther to go"),
     Number("p999", "µs", 2, "time a tick, p99.9"),
-    Number("speed_at_touch_m_s", "mm/s", 1, column="touch"),
+    Number("speed_at_touch_m_s", "mm/s", 1, column="speed at touch"),
 )
 
 # The last words of a number's key and its unit in the report, the longest first.

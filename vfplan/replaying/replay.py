@@ -150,6 +150,8 @@ class EngineRun:
             self.changing.times = time
 
         hip, trace = self._answers(time, hand)
+        if isinstance(self.engine, Guided) and len(hip):
+            self.engine.measure(hip, trace)
         ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand

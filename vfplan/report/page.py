@@ -21,7 +21,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_DRAWN, MAX_LISTED, MM, resolved
+from vfplan.display import MAX_DRAWN, MM, resolved
 from vfplan.engine.browser import bodies_of, module, packed
 from vfplan.figures.replay import axis_names, guide_plot, plane_basis, scene, slice_depth, timeline
 from vfplan.figures.style import WIDTH_PX, png_bytes
@@ -31,7 +31,7 @@ from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
 from vfplan.replaying.findings import beyond, check_text, guides_alone, verdict_sentence
-from vfplan.replaying.link import apart_text
+from vfplan.replaying.link import apart_text, link_text
 from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
 from vfplan.session.result import TickBlock
@@ -66,6 +66,11 @@ def scene_data(fixture: Fixture) -> dict[str, Any]:
         "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
         "forbids": fixture.region is not None,
+        "tube": fixture.guidance
+        and {
+            "radius": MM * fixture.guidance.radius,
+            "lines": [_flat(MM * (line - centre) @ basis, 3) for line in fixture.guiding_lines],
+        },
         "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
     }
 
@@ -198,9 +203,13 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
     if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
         kind = "beyond"
-    words = escape(verdict_sentence(metrics))
+    # A limit that holds hides no warning.
+    told = [f"{f['severity']}: {f['code']}" for f in metrics["findings"] if f["severity"] != "info"]
+    words = escape("; ".join([verdict_sentence(metrics), *told]))
     line = f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
     body = [f"<header><h1>{title}</h1>{line}</header>", identity(replayed.fixture)]
+    if "link" in metrics:
+        body.append(f"<p>Replayed over a lossy link: {link_text(metrics['link'])}.</p>")
 
     # What a reader wants first: where it happened, and with what force.
     words = "fixture, path of HIP and proxy, and where they were in contact"
@@ -219,12 +228,12 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
 
     # Then all of it, to look into.
     body.append(section("Frame by frame", scrubber(replayed)))
+    body.append(section("Contact episodes", episodes(metrics)))
     if is_on_slice:
         body.append(in_space)
     if metrics.get("arc_m") is not None:
         words = "lateral error and force over arc length"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
-    body.append(section("Contact episodes", episodes(metrics)))
     body.append(section("What was planned", review_sheet(replayed, planned_slice)))
 
     # Last what identifies it: settings, files and hashes.
@@ -335,14 +344,14 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
 
 def identity(fixture: Fixture) -> str:
     """The case, who approved the plan, and which findings nobody answered; as HTML."""
-    words = ["Of no named case", "approved by nobody", "no finding is unanswered"]
+    words = ["Of no named case", "approved by nobody", "no finding of the plan is unanswered"]
     if fixture.case:
         words[0] = f"Case {fixture.case}"
     if fixture.reviewed:
         words[1] = f"approved by {fixture.reviewed.by}, {fixture.reviewed.utc}"
     if fixture.open_findings:
         codes = ", ".join(finding.code for finding in fixture.open_findings)
-        words[2] = f"nobody answered: {codes}"
+        words[2] = f"nobody answered of the plan: {codes}"
     return f"<p>{escape('; '.join(words))}.</p>"
 
 
@@ -350,7 +359,8 @@ def code(value: Any) -> str:
     """A value as it stands in a file; a digest on one line in print."""
     text = plain(value)
     kind = "digest" if re.fullmatch("[0-9a-f]{64}", text) else ""
-    return f'<code class="{kind}">{escape(text)}</code>'
+    # A line may break after a comma.
+    return f'<code class="{kind}">{escape(text).replace(",", ",<wbr>")}</code>'
 
 
 def plain(value: Any) -> str:
@@ -371,17 +381,20 @@ def summary(metrics: Report) -> str:
         {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
         for rule in rules.values()
     ]
+    for column in columns:
+        drawn, column["overlap_max_m"] = beyond(metrics, column.get("overlap_max_m", 0.0))
     head = ["number", *(f"rule {name}" for name in rules), "unit"]
     if guides_alone(metrics):
         head[1] = "guide"
-        del columns[0]["band_m"]
+        del columns[0]["band_m"], columns[0]["overlap_max_m"]
     rows = []
     # How far beyond the line comes first.
     for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
         values = [column.get(number.key) for column in columns]
         if not number.label or values == [None] * len(values):
             continue
-        rows.append([escape(number.label), *map(number.text, values), number.unit])
+        label = escape(number.label.format(drawn=drawn))
+        rows.append([label, *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
         text += f"<p>Side by side, {apart_text(metrics['apart'])}.</p>"
@@ -415,9 +428,11 @@ def episodes(metrics: Report) -> str:
     if not listed:
         return "<p>No contact.</p>"
     has_curve = "deepest_along" in listed[0]
-    numbers = [number for number in NUMBERS if number.column]
+    # A guide alone has no overlap.
+    has_none = {"overlap_max_m"} - metrics.keys()
+    numbers = [number for number in NUMBERS if number.column and number.key not in has_none]
     head = ["episode", *(f"{number.column} [{number.unit}]" for number in numbers)]
-    head += ["along [mm]", "passive"] if has_curve else ["passive"]
+    head += ["along the line [mm]", "passive"] if has_curve else ["passive"]
     rows = []
     for row, episode in enumerate(listed):
         time = episode["deepest"]["t_s"]
@@ -425,12 +440,14 @@ def episodes(metrics: Report) -> str:
             f'<button class="go" data-time="{time!r}" data-episode="{row}" '
             f'aria-label="show episode {episode["index"]}">{episode["index"]}</button>'
         )
-        cells = [number.text(episode.get(number.key)) for number in numbers]
+        told = episode | {"overlap_max_m": beyond(metrics, episode["overlap_max_m"])[1]}
+        cells = [number.text(told.get(number.key)) for number in numbers]
         if has_curve:
             cells.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
         passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
+    text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
     more = episode_count(metrics) - len(listed)
     return f"{text}<p>and {more} more</p>" if more else text
 
@@ -448,7 +465,7 @@ def settings_table(values: dict[str, Any]) -> str:
 
 def settings(metrics: Report, fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
-    names = ("fixture", "scene", "session", "link", "robot", "left_out")
+    names = ("fixture", "scene", "guide", "session", "link", "robot", "left_out")
     groups = {name: metrics[name] for name in names if metrics.get(name)}
     provenance = fixture.provenance
     groups["provenance"] = {
@@ -459,8 +476,5 @@ def settings(metrics: Report, fixture: Fixture) -> str:
     }
     text = ""
     for group, values in groups.items():
-        # A long group takes the whole width of the page.
-        kind = "long" if len(values) > MAX_LISTED else "group"
-        heading = escape(group.replace("_", " "))
-        text += f'<div class="{kind}"><h3>{heading}</h3>{settings_table(values)}</div>'
+        text += f"<h3>{escape(group.replace('_', ' '))}</h3>{settings_table(values)}"
     return text

@@ -1,7 +1,7 @@
 "use strict";
 // HIP, proxy, normal, force and contact circle over the cloud, in mm. Plane scenes are drawn in
 // their plane; others can be turned: by dragging, with the arrow keys, with the buttons.
-const NEWTONS_A_RADIUS = 10; // force whose arrow is as long as the contact circle's radius
+const NEWTONS_A_RADIUS = 10; // force whose arrow is as long as the contact circle's radius, at most
 function makeScene(data) {
   const dims = data.dims, view = document.getElementById("view");
   const follow = document.getElementById("follow");
@@ -9,8 +9,14 @@ function makeScene(data) {
     view.setAttribute("aria-label", "fixture, HIP, proxy and force");
     for (const part of document.querySelectorAll(".forbids")) part.hidden = true;
   }
+  if (!data.tube) for (const part of document.querySelectorAll(".guides")) part.hidden = true;
   const row = (list, k) => list.slice(k * dims, k * dims + dims);
   const size = (v) => Math.hypot(...v);
+  let newtons = NEWTONS_A_RADIUS;
+  if (!data.forbids && data.force) { // a guide's forces are small, and the tip is close to the proxy
+    const forces = data.force.map((_, k) => size(row(data.force, k)));
+    newtons = Math.min(newtons, roundBelow(Math.max(0.1, ...forces)));
+  }
   let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
   let camera = { x: 0, y: 0, zoom: 1 }, chosen = false; // by hand, or all that there is
   let isPushed = false; // whether the pointer is the tool
@@ -42,9 +48,16 @@ function makeScene(data) {
         const p = flat(row(list, k));
         for (let i = 0; i < 2; i++) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
       }
-    const margin = 2.4 * data.radius;
+    const margin = Math.max(2.4 * data.radius, data.tube ? 2.4 * data.tube.radius : 0);
     camera = { x: (low[0] + high[0]) / 2, y: (low[1] + high[1]) / 2,
                zoom: Math.min(width / (high[0] - low[0] + margin), height / (high[1] - low[1] + margin)) };
+  }
+  function tube() {
+    pen.strokeStyle = colour("bridged"); pen.globalAlpha = 0.3; pen.lineWidth = 2 * data.tube.radius * camera.zoom;
+    pen.lineJoin = "round"; pen.lineCap = "round"; pen.beginPath();
+    for (const line of data.tube.lines)
+      for (let k = 0; k < line.length / dims; k++) pen[k ? "lineTo" : "moveTo"](...toScreen(row(line, k)));
+    pen.stroke(); pen.globalAlpha = 1; pen.lineJoin = "miter"; pen.lineCap = "butt";
   }
   function dots(list, name, side) {
     pen.fillStyle = colour(name);
@@ -88,11 +101,13 @@ function makeScene(data) {
   function draw() {
     ({ pen, width, height } = fitted(view));
     document.getElementById("long").textContent = shownRound(data.radius);
+    document.getElementById("newtons").textContent = shownRound(newtons);
     if (!chosen && (fittedTo !== width + " " + height || (tick && outside(tick.hip)))) whole();
     if (tick && follow.checked) {
       const p = flat(tick.proxy);
       chosen = true; camera = { x: p[0], y: p[1], zoom: Math.min(width, height) / (8 * data.radius) };
     }
+    if (data.tube) tube();
     dots(data.cloud, "cloud", 2.5);
     if (tick) {
       pen.globalAlpha = 0.6; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
@@ -102,9 +117,9 @@ function makeScene(data) {
         pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
         arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
       }
-      if (size(tick.force) > 0)
-        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / NEWTONS_A_RADIUS), "force");
       disc(tick.proxy, 5, "proxy"); disc(tick.hip, 5, "hip");
+      if (size(tick.force) > 0)
+        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / newtons), "force");
     }
     rulers();
   }

@@ -6,7 +6,7 @@ import io
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -72,12 +72,18 @@ class TickBlock:
 def concatenate_ticks(blocks: Sequence[Ticks]) -> Ticks:
     """Blocks, or traces of an engine, one after the other, as one."""
     rows = [[getattr(block, field.name) for field in fields(block)] for block in blocks]
-    return type(blocks[0])(*map(np.concatenate, zip(*rows, strict=True)))
+    return type(blocks[0])(
+        *(concatenate_ticks(parts) if is_dataclass(parts[0]) else np.concatenate(parts)
+          for parts in zip(*rows, strict=True))
+    )  # fmt: skip
 
 
 def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     """These ticks of a block, or of an engine's trace."""
-    return type(block)(*(getattr(block, field.name)[rows] for field in fields(block)))
+    values = (getattr(block, field.name) for field in fields(block))
+    return type(block)(
+        *(select_ticks(value, rows) if is_dataclass(value) else value[rows] for value in values)
+    )
 
 
 def read_result(
