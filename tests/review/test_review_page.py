@@ -132,8 +132,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
         if button:
             browser.until("document.getElementById('where').open")
             # The line stays in view, and an Enter too many does no harm.
-            assert browser.run(PREVIEW)
-            assert browser.run("document.activeElement.id") == "not-drawn"
+            assert browser.run(f"{PREVIEW} && document.activeElement.id") == "not-drawn"
             hand.press(button)
         browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
         if strokes == 1:
@@ -343,17 +342,14 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     count = hand.state("review.state.knots_px[0].length")
     hand.press("Insert behind")
     browser.until(f"review.state.knots_px[0].length === {count + 1}")
-    selected = "review.state.knots_px[0][Number(review.selected.key.split('/')[1])]"
-    place = hand.state(selected)
+    place = hand.state("review.state.knots_px[0][Number(review.selected.key.split('/')[1])]")
     hand.press("Cut before")
     hand.until_steps(2)
-    assert np.allclose(hand.state(selected), place, atol=0.1)
+    assert hand.state("review.selected.key") == "0/0"
     assert np.allclose(hand.state("review.state.curve_px[0][0]"), place, atol=0.1)
     browser.key("k")
-    beside = hand.state(selected)
     hand.press("Turn round")
     hand.until_steps(3)
-    assert hand.state(selected) == beside
     assert np.allclose(hand.state("review.state.curve_px[0].at(-1)"), place, atol=0.1)
     last = "document.querySelector('#steps li:last-child').textContent"
     assert browser.run(last) == "reverse, stroke 1"
@@ -366,26 +362,18 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     assert hand.state("review.state.account.length")
 
 
-STYLES = (
-    "[...document.querySelectorAll('#over *')].map((node) => { const s = getComputedStyle(node);"
-    " return [s.stroke, s.strokeWidth, s.strokeDasharray, s.fill].join(); })"
-)
+LOOKS = "[...document.querySelectorAll('#over *')].map((n) => getComputedStyle(n).stroke)"
 
 
-def test_a_tool_changes_the_look_of_nothing_that_is_drawn(browser, opened):
+def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(browser, opened):
     opened(SLICE, *MARKERS)
-    drawn = browser.run(STYLES)
+    drawn = browser.run(LOOKS)
     for key in "dxmuv":
         browser.key(key)
-        assert browser.run(STYLES) == drawn
-
-
-def test_an_inset_is_hatched_where_the_picture_ends(browser, opened, tmp_path):
-    _, hand = opened(deep_slice(tmp_path / "slice.png"))
+        assert browser.run(LOOKS) == drawn
     browser.run("review.step({do: 'draw', points: [[0, 99], [60, 99]], replace: true})")
-    hand.until_steps(1)
     canvas = "document.querySelector('#ends canvas').getContext('2d')"
-    assert {0x88, 0xDD} <= {*browser.run(f"[...{canvas}.getImageData(0, 0, 9, 168).data]")}
+    browser.until(f"[...{canvas}.getImageData(0, 0, 9, 168).data]", {0x88, 0xDD}.issubset)
 
 
 PREVIEW = "document.getElementById('preview').getAttribute('points')"
