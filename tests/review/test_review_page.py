@@ -131,11 +131,14 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
         browser.press(*hand.at(places[-1]), "mouseReleased")
         if button:
             browser.until("document.getElementById('where').open")
+            # The line stays in view, and an Enter too many does no harm.
+            assert browser.run(f"{PREVIEW} && document.activeElement.id") == "not-drawn"
             hand.press(button)
         browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
         if strokes == 1:
             hand.until_steps(2)
             assert miss(hand.state("review.state.curve_px[0]"), truth) < 0.5
+    browser.until(f"{PREVIEW} === ''")
 
 
 def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
@@ -319,7 +322,7 @@ def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path
     browser.until("review.state.markers.length === 10")
     browser.key("j", modifiers=SHIFT)
     browser.key("Delete")
-    browser.until("review.state.markers.length === 9")
+    browser.until("review.state.markers.length === 9 && review.selected === null")
     words = hand.state("[...document.querySelectorAll('#steps li')].map((li) => li.textContent)")
     assert [word.split(",")[0] for word in words] == [
         "find markers", "rename marker", "leave out marker", "add marker",
@@ -342,6 +345,7 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     place = hand.state("review.state.knots_px[0][Number(review.selected.key.split('/')[1])]")
     hand.press("Cut before")
     hand.until_steps(2)
+    assert hand.state("review.selected.key") == "0/0"
     assert np.allclose(hand.state("review.state.curve_px[0][0]"), place, atol=0.1)
     browser.key("k")
     hand.press("Turn round")
@@ -356,6 +360,20 @@ def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
     assert joined >= sum(lengths)
     # What was cut off is other ink now.
     assert hand.state("review.state.account.length")
+
+
+LOOKS = "[...document.querySelectorAll('#over *')].map((n) => getComputedStyle(n).stroke)"
+
+
+def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(browser, opened):
+    opened(SLICE, *MARKERS)
+    drawn = browser.run(LOOKS)
+    for key in "dxmuv":
+        browser.key(key)
+        assert browser.run(LOOKS) == drawn
+    browser.run("review.step({do: 'draw', points: [[0, 99], [60, 99]], replace: true})")
+    canvas = "document.querySelector('#ends canvas').getContext('2d')"
+    browser.until(f"[...{canvas}.getImageData(0, 0, 9, 168).data]", {0x88, 0xDD}.issubset)
 
 
 PREVIEW = "document.getElementById('preview').getAttribute('points')"
@@ -527,6 +545,7 @@ def test_every_control_has_a_name_and_the_page_fits_its_window(browser, opened):
         browser.size(width, height)
         assert browser.run("document.documentElement.scrollWidth <= innerWidth")
         assert browser.run("document.documentElement.scrollHeight <= innerHeight")
+        browser.until("review.view.isIn([0, 0]) && review.view.isIn([870, 785])")
     browser.key("Tab")
     outline = "getComputedStyle(document.activeElement).outlineStyle"
     assert browser.run(f"document.activeElement !== document.body && {outline}") == "solid"

@@ -7,6 +7,9 @@ const CHEVRON = "M-4 -5L4 0L-4 5";
 const CHEVRON_POINTS = 40; // a chevron at most every so many points, and six a stroke
 const MAX_INK_ROWS = 40;
 const NUMBER_PX = 11; // radius of a candidate's number on the screen
+const STEM_PX = 30; // from a line to its number, where the number does not fit onto it
+const INK_NUMBER_PX = 18; // between two numbers of ink at least; of nearer ones the first is shown
+const KNOT_STEP_PX = 24; // between two knots that are shown at least
 
 export class Curve {
   constructor(app, view) {
@@ -15,6 +18,7 @@ export class Curve {
     view.zoomed = () => this.sizeKnots();
     view.settled.push(() => {
       if (app.state?.curve_px.length === 0) this.candidates(app.state);
+      else if (app.state) this.inkNumbers(app.state);
     });
     byId("show-bands").addEventListener("change", () => this.render(app.state));
   }
@@ -75,20 +79,24 @@ export class Curve {
     this.sizeKnots();
   }
 
-  // A knot's radius stays below half of the knots' distance on the screen, so that none hides
-  // another; its grip reaches twice as far.
+  // A knot's grip reaches twice as far as its radius, which stays below half of the knots' distance on
+  // the screen: none hides another.
   sizeKnots() {
     const state = this.app.state;
     if (!state) return;
-    let radius = KNOT_PX;
+    let spacing = Infinity; // of the closest knots
     state.curve_px.forEach((points, k) => {
-      const spacing = (points.length * this.view.zoom) / Math.max(state.knots_px[k].length, 1);
-      radius = Math.min(radius, 0.4 * spacing);
+      spacing = Math.min(spacing, (points.length * this.view.zoom) / Math.max(state.knots_px[k].length, 1));
     });
-    if (radius === this.radius && this.sized === state) return;
-    this.radius = radius;
-    this.sized = state;
-    for (const node of byId("knots").querySelectorAll(".dot-of-knot")) node.setAttribute("r", radius);
+    const radius = Math.min(KNOT_PX, 0.4 * spacing);
+    // Of knots that would lie like beads every second, fourth ... is shown; each can be taken.
+    const every = 2 ** Math.max(0, Math.ceil(Math.log2(KNOT_STEP_PX / spacing)));
+    if (radius === this.radius && every === this.every && this.sized === state) return;
+    Object.assign(this, { radius, every, sized: state });
+    for (const node of byId("knots").children) {
+      node.classList.toggle("between", Number(node.dataset.key.split("/")[1]) % every > 0);
+    }
+    for (const node of byId("knots").querySelectorAll(".dot-of-knot")) node.setAttribute("r", Math.min(radius * every, KNOT_PX));
     for (const node of byId("knots").querySelectorAll(".grip")) node.setAttribute("r", 2 * radius);
     byId("knots").style.display = radius < MIN_KNOT_PX ? "none" : "";
   }
@@ -192,20 +200,24 @@ export class Curve {
   // by as much as can be told on the screen.
   number(way, ways, placed) {
     const others = ways.filter((other) => other !== way).flatMap((other) => other.points_px);
+    const taken = placed.map((at) => this.view.onSlice(at));
     const enough = 2 * NUMBER_PX / this.view.zoom;
     let place = way.points_px[0];
     let best = -1;
     for (const p of way.points_px) {
-      let score = distanceTo(others, p, enough) + distanceTo(placed, p, enough);
+      let score = distanceTo(others, p, enough) + distanceTo(taken, p, enough);
       if (this.view.isIn(p, 2 * NUMBER_PX)) score += 4 * enough;
       if (score > best) {
         best = score;
         place = p;
       }
     }
-    placed.push(place);
-    const number = make("text", {}, String(way.number));
-    return makeAt(place, { class: "thing way-number" }, make("circle", { r: NUMBER_PX }), number);
+    // A short line beside others has no room for it: it then stands beside its line, on a stem.
+    const isFree = distanceTo(taken, place, enough) >= enough;
+    const [x, y] = this.view.freeWay(place, isFree ? 0 : STEM_PX, placed, NUMBER_PX);
+    const stem = make("path", { d: `M0 0L${x} ${y}` });
+    const number = make("text", { x, y }, String(way.number));
+    return makeAt(place, { class: "thing way-number" }, stem, make("circle", { cx: x, cy: y, r: NUMBER_PX }), number);
   }
 
   candidateRow(way) {
@@ -249,8 +261,23 @@ export class Curve {
       outlines.push(make("rect", { class: "box", "pointer-events": "none", ...place }));
     }
     byId("ink").replaceChildren(...outlines);
+    this.inkNumbers(state);
     byId("ink-card").hidden = rows.length === 0;
     refill(byId("account"), rows);
+  }
+
+  // The number of each piece of ink above it, if no other's stands there.
+  inkNumbers(state) {
+    const [placed, nodes] = [[], []];
+    const pieces = state.account.filter((ink) => ink.outline.length && !ink.left_out);
+    for (const ink of state.curve_px.length ? pieces.slice(0, MAX_INK_ROWS) : []) {
+      const top = ink.outline.flat().reduce((a, b) => (b[1] < a[1] ? b : a));
+      const at = this.view.onStage(top);
+      if (distanceTo(placed, at, INK_NUMBER_PX) < INK_NUMBER_PX) continue;
+      placed.push(at);
+      nodes.push(makeAt(top, { class: "thing ink-number" }, make("text", { y: -9 }, String(ink.number))));
+    }
+    byId("ink-numbers").replaceChildren(...nodes);
   }
 
   inkRow(ink) {
@@ -266,16 +293,28 @@ export class Curve {
     return make("li", { "data-ink": ink.number }, button);
   }
 
-  // What each line and band of the picture means.
+  // What each line, band and sign means that is drawn now.
   legend(state) {
     const mm = (metres) => `${(1e3 * metres).toFixed(2)} mm`;
+    const has = (severity) => state.findings.some((one) => one.severity === severity && one.place_px);
+    const hasInk = (isOut) => state.curve_px.length > 0 && state.account.some((one) => one.what === "ink" && one.left_out === isOut);
+    const hasRuns = (name) => state[name].some((runs) => runs.length);
     const rows = [
-      ["measured", "the measured line, from the ring to the square"],
-      ["bridged", "carried across a gap in the ink"],
-      ["edited", "placed by hand"],
-      ["unseen-part", "not looked at yet"],
-    ];
-    if (state.mm_per_px && state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)}`]);
+      [state.curve_px.length, "measured", "the measured line, from the ring to the square"],
+      [hasRuns("bridged"), "bridged", "carried across a gap in the ink"],
+      [hasRuns("edited"), "edited", "placed by hand"],
+      [hasRuns("unseen"), "unseen-part", "not looked at yet"],
+      [state.curve_px.length, "of-knot", "a knot, by which the line can be moved"],
+      [hasInk(false), "of-ink", "ink that is not the curve"],
+      [hasInk(true), "of-ink left-out", "ink that was left out"],
+      [state.boxes.length, "of-box", "excluded"],
+      [has("doubt"), "of-pin doubt", "a finding to answer"],
+      [has("note"), "of-pin", "a finding for your information"],
+      [state.markers.some((one) => one.residual_px), "of-arrow", "from a marker to where the others put it, enlarged"],
+      [state.rendered, "of-tool", "with Push: the tool"],
+      [state.rendered, "of-force", "with Push: the force on the hand"],
+    ].filter(([isDrawn]) => isDrawn).map(([, ...row]) => row);
+    if (state.mm_per_px && state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)} where that is largest`]);
     if (state.rendered) {
       const words = { wall: "the tool's centre stops there", guide: "the tip is held within it" };
       rows.push([`rendered ${state.rendered.kind}`, `${words[state.rendered.kind]}, as the robot's engine says`]);

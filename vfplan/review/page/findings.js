@@ -4,13 +4,19 @@ import { byId, fixed, inPageWords, make, makeAt, refill } from "./dom.js";
 const INSET_PX = 168; // side of an inset on the screen
 const END_PX = 21; // pixels of the slice around an end: eight times enlarged
 const FINDING_PX = 42; // and around a finding: four times
+const HATCH_PX = [2, 6]; // a stripe, and the ground up to the next
 const END_ZOOM = 8; // of the slice once an end's inset is clicked
-const PIN = "M0 -2L-9 -20A11 11 0 1 1 9 -20Z";
+// A pin upright, on a stem, so that what it stands on is seen.
+const PIN = "M0 -3L-5 -25A11 11 0 1 1 5 -25Z";
+const [PIN_REACH_PX, PIN_RADIUS_PX] = [35, 11]; // of its head, from its foot
 
 export class Findings {
   constructor(app, view) {
     this.app = app;
     this.view = view;
+    view.settled.push(() => {
+      if (app.state) this.pins(app.state);
+    });
     byId("slice").addEventListener("load", () => {
       if (this.app.state) this.render(this.app.state);
     });
@@ -95,12 +101,15 @@ export class Findings {
 
   pins(state) {
     const nodes = [];
+    const placed = state.markers.filter((one) => one.place_px).map((one) => this.view.onStage(one.place_px));
     state.findings.forEach((finding, k) => {
       if (!finding.place_px) return;
       const chosen = k === this.chosen() ? " chosen" : "";
       const attributes = { class: `thing pin ${kindOf(finding)}${chosen}`, "data-finding": k };
-      const number = make("text", { y: -25 }, `#${k + 1}`);
-      nodes.push(makeAt(finding.place_px, attributes, make("path", { d: PIN }), number));
+      const [x, y] = this.view.freeWay(finding.place_px, PIN_REACH_PX, placed, PIN_RADIUS_PX);
+      const turn = (Math.atan2(x, -y) * 180) / Math.PI;
+      const number = make("text", { x, y }, `#${k + 1}`);
+      nodes.push(makeAt(finding.place_px, attributes, make("path", { d: PIN, transform: `rotate(${turn})` }), number));
     });
     byId("pins").replaceChildren(...nodes);
   }
@@ -126,7 +135,9 @@ export class Findings {
       { type: "button", "aria-label": label, onclick: () => this.view.goTo(place, END_ZOOM) },
       this.inset(place, END_PX, label),
     );
-    return make("figure", {}, button, make("figcaption", {}, label));
+    const { mmPerPx } = this.view;
+    const width = mmPerPx ? `${fixed(END_PX * mmPerPx, 0)}\u00a0mm` : `${END_PX}\u00a0px`;
+    return make("figure", {}, button, make("figcaption", {}, `${label}, ${width}\u00a0wide`));
   }
 
   // A part of the slice enlarged, with the measured line as a thin stroke in the ink, and a ring.
@@ -140,6 +151,12 @@ export class Findings {
     pen.imageSmoothingEnabled = false;
     pen.fillStyle = "#888";
     pen.fillRect(0, 0, INSET_PX, INSET_PX);
+    // Outside the picture stands a hatch, the dashes of one very broad line: no grey of a slice.
+    pen.strokeStyle = "#ddd";
+    pen.lineWidth = 2 * INSET_PX;
+    pen.setLineDash(HATCH_PX);
+    pen.stroke(new Path2D(`M0 0L${INSET_PX} ${INSET_PX}`));
+    pen.setLineDash([]);
     if (byId("slice").complete && byId("slice").naturalWidth) {
       pen.drawImage(byId("slice"), left, top, span, span, 0, 0, INSET_PX, INSET_PX);
     }

@@ -13,6 +13,7 @@ import { Push } from "./push.js";
 
 const TOAST_MS = 7000;
 const RECONNECT_MS = 1000;
+const SAME_KNOT_PX = 0.5; // of the slice; a knot that lies so near to where one was is that one
 
 export const app = {
   token: location.hash.slice(1),
@@ -23,6 +24,7 @@ export const app = {
   about: {}, // the name that is proposed, and whether the output will be signed
   selected: null, // {kind: "knot", "marker", "finding" or "ink", key}
   waiting: [], // changes that the session has not answered yet
+  isWhole: true, // whether the findings belong to the state that is shown
   changes: 0,
   refusalShown: false,
 
@@ -34,6 +36,7 @@ export const app = {
     this.changes += 1;
     this.waiting.push({ ...message, number: this.changes });
     if (this.waiting.length === 1) this.sendFirst();
+    this.showWork();
   },
   sendFirst() {
     this.send({ ...this.waiting[0], version: this.version });
@@ -42,6 +45,12 @@ export const app = {
     if (this.waiting.length === 0 || this.waiting[0].number !== number) return;
     this.waiting.shift();
     if (this.waiting.length) this.sendFirst();
+    this.showWork();
+    tools.showDrawn();
+  },
+  // While a change is made or planned, the page says so; the findings are those of before.
+  showWork() {
+    document.body.classList.toggle("working", this.waiting.length > 0 || !this.isWhole);
   },
   step(step) {
     this.change({ step });
@@ -160,6 +169,8 @@ function show(state, isWhole) {
   if (!isFirst && state.image.is_flat && !app.state.image.is_flat) app.hideToast();
   if (!isFirst) app.selected = stillSelected(app.state, state);
   app.state = state;
+  app.isWhole = isWhole;
+  app.showWork();
   for (const part of parts) part.render?.(state, isFirst);
   showRefusal(state);
   if (isWhole) goToRefusal(state.refusal);
@@ -180,8 +191,8 @@ function titleOf(step) {
   return words.join(", ");
 }
 
-// A step may give the number of a piece of ink or of a finding to another one: what is selected is
-// found again by its place and its words.
+// A step may give the number of what is selected to another one: it is found again by its place, its
+// label or its words. What was only moved or renamed is one of as many as before.
 function stillSelected(before, state) {
   const thing = app.selected;
   if (thing?.kind === "ink") {
@@ -194,7 +205,30 @@ function stillSelected(before, state) {
     const key = state.findings.findIndex((one) => sign(one) === sign(before.findings[thing.key]));
     return key >= 0 ? { kind: "finding", key } : null;
   }
+  if (thing?.kind === "marker") {
+    const label = before.markers[thing.key]?.label;
+    const key = state.markers.findIndex((one) => one.label === label);
+    if (key >= 0) return { kind: "marker", key };
+    return before.markers.length === state.markers.length ? thing : null;
+  }
+  if (thing?.kind === "knot") {
+    const [u, v] = knotsOf(before).get(thing.key) ?? [];
+    const isThere = ([, [x, y]]) => Math.hypot(x - u, y - v) < SAME_KNOT_PX;
+    const same = [...knotsOf(state)].find(isThere);
+    if (same) return { kind: "knot", key: same[0] };
+    return isOfAsManyKnots(before, state) ? thing : null;
+  }
   return thing;
+}
+
+// The place of each knot by its key, "stroke/knot".
+function knotsOf(state) {
+  return new Map(state.knots_px.flatMap((knots, stroke) => knots.map((place, knot) => [`${stroke}/${knot}`, place])));
+}
+
+function isOfAsManyKnots(before, state) {
+  const counts = [before, state].map((one) => one.knots_px.map((knots) => knots.length).join());
+  return counts[0] === counts[1];
 }
 
 function showRefusal(state) {
@@ -252,6 +286,9 @@ function connect() {
   app.socket.addEventListener("message", (event) => receive(JSON.parse(event.data)));
   app.socket.addEventListener("close", () => {
     app.waiting = [];
+    app.isWhole = true;
+    app.showWork();
+    tools.showDrawn();
     if (app.ended) return;
     approval.lost(app.token ? "" : "The address lacks its end. Open it as the command printed it.");
     setTimeout(connect, RECONNECT_MS);

@@ -12,6 +12,7 @@ const LABEL_PLACES = [
   [0, -24, "middle"], [0, 36, "middle"], [24, 5, "start"], [-24, 5, "end"],
 ];
 const LABEL_HEIGHT_PX = 14;
+const NO_PLACE = 1e12; // more than any label can cover
 const FLAT_M = 5e-5; // depth below which a marker counts as on the slice
 
 export class Markers {
@@ -87,7 +88,7 @@ export class Markers {
       if (!marker.used) kind += " out";
       if (this.app.isSelected("marker", k)) kind += " chosen";
       nodes.push(
-        make("path", { class: "arrow", "data-arrow": k, d: this.arrow(marker, marker.place_px, scale) }),
+        ...["arrow edge", "arrow"].map((kind) => make("path", { class: kind, "data-arrow": k, d: this.arrow(marker, marker.place_px, scale) })),
         makeAt(
           marker.place_px,
           { class: kind, "data-marker": k },
@@ -112,15 +113,29 @@ export class Markers {
     const reach = LABEL_REACH_PX / this.view.zoom;
     const options = { willReadFrequently: true };
     const canvas = make("canvas", { width: size, height: size }).getContext("2d", options);
+    const [width, height] = this.view.size();
+    const stage = byId("stage").getBoundingClientRect();
+    // What a label may not lie on, as [left, top, right, bottom] on the stage.
+    const taken = [...byId("stage").querySelectorAll(".chip, .pin path")].map((node) => {
+      const box = node.getBoundingClientRect();
+      return [box.left - stage.left, box.top - stage.top, box.right - stage.left, box.bottom - stage.top];
+    });
+    const isFree = ([left, top, right, bottom]) => left >= 0 && top >= 0 && right <= width && bottom <= height
+      && !taken.some((box) => left < box[2] && right > box[0] && top < box[3] && bottom > box[1]);
     for (const node of byId("markers").querySelectorAll(".marker")) {
       const [u, v] = this.place(Number(node.dataset.marker)) || [0, 0];
       const text = node.querySelector("text");
-      const width = text.getComputedTextLength();
+      const length = text.getComputedTextLength();
+      const middle = this.view.onStage([u, v]);
       canvas.clearRect(0, 0, size, size);
       canvas.drawImage(slice, u + 0.5 - reach, v + 0.5 - reach, 2 * reach, 2 * reach, 0, 0, size, size);
       const { data } = canvas.getImageData(0, 0, size, size);
-      const costs = LABEL_PLACES.map((place) => covered(data, size, boxOfLabel(place, width)));
-      const [x, y, anchor] = LABEL_PLACES[costs.indexOf(Math.min(...costs))];
+      const boxes = LABEL_PLACES.map((place) => boxOfLabel(place, length));
+      const onStage = boxes.map((box) => box.map((edge, k) => edge - LABEL_REACH_PX + middle[k % 2]));
+      const costs = boxes.map((box, k) => covered(data, size, box) + (isFree(onStage[k]) ? 0 : NO_PLACE));
+      const best = costs.indexOf(Math.min(...costs));
+      const [x, y, anchor] = LABEL_PLACES[best];
+      taken.push(onStage[best]);
       for (const [name, value] of Object.entries({ x, y })) text.setAttribute(name, value);
       text.style.textAnchor = anchor;
     }
@@ -143,7 +158,7 @@ export class Markers {
   bound(state) {
     const words = [];
     if (state.tre95_m !== null) {
-      words.push(`The curve lies within ${mm(state.tre95_m)} of its place (95\u00a0%). FRE ${mm(state.fre_rms_m)}.`);
+      words.push(`The curve lies within ${mm(state.tre95_m)} of its place (95\u00a0%). The residuals are ${mm(state.fre_rms_m)} rms.`);
     } else if (state.markers.length) {
       words.push(inPageWords(state.markers_why_not) || (state.curve_px.length ? "No bound can be told." : "The bound follows once there is a curve."));
     } else {
@@ -290,8 +305,9 @@ export class Markers {
         row.querySelector(".loo").textContent = mm(marker.loo_m);
       }
       const place = k === this.dragged.key ? this.dragged.to : marker.place_px;
-      const arrow = byId("markers").querySelector(`[data-arrow="${k}"]`);
-      if (place && arrow) arrow.setAttribute("d", this.arrow(marker, place, scale));
+      for (const arrow of byId("markers").querySelectorAll(`[data-arrow="${k}"]`)) {
+        if (place) arrow.setAttribute("d", this.arrow(marker, place, scale));
+      }
     });
   }
 

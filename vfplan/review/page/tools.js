@@ -22,14 +22,16 @@ export class Tools {
     this.corner = null; // the first corner of a box that is drawn by the keyboard
     this.cross = null; // the keyboard's place
     this.whyNoPush = ""; // why Push feels nothing
-    this.drawn = null; // the step of the line that was drawn last
+    this.drawn = null; // the step of the line that was drawn last, until the session has taken it
     const again = { "replace-all": { replace: true }, "add-stroke": { add: true }, "not-drawn": null };
     for (const [id, meaning] of Object.entries(again)) {
       byId(id).addEventListener("click", () => {
+        const drawn = meaning && { ...this.drawn, ...meaning };
         byId("where").close();
-        if (meaning) this.app.step({ ...this.drawn, ...meaning });
+        if (drawn) this.send(drawn);
       });
     }
+    byId("where").addEventListener("close", () => this.showDrawn());
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.addEventListener("click", () => this.choose(button.dataset.tool));
     }
@@ -40,11 +42,12 @@ export class Tools {
     if (isFirst && this.nextLabel() && state.image.has_slice) this.choose("marker");
     this.showHint();
     if (this.clicks.length) this.showDrawing();
+    this.showDrawn();
   }
 
   choose(tool) {
     this.tool = tool;
-    byId("stage").className = tool;
+    byId("stage").dataset.chosen = tool; // no class: the drawing has classes of its own
     for (const button of document.querySelectorAll("[data-tool]")) {
       button.setAttribute("aria-checked", String(button.dataset.tool === tool));
     }
@@ -132,9 +135,25 @@ export class Tools {
     const points = this.clicks;
     this.clearDrawing();
     if (points.length < 2) return;
-    this.drawn = { do: "draw", points, closed };
-    this.app.step(this.drawn);
     this.choose("select");
+    this.send({ do: "draw", points, closed });
+  }
+
+  send(drawn) {
+    this.drawn = drawn;
+    this.app.step(drawn);
+    this.showDrawn();
+  }
+
+  // The line that was drawn last stands there until the session has it, or the question is answered.
+  showDrawn() {
+    if (!this.drawn) return;
+    const { points, closed } = this.drawn;
+    const isOpen = byId("where").open || this.app.waiting.some((change) => change.step === this.drawn);
+    if (!isOpen) this.drawn = null;
+    if (this.clicks.length) return;
+    const shown = closed ? [...points, points[0]] : points;
+    byId("preview").setAttribute("points", isOpen ? smooth(shown).join(" ") : "");
   }
 
   // The line that was drawn last lies apart from the curve: ask what becomes of it.
@@ -205,26 +224,35 @@ function boxOf(a, b) {
   return [Math.min(a[0], b[0]), Math.min(a[1], b[1]), Math.abs(a[0] - b[0]), Math.abs(a[1] - b[1])];
 }
 
-// The spline of Catmull and Rom through points, eight pieces between two of them.
+// A smooth line through points, eight pieces between two of them. Its slope at a point is that from the
+// one before to the next, by the lengths between them: clicks lie unevenly.
 function smooth(points) {
   if (points.length < 3) return points;
+  const slopes = points.map((_, k) => {
+    const [before, after] = [points[Math.max(k - 1, 0)], points[Math.min(k + 1, points.length - 1)]];
+    const length = distance(before, points[k]) + distance(points[k], after) || 1;
+    return [0, 1].map((axis) => (after[axis] - before[axis]) / length);
+  });
   const shown = [points[0]];
   for (let k = 0; k + 1 < points.length; k += 1) {
-    const before = points[Math.max(k - 1, 0)];
-    const after = points[Math.min(k + 2, points.length - 1)];
+    const length = distance(points[k], points[k + 1]);
     for (let piece = 1; piece <= PIECES; piece += 1) {
       const t = piece / PIECES;
-      const place = [0, 1].map((axis) => catmullRom(before[axis], points[k][axis], points[k + 1][axis], after[axis], t));
-      shown.push(place);
+      const at = (axis) => hermite(points[k][axis], points[k + 1][axis], length * slopes[k][axis], length * slopes[k + 1][axis], t);
+      shown.push([at(0), at(1)]);
     }
   }
   return shown;
 }
 
-// From b at t = 0 to c at t = 1, with the tangents (c - a)/2 and (d - b)/2 there.
-function catmullRom(a, b, c, d, t) {
-  const linear = c - a;
-  const square = 2 * a - 5 * b + 4 * c - d;
-  const cubic = 3 * (b - c) + d - a;
-  return b + (t * linear + t ** 2 * square + t ** 3 * cubic) / 2;
+function distance(a, b) {
+  return Math.hypot(a[0] - b[0], a[1] - b[1]);
+}
+
+// From a at t = 0 to b at t = 1, with these slopes there.
+function hermite(a, b, slopeA, slopeB, t) {
+  const linear = slopeA;
+  const square = 3 * (b - a) - 2 * slopeA - slopeB;
+  const cubic = 2 * (a - b) + slopeA + slopeB;
+  return a + t * linear + t ** 2 * square + t ** 3 * cubic;
 }

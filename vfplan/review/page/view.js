@@ -9,6 +9,8 @@ const GO_TO_ZOOM = 3;
 const MAX_COPY_PX = 1200;
 const MAX_BAR_PX = 160;
 const BAR_LENGTHS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+// From upright on, to the one side and to the other.
+const SIGN_ANGLES = [0, 0.8, -0.8, 1.6, -1.6, 2.4, -2.4, Math.PI];
 const LETTER_PLACES = {
   left: "left:0;top:50%",
   right: "right:0;top:50%",
@@ -74,12 +76,13 @@ export class View {
     this.x = 0; // where the slice's (0, 0) lies on the stage
     this.y = 0;
     this.isChosen = false; // whether a person chose this view, and not the page
+    this.isFitted = false; // whether all of the slice is shown, however large the window is
     this.settled = []; // called once the view rests
     this.zoomed = null; // called with each new zoom
     this.stack = new Stack(app);
     this.stage.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
     this.stage.addEventListener("pointermove", (event) => this.tellPlace(this.place(event)));
-    new ResizeObserver(() => this.apply()).observe(this.stage);
+    new ResizeObserver(() => (this.isFitted ? this.fitAgain() : this.apply())).observe(this.stage);
     byId("fit").addEventListener("click", () => this.fit());
     byId("one").addEventListener("click", () => this.setZoom(1 / devicePixelRatio));
   }
@@ -91,16 +94,15 @@ export class View {
     const [along, down] = state.image.pixel_spacing_mm ?? [0, 0];
     this.mmPerPx = state.mm_per_px ?? Math.sqrt(along * down); // by the markers, else by the file
     byId("title").textContent = `Review of ${state.image.in_words || state.image.name}`;
-    document.title = byId("title").textContent;
+    document.title = byId("title").title = byId("title").textContent;
     if (isFirst) {
       this.greys = new Greys(this.app, state.image);
       this.showLetters(state.image.sides);
-      this.fit();
-      this.isChosen = false;
+      this.fitAgain();
     }
     if (isOther || isTurned) this.greys.turn();
     if (isOther) {
-      this.fit();
+      this.fitAgain();
       this.isChosen = false;
     }
     for (const id of ["bone", "soft"]) byId(id).hidden = !state.image.grey_range;
@@ -135,6 +137,22 @@ export class View {
     const [width, height] = this.size();
     const [x, y] = this.onStage(place);
     return x >= border && y >= border && x <= width - border && y <= height - border;
+  }
+
+  // The way [x, y] on the screen, so far from a place, to where a sign stands on the stage and off
+  // those that were placed before it; it counts as placed from then on.
+  freeWay(place, reach, placed, radius) {
+    const [x, y] = this.onStage(place);
+    let best = null;
+    for (const angle of SIGN_ANGLES) {
+      const way = [reach * Math.sin(angle), -reach * Math.cos(angle)];
+      const at = [x + way[0], y + way[1]];
+      const near = placed.map((other) => Math.hypot(at[0] - other[0], at[1] - other[1]));
+      const cost = near.filter((distance) => distance < 2 * radius).length + !this.isIn(this.onSlice(at), radius);
+      if (best === null || cost < best.cost) best = { cost, way, at };
+    }
+    placed.push(best.at);
+    return best.way;
   }
 
   // The nearest place on the slice.
@@ -214,7 +232,13 @@ export class View {
   fit() {
     if (!this.image) return;
     this.isChosen = true;
+    this.fitAgain();
+  }
+
+  // The same by the page, as when the window changes: nobody chose it.
+  fitAgain() {
     const [width, height] = this.size();
+    this.isFitted = true;
     this.zoom = Math.min(width / this.image.width_px, height / this.image.height_px) * 0.98;
     this.x = (width - (this.image.width_px - 1) * this.zoom) / 2;
     this.y = (height - (this.image.height_px - 1) * this.zoom) / 2;
@@ -227,6 +251,7 @@ export class View {
     const [x, y] = about || [width / 2, height / 2];
     const [u, v] = this.onSlice([x, y]);
     this.isChosen = true;
+    this.isFitted = false;
     this.zoom = Math.min(MAX_ZOOM, Math.max(MIN_ZOOM, zoom));
     this.x = x - u * this.zoom;
     this.y = y - v * this.zoom;
@@ -235,6 +260,7 @@ export class View {
 
   pan(dx, dy) {
     this.isChosen = true;
+    this.isFitted = false;
     this.x += dx;
     this.y += dy;
     this.apply();
@@ -244,6 +270,7 @@ export class View {
   goTo([u, v], zoom = Math.max(this.zoom, GO_TO_ZOOM)) {
     const [width, height] = this.size();
     this.isChosen = true;
+    this.isFitted = false;
     this.zoom = zoom;
     this.x = width / 2 - u * zoom;
     this.y = height / 2 - v * zoom;
