@@ -16,11 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
-<<<<<<< HEAD
-from vfplan.geometry.lines import Array, Flags, length_of, values_at
-=======
-from vfplan.geometry.lines import length_of, ring_of, values_at
->>>>>>> room-report
+from vfplan.geometry.lines import Array, Flags, length_of, ring_of, values_at
 from vfplan.io.files import now_utc
 from vfplan.settings import recorded
 

@@ -9,11 +9,7 @@ from matplotlib.figure import Figure
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
 from vfplan.figures.style import pixels_on, subplots
-<<<<<<< HEAD
-from vfplan.geometry.lines import Array, normals, ring_of
-=======
-from vfplan.geometry.lines import normals
->>>>>>> room-report
+from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
 from vfplan.replaying.findings import beyond, guides_alone

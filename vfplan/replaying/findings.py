@@ -148,13 +148,8 @@ def recording_findings(session: Report, robot: Robot | None) -> Iterator[Finding
     )  # fmt: skip
 
 
-<<<<<<< HEAD
 def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Finding]:
-    """What the numbers of a run say; `report` as `Metrics.report` gives it."""
-=======
-def run_findings(report: dict[str, Any], parameters: ProxyParameters) -> Iterator[Finding]:
     """What the numbers of a run say; `report` as `Metrics.report` gives it, `link` beside it."""
->>>>>>> room-report
     clearance_m, is_paper = report.get("clearance_min_m", 0.0), parameters.rule == "paper"
     active = sum(not episode["passive"] for episode in report["episodes"])
     active += report.get("episodes_left_out", {"active": 0})["active"]

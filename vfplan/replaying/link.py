@@ -190,17 +190,13 @@ def approach_sessions(
     return sessions
 
 
-<<<<<<< HEAD
-def apart_text(apart: Report) -> str:
-=======
-def link_text(link: dict[str, Any]) -> str:
+def link_text(link: Report) -> str:
     """What a lossy link did, by the names in a replay's report."""
     names = (*Link.__dataclass_fields__, "lost", "lost_longest")
     return ", ".join(f"{name} {value:g}" for name, value in link.items() if name in names)
 
 
-def apart_text(apart: dict[str, Any]) -> str:
->>>>>>> room-report
+def apart_text(apart: Report) -> str:
     """How far two rules are apart, as `Comparison.report` has it."""
     return (
         f"the rules part {count(apart['span_count'], 'time')}, by at most "
