@@ -31,14 +31,19 @@ from vfplan.review.markers import Marker
 from vfplan.review.paper import (
     BAND_COLOUR,
     BODY,
+    BRIDGE_COLOUR,
     DPI,
     FOOT,
     GUIDE_COLOUR,
     HEADING,
     INSET_PX,
+    LINE_COLOUR,
     PAGE_HEIGHT,
     PAGE_WIDTH,
+    STRONG,
+    WALL_COLOUR,
     Paper,
+    shortened,
 )
 from vfplan.review.picture import AHEAD_RADIUS, FREE_RADIUS
 from vfplan.review.plan import Plan
@@ -264,6 +269,24 @@ def test_an_arrow_near_the_border_begins_at_its_marker():
     assert seen.shape[1] - 20 < greens.max() < seen.shape[1] - 3
 
 
+def test_both_outlines_show_at_one_distance_and_a_bar_is_as_long_as_it_says():
+    line = line_of(np.linspace((60, 160), (300, 160), 241), bridged=np.arange(241) > 120)
+    wall = Outline("wall", (line.points - [0, -4.06], line.points - [0, 4.06]))
+    sheet = checked(drawn_ends.shown_of(BLANK, line, outlines=(wall,)))
+    seen = drawn_part(sheet, picture_of(sheet)).astype(int)
+    for colour in (LINE_COLOUR, BRIDGE_COLOUR, WALL_COLOUR):
+        assert (np.abs(seen - colour).sum(axis=2) < 60).any(axis=0).sum() > 200
+    [words] = [box for box in sheet.boxes if box.words == "50 px"]
+    bar = sheet.pixels[round(words.y) + 15, : round(words.x), 0] < 99
+    assert abs(bar.sum() - 50 * seen.shape[1] / 380) < 1
+
+
+def test_names_with_one_beginning_differ_and_a_letter_without_font_is_told():
+    shown = [shortened(f"{'lateral epicondyle ' * 9}{k}", 200.0, STRONG) for k in "12\u6a19"]
+    assert len(set(shown)) == 3
+    assert shown[2].endswith("6A19]")
+
+
 def test_a_number_that_rounds_to_zero_has_no_sign():
     fixture = bundles.sheet()
     rendering = replace(fixture.rendering, ignore_axis=np.array([-1e-9, 0.0, 1.0]))
@@ -307,7 +330,7 @@ def test_open_line_has_both_ends_each_bridge_and_each_hidden_stretch_enlarged():
     sheet = checked(drawn_ends.shown_of(BLANK, line, account=(hidden, ink)))
     assert [box.words for box in insets(sheet, "")] == [
         *(f"{end} of the line{wider}" for end in ("Start", "End") for wider in ("", ", wider")),
-        "Bridge 1 of the line", *["Bridge 2 of the line"] * 3, "1: gap in the line, or line hidden",
+        "Bridge 1", *["Bridge 2"] * 3, "1: gap in the line, or line hidden",
     ]  # fmt: skip
     notes = {"orange: 9 px", *(f"orange: 89 px, part {k} of 3" for k in (1, 2, 3))}
     assert notes <= set(words_of(sheet))
@@ -344,7 +367,7 @@ def test_any_size_of_slice_fits(size):
     *_, last = insets(sheet, "")
     purple = [(np.abs(drawn_part(sheet, box).astype(int) - BAND_COLOUR).sum(axis=2) < 60).any()
               for box in (picture_of(sheet), last)]  # fmt: skip
-    legend = "95 % band of markers and drawing, at true scale" in " ".join(words_of(sheet))
+    legend = "95 % band of markers and drawing, to scale" in " ".join(words_of(sheet))
     assert purple == [legend, True]
     assert any(words.startswith("purple: 95 %") for words in words_of(sheet))
 

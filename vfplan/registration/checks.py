@@ -560,9 +560,8 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
         findings += outlier_findings(registration)
         if perspective is not None and perspective.is_possible:
             text = (
-                "A photograph's small angle may move the markers by "
-                f"{_mm(perspective.departure_m)}, which the error bound does not count. Is "
-                "the slice one?"
+                "If the slice is a photograph, its small angle may move the markers by "
+                f"{_mm(perspective.departure_m)}, which the error bound does not count."
             )
             findings.append(note("perspective", "register", text))
 

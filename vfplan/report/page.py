@@ -306,7 +306,8 @@ def review_sheet(replayed: Replay, planned_slice: PlannedImage | None) -> str:
     elif planned_slice is None:
         return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
-    pages = draw_sheet(Plan.of(fixture, name, planned_slice)).page_pngs()
+    plan = Plan.of(fixture, name, planned_slice)
+    pages = draw_sheet(plan, "The fixture's review sheet").page_pngs()
     return "".join(_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
 
 

@@ -228,22 +228,31 @@ def wrapped(words: str, width: float, style: Style) -> list[str]:
 
 
 def shortened(words: str, width: float, style: Style) -> str:
-    """The text, cut with an ellipsis if it is longer than this width."""
+    """The text, cut with an ellipsis in its middle if it is longer than this width."""
     words = shown = printable(words)
-    while words and style.width_of(shown) > width:
-        words = words[:-1]
-        shown = words + "…"
+    kept = len(words)
+    while kept and style.width_of(shown) > width:
+        kept -= 1
+        shown = f"{words[: (kept + 1) // 2]}…{words[len(words) - kept // 2 :]}"
     return shown
 
 
 def printable(words: str) -> str:
     """The text in one line, without characters that cannot be seen: labels come from files.
 
-    The marks around an isolated name are kept; they are not drawn.
+    A letter that the font lacks becomes its code, such as [U+6A19]. The marks around an isolated
+    name are kept; they are not drawn.
     """
-    return "".join(
-        " " if unicodedata.category(c)[0] in "CZ" and not ISOLATES.match(c) else c for c in words
-    )
+    return "".join(c if ISOLATES.match(c) else _drawn(c) for c in words)
+
+
+@cache
+def _drawn(letter: str) -> str:
+    if unicodedata.category(letter)[0] in "CZ":
+        return " "
+    # A font draws the same box for all that it lacks, and U+FFFF is no letter.
+    seen, lacking = (bytes(_font(BASE, True).getmask(c)) for c in (letter, "\uffff"))
+    return f"[U+{ord(letter):04X}]" if seen == lacking else letter
 
 
 @cache
@@ -330,6 +339,10 @@ TRIES = 24
 # Length [px of the page] around its point that a leader does not cover.
 LEADER_GAP = 0.4 * BODY.line_height
 
+# Length [px of the page] of a leader on what is to be kept clear, at most: it leaves the line, the
+# ring or the end that it begins at, and crosses no other.
+LEADER_COVERS = 52
+
 # Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
 
@@ -349,14 +362,16 @@ def place_for_caption(
     Parameters
     ----------
     taken
-        (H, W), not 0 where no caption may cover the picture. The place is entered there.
+        (H, W), 1 where no caption may cover the picture, and 255 where no leader may cross it
+        either. The place and its leader are entered there.
 
     Returns
     -------
     tuple or None
         Its corner x, y, and the leader (2, 2) from the point to its edge.
     """
-    limit = np.array(taken.shape[::-1]) - (width, height) - CLEARANCE
+    size = np.array(taken.shape[::-1])
+    limit = size - (width, height) - CLEARANCE
     for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
         # The caption extends away from its point.
         corner = point + direction * float(attempt * STEP)
@@ -364,9 +379,14 @@ def place_for_caption(
         is_inside = CLEARANCE <= x <= limit[0] and CLEARANCE <= y <= limit[1]
         if not is_inside or taken[y : y + height, x : x + width].any():
             continue
-        around = slice(y - CLEARANCE, y + height + CLEARANCE)
-        taken[around, x - CLEARANCE : x + width + CLEARANCE] = 1
         target = np.clip(point, (x, y), (x + width, y + height))
+        way = np.linspace(point, target, attempt * STEP).clip(0, size - 1)
+        columns, rows = way.astype(int).T
+        if np.count_nonzero(taken[rows, columns] > 1) > LEADER_COVERS:
+            continue
+        taken[rows, columns] = 255
+        around = slice(y - CLEARANCE, y + height + CLEARANCE)
+        taken[around, x - CLEARANCE : x + width + CLEARANCE] = 255
         length = float(np.hypot(*(target - point)))
         start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
         return x, y, np.array([start, target])

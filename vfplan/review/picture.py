@@ -19,7 +19,7 @@ from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
-from vfplan.review.strokes import nearest_point
+from vfplan.review.strokes import CLOSE_PX, nearest_point
 
 
 def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
@@ -99,11 +99,11 @@ def draw_scale_bar(
 ) -> None:
     """Draw a bar of a round length with its words beside it; a unit takes so many pixels."""
     length = nice_length(longest_px / unit_px)
-    end, middle, words = x + length * unit_px, y + BODY.line_height / 2, f"{length:g} {unit}"
+    end, middle, words = x + length * unit_px, round(y + BODY.line_height / 2), f"{length:g} {unit}"
     # No line of a picture goes through the words.
     right = round(end + 18 + BODY.width_of(words))
     sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
-    paper.draw_line(sheet.canvas, np.array([[x, middle], [end, middle]]), BLACK, 4)
+    sheet.canvas[middle - 2 : middle + 2, round(x) : round(end)] = BLACK
     sheet.text(end + 14, y, words)
 
 
@@ -146,17 +146,30 @@ FREE_RADIUS = 20
 # lies there, and it has to be visible.
 AHEAD_RADIUS = 5 * FREE_RADIUS
 
+# Distance [px of the page] from the outline beside the ink to what the robot renders, at least:
+# nearer, two lines and their casings look like one.
+OUTLINES_APART = 5.0
+
+# How much farther apart than mostly the channels of a pixel are, of 256, that counts as coloured:
+# ink, and what else was drawn on the slice.
+COLOURED = 60
+
+# Widths [px of the page] of a marker's name that are tried one after the other.
+NAME_WIDTHS = range(500, 90, -60)
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
     """The picture of the slice: where it stands, its pixels on the page, and its scale.
 
-    `zoom` is how many pixels of the page one of the slice takes.
+    `zoom` is how many pixels of the page one of the slice takes, and `rendered_distance` is from a
+    line to where the robot begins to push [px of the page]; infinite where it does not.
     """
 
     box: paper.Box
     canvas: paper.Pixels
     zoom: float
+    rendered_distance: float
 
     def place(self, points_px: Any) -> paper.Array:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
@@ -167,7 +180,10 @@ class Panel:
         # Half of what pens mostly are, if nobody knows the width.
         half_width = 2.0 if stroke.width is None else stroke.width / 2
         # The outline leaves 7 px of the page free beside the ink.
-        return half_width * self.zoom + 7.0
+        distance = half_width * self.zoom + 7.0
+        if abs(self.rendered_distance - distance) < OUTLINES_APART:
+            return self.rendered_distance + OUTLINES_APART
+        return distance
 
 
 def draw_picture(
@@ -184,15 +200,17 @@ def draw_picture(
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
     box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
-    panel = Panel(box, sheet.canvas[box.y : box.bottom, box.x : box.right], zoom)
+    canvas = sheet.canvas[box.y : box.bottom, box.x : box.right]
+    lines = [line for outline in plan.outlines for line in outline.lines]
+    rendered = np.vstack([[(np.inf, np.inf)], *lines])
+    panel = Panel(box, canvas, zoom, nearest_point(rendered, plan.strokes[0].points[0])[1] * zoom)
+    spread = np.ptp(canvas, axis=2)
+    coloured = (spread > np.median(spread) + COLOURED).astype(np.uint8)
 
-    # The casings first: outline and line may lie close together.
+    # What was drawn is checked first, so its outline lies on top.
     for outline in plan.outlines:
         draw_rendered(panel.canvas, outline, panel.place)
     region = draw_ink_outline(plan, panel)
-    for outline in plan.outlines:
-        for line in outline.lines:
-            paper.draw_line(panel.canvas, panel.place(line), RENDERED[outline.kind][1], 2)
     has_band = False
     for stroke, half_m in plan.bounds:
         # The 95 % band where it reaches beyond the outline.
@@ -200,14 +218,16 @@ def draw_picture(
         if reach.max() > panel.outline_distance(stroke) + 3:
             paper.draw_bound(panel.canvas, panel.place(stroke.points), reach, stroke.closed)
             has_band = True
-    # No caption covers the ink, its ends and what lies ahead of them, markers and residuals.
-    keep = cv2.dilate(region, np.ones((9, 9), np.uint8))
+    # No caption covers what has a colour, what lies ahead of an end, markers and residuals; no
+    # leader crosses the line or an end either.
+    keep = cv2.dilate(coloured, np.ones((9, 9), np.uint8))
     for stroke in plan.strokes:
         for _, end, direction in ends_of(stroke):
             place = panel.place(end)
-            paper.draw_disc(keep, place, FREE_RADIUS + 8, 255)
+            paper.draw_disc(region, place, 2 * FREE_RADIUS, 255)
             if direction is not None:
-                paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 255)
+                paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 1)
+    keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 255
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
     draw_captions(sheet, plan, panel, keep)
@@ -275,9 +295,8 @@ def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
 def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
     """Draw where the engine pushes; `place` takes pixels of the slice to the canvas."""
     colour = RENDERED[outline.kind][1]
-    for shade, thickness in ((WHITE, 5), (colour, 2)):
-        for line in outline.lines:
-            paper.draw_line(canvas, place(line), shade, thickness)
+    for line in outline.lines:
+        paper.draw_cased(canvas, place(line), colour, 2)
     if outline.pull is not None and outline.lines:
         # Beside the tube, so that the ink stays free.
         start, along = outline.pull
@@ -327,6 +346,20 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     return enlargement
 
 
+def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
+    """Each bridge: its name, its points [px of the slice], and the names of its findings."""
+    bridges = [
+        stroke.points[run]
+        for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
+    ]  # fmt: skip
+    for number, points in enumerate(bridges, 1):
+        about = [
+            finding_name(k) for k, finding in enumerate(plan.findings, 1)
+            if finding.place_px and nearest_point(points, finding.place_px)[1] <= CLOSE_PX
+        ]  # fmt: skip
+        yield f"bridge {number}", points, about
+
+
 def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
@@ -348,11 +381,14 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
     None covers what is `taken`. The lists name those that have no place.
     """
 
-    def tag(place: Any, words: str, *, ground: paper.Colour = WHITE) -> None:
-        """Write a caption in a small plate of a colour, if there is room close to its place."""
-        width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-        found = paper.place_for_caption(taken, panel.place(place), width, height)
-        if found is None:
+    def tag(place: Any, *choices: str, ground: paper.Colour = WHITE) -> None:
+        """Write the first caption that has room close to its place in a small plate of a colour."""
+        for words in choices:
+            width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
+            found = paper.place_for_caption(taken, panel.place(place), width, height)
+            if found is not None:
+                break
+        else:
             return
         x, y, leader = found
         paper.draw_cased(panel.canvas, leader, BLACK, 1)
@@ -363,20 +399,21 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         sheet.text(panel.box.x + x + 6, panel.box.y + y + 1, words, STRONG, letters)
 
     for number, stroke in enumerate(plan.strokes, 1):
-        is_single = len(plan.strokes) == 1
-        of_line, of_bridge = ("", "") if is_single else (f" {number}", f" of {number}")
+        of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
             tag(end, name + of_line, ground=LINE_COLOUR)
-        for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
-            tag(stroke.points[run[len(run) // 2]], f"bridge {k}{of_bridge}")
+    named = []
+    for name, points, about in bridges_of(plan):
+        tag(points[len(points) // 2], " ".join([name, *about]))
+        named += about
     for number, finding in enumerate(plan.findings, 1):
-        if finding.place_px is not None:
+        if finding.place_px is not None and finding_name(number) not in named:
             tag(finding.place_px, finding_name(number), ground=BLACK)
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
-        # The name is shortened, to 280 px of the page with the number, and the number is not.
-        room = 280 - STRONG.width_of(f" {residual}")
-        tag(marker.place, f"{isolated(paper.shortened(marker.label, room, STRONG))} {residual}")
+        # The name is shortened, and the number is not.
+        names = [paper.shortened(marker.label, width, STRONG) for width in NAME_WIDTHS]
+        tag(marker.place, *(f"{isolated(name)} {residual}" for name in names))
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag(entry.middle, str(entry.number))
 
@@ -392,7 +429,7 @@ def draw_legend(
     if any(stroke.bridged.any() for stroke in plan.strokes):
         rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR))
     if has_band:
-        words = "Purple dashes: 95 % band of markers and drawing, at true scale"
+        words = "Purple dashes: 95 % band of markers and drawing, to scale"
         rows.append((words, paper.BAND_COLOUR))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
@@ -412,7 +449,9 @@ def draw_legend_rows(
     y += paper.HEADING.line_height + 4
     for words, colour in rows:
         middle = y + BODY.line_height / 2
-        for start, end in DASHED if colour == paper.BAND_COLOUR else SOLID:
+        if colour == BLACK:
+            paper.draw_disc(sheet.canvas, (x + 22, middle), 13, BLACK, 2)
+        for start, end in {paper.BAND_COLOUR: DASHED, BLACK: ()}.get(colour, SOLID):
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
         y = sheet.paragraph(x + 56, y, words, width - 56) + 6

@@ -320,7 +320,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
         markers = [f"{isolated(label)} {coordinates(place, 1, ' ')}" for label, place in places]
         # A line breaks between two markers, not within one.
         markers = [marker.replace(" ", "\N{NO-BREAK SPACE}") for marker in markers]
-        rows.append(("Markers in front of the robot [mm]", "; ".join(markers)))
+        rows.append(("Markers in robot coordinates, x y z [mm]", "; ".join(markers)))
     return tuple(row for row in rows if row is not None)
 
 

@@ -23,7 +23,7 @@ import numpy as np
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import arc_lengths, length_of, runs
+from vfplan.geometry.lines import arc_lengths, length_of
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper, picture
@@ -246,22 +246,21 @@ def draw_lists(
     x, top = beside or (MARGIN, y)
     top -= LIST_GAP
 
-    def lines_of(blocks: list[Block]) -> Block:
+    def lines_of(blocks: list[Block]) -> list[tuple[str, paper.Style, float, int]]:
+        """The lines, each with the gap above it."""
         width = paper.PAGE_WIDTH - MARGIN - x
         return [
-            (line, style, indent)
+            (line, style, indent, LIST_GAP * (style is HEADING and number == 0))
             for block in blocks for words, style, indent in block
-            for line in paper.wrapped(words, width - indent, style)
+            for number, line in enumerate(paper.wrapped(words, width - indent, style))
         ]  # fmt: skip
 
     def height_of(blocks: list[Block]) -> float:
-        lines = lines_of(blocks)
-        return sum(style.line_height + LIST_GAP * (style is HEADING) for _, style, _ in lines)
+        return sum(style.line_height + gap for _, style, _, gap in lines_of(blocks))
 
     # No line stands alone on a page: no heading, and neither the first nor the last of a list.
     blocks = []
     headings = []
-    findings_blocks = 0
     for heading, entries in lists_of(plan):
         head = [(heading, HEADING, 0)]
         if blocks and not entries:
@@ -272,11 +271,13 @@ def draw_lists(
             blocks.append(head + [line for entry in entries[start:end] for line in entry])
             headings.append(heading)
             head = []
-        findings_blocks = findings_blocks or len(blocks)
 
     for number, block in enumerate(blocks):
-        # Findings stand in one column.
-        together = [block] if number else blocks[:findings_blocks]
+        # Findings stand in one column, and so does another list that this page has room for.
+        rest = zip(blocks[number:], headings[number:], strict=True)
+        together = [block for block, heading in rest if heading == headings[number]]
+        if number and y + height_of(together) > paper.FOOT:
+            together = [block]
         before = top
         if x > MARGIN and top + height_of(together) > y:
             x, top = MARGIN, y
@@ -285,9 +286,8 @@ def draw_lists(
             # In another column and on another page a list has its heading again.
             block.insert(0, (f"{headings[number]}, continued", STRONG, 0))
             top = sheet.space_for(top, height_of([block]))
-        for line, style, indent in lines_of([block]):
-            top = sheet.space_for(top, style.line_height)
-            top += LIST_GAP * (style is HEADING)
+        for line, style, indent, gap in lines_of([block]):
+            top = sheet.space_for(top, style.line_height) + gap
             sheet.text(x + indent, top, line, style)
             top += style.line_height
 
@@ -342,32 +342,28 @@ def is_even_ahead(
 def insets_of(plan: Plan) -> list[Inset]:
     """What the sheet enlarges, in the order in which it stands there."""
     insets, rgb = [], as_uint8(plan.image.rgb)
-    width = f"{SHOWN_PX} px across"
-    if plan.metres_per_px is not None:
-        width = f"{SHOWN_PX * plan.metres_per_px * MM:.1f} mm across"
     for number, stroke in enumerate(plan.strokes, 1):
         name = "the line" if len(plan.strokes) == 1 else f"line {number}"
         for which, end, direction in picture.ends_of(stroke):
             caption = f"{which.capitalize()} of {name}"
-            note = width
-            if is_even_ahead(rgb, stroke, end, direction):
-                note = "one grey ahead: look twice"
+            is_even = is_even_ahead(rgb, stroke, end, direction)
+            note = "one grey ahead: look twice" if is_even else ""
             insets.append(Inset(caption, end, note))
             # A line without ink hides nothing, and the line itself has to be visible.
             has_line = stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
             insets.append(Inset(f"{caption}, wider", end, note, ZOOM // 2, True, has_line))
-        # One inset a bridge, or several along a long one.
-        for k, run in enumerate(runs(stroke.bridged, stroke.closed), 1):
-            points = stroke.points[run]
-            along = arc_lengths(points, False)
-            parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
-            for part in range(parts):
-                place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-                note = f"orange: {along[-1]:.0f} px"
-                if parts > 1:
-                    note += f", part {part + 1} of {parts}"
-                insets.append(Inset(f"Bridge {k} of {name}", place, note, bridge=points))
+    # One inset a bridge, or several along a long one.
+    for name, points, about in picture.bridges_of(plan):
+        along = arc_lengths(points, False)
+        parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
+        for part in range(parts):
+            place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
+            # A finding tells the length itself.
+            note = f"orange: {' '.join(about) or f'{along[-1]:.0f} px'}"
+            if parts > 1:
+                note += f", part {part + 1} of {parts}"
+            insets.append(Inset(name.capitalize(), place, note, bridge=points))
     others = [
         (f"{entry.number}: {GAP}", entry.middle)
         for entry in plan.other_ink if entry.what != "ink"
@@ -380,13 +376,14 @@ def insets_of(plan: Plan) -> list[Inset]:
         # One that lies in an inset already is not enlarged again.
         reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]
         if min(reach, default=np.inf) > SHOWN_PX // 3:
-            insets.append(Inset(caption, np.array(place), width))
+            insets.append(Inset(caption, np.array(place), ""))
     if plan.metres_per_px is not None and (plan.tre95_m is not None or plan.outlines):
         # Where the registration's error may be largest, enlarged so that all of it fits in.
         points = np.concatenate([stroke.points for stroke in plan.strokes])
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
-            bound_m, note = plan.tre95_m, f"purple: 95 %, ±{MM * plan.bound95_m:.2f} mm"
+            rendered = {"wall": "; red: wall", "guide": "; green: tube"}.get(plan.kind, "")
+            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
@@ -394,7 +391,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             half_px = max(half_px, nearest_point(np.vstack(lines), points[worst])[1])
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
-        caption = "Error and outline, true scale"
+        caption = "Error and outline, to scale"
         insets.append(Inset(caption, points[worst], note, zoom, has_band=True))
     return insets
 
@@ -413,7 +410,10 @@ def draw_insets(
             last_row = sheet.space_for(y, ROW_HEIGHT)
             y = last_row + ROW_HEIGHT
         x = round(MARGIN + column * INSET_STEP)
-        where = f"enlarged {inset.zoom}x at ({coordinates(inset.place)})"
+        width = f"{INSET_PX // inset.zoom} px"
+        if plan.metres_per_px is not None:
+            width = millimetres(INSET_PX / inset.zoom * plan.metres_per_px, 1)
+        where = f"{inset.zoom}x: {width} at ({coordinates(inset.place)})"
         for line, words in enumerate((inset.caption, where, inset.note)):
             style = BODY if line else STRONG
             words = paper.shortened(words, INSET_PX, style)
@@ -466,7 +466,7 @@ def spread_greys(pixels: paper.Pixels) -> paper.Pixels:
 
 
 def draw_band(enlarged: paper.Pixels, inset: Inset, plan: Plan) -> None:
-    """Draw line, 95 % band and what the robot renders at true scale, over a paler slice."""
+    """Draw line, 95 % band and what the robot renders to scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
     for outline in plan.outlines:
@@ -497,15 +497,15 @@ def write_sheet(plan: Plan, path: Path) -> None:
     write_whole(path, [png_of(draw_sheet(plan).pixels)], overwrite=True)
 
 
-def draw_sheet(plan: Plan) -> Sheet:
-    """Draw the sheet of what is to be reviewed."""
+def draw_sheet(plan: Plan, title: str = "") -> Sheet:
+    """Draw the sheet of what is to be reviewed; its title says what to do, or what is given."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
     is_more = plan.fixture.open_findings or plan.is_slice_missing
     if is_more:
         x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
-    y = sheet.paragraph(x, float(MARGIN), verdict_of(plan), width, paper.TITLE, colour)
+    y = sheet.paragraph(x, float(MARGIN), title or verdict_of(plan), width, paper.TITLE, colour)
     if is_more:
         bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
@@ -528,9 +528,10 @@ def draw_sheet(plan: Plan) -> Sheet:
         in_last_row = len(insets) % INSETS_IN_A_ROW
         beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
         draw_lists(sheet, plan, y, beside)
-    # The digest on every page, and which page of how many it is.
+    # The digest and the file's name on every page, and which page of how many it is.
+    name = isolated(paper.shortened(plan.source.path.name, INSET_PX, BODY))
     for page in range(sheet.page + 1):
-        number = f"page {page + 1} of {sheet.page + 1}"
+        number = f"{name}, page {page + 1} of {sheet.page + 1}"
         sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
