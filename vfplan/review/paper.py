@@ -352,7 +352,7 @@ DIRECTIONS = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
 
 
 def place_for_caption(
-    taken: Pixels, point: Array, width: int, height: int
+    taken: Pixels, point: Array, width: int, height: int, may_cross: bool
 ) -> tuple[int, int, Array] | None:
     """A place for a caption of this size close to a point (x, y); `None` if there is none.
 
@@ -362,8 +362,8 @@ def place_for_caption(
     Parameters
     ----------
     taken
-        (H, W), 1 where no caption may cover the picture, and 255 where no leader may cross it
-        either. The place and its leader are entered there.
+        (H, W), 1 where no caption may cover the picture, 254 where no leader may cross it either
+        unless `may_cross`, and 255 where none ever may. The place and its leader are entered there.
 
     Returns
     -------
@@ -382,7 +382,9 @@ def place_for_caption(
         target = np.clip(point, (x, y), (x + width, y + height))
         way = np.linspace(point, target, attempt * STEP).clip(0, size - 1)
         columns, rows = way.astype(int).T
-        if np.count_nonzero(taken[rows, columns] > 1) > LEADER_COVERS:
+        crossed = taken[rows, columns]
+        covers = 0 if may_cross else np.count_nonzero(crossed > 1)
+        if covers > LEADER_COVERS or (crossed == 255).any():
             continue
         taken[rows, columns] = 255
         around = slice(y - CLEARANCE, y + height + CLEARANCE)

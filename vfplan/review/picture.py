@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import cv2
@@ -227,7 +228,7 @@ def draw_picture(
             paper.draw_disc(region, place, 2 * FREE_RADIUS, 255)
             if direction is not None:
                 paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 1)
-    keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 255
+    keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 254
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
     draw_captions(sheet, plan, panel, keep)
@@ -330,7 +331,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
             enlargement = nice_length(enlargement / 2)
     for marker in plan.markers:
         centre = panel.place(marker.place)
-        paper.draw_disc(keep, centre, 24, 255)
+        paper.draw_disc(keep, centre, 24, 254)
         # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
         first, inner = (0, 13) if marker.is_used else (45, 4)
         for colour, thickness in ((WHITE, 5), (BLACK, 2)):
@@ -342,7 +343,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
         if marker.residual_px is not None:
             tip = centre + np.asarray(marker.residual_px) * panel.zoom * enlargement
             paper.draw_arrow(panel.canvas, centre, tip, BLACK)
-            paper.draw_line(keep, np.array([centre, tip]), 255, 20)
+            paper.draw_line(keep, np.array([centre, tip]), 254, 20)
     return enlargement
 
 
@@ -372,7 +373,7 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
             gap = FREE_RADIUS + 4  # An end is left free.
         tick = point + across * np.array([[gap], [gap + 10.0]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
-        paper.draw_line(keep, tick, 255, 8)
+        paper.draw_line(keep, tick, 254, 8)
 
 
 def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
@@ -383,9 +384,9 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
 
     def tag(place: Any, *choices: str, ground: paper.Colour = WHITE) -> None:
         """Write the first caption that has room close to its place in a small plate of a colour."""
-        for words in choices:
+        for words, may_cross in (*product(choices, [False]), (choices[-1], True)):
             width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-            found = paper.place_for_caption(taken, panel.place(place), width, height)
+            found = paper.place_for_caption(taken, panel.place(place), width, height, may_cross)
             if found is not None:
                 break
         else:
