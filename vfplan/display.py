@@ -90,8 +90,12 @@ def command_of(*words: str | Path | None) -> str:
 
 
 def coordinates(values: Iterable[float], decimals: int = 0, separator: str = ", ") -> str:
-    """Numbers such as coordinates, e.g. "12.5, -4.0, 0.0"; none that rounds to 0 has a sign."""
-    return separator.join(f"{value:z.{decimals}f}" for value in values)
+    """Numbers such as coordinates, e.g. "12.5, -4.0, 0.0"; none that rounds to 0 has a sign.
+
+    Of two whole numbers that are as close it is the larger one, as on the page.
+    """
+    rounded = values if decimals else (math.floor(value + 0.5) for value in values)
+    return separator.join(f"{value:z.{decimals}f}" for value in rounded)
 
 
 def isolated(name: str) -> str:

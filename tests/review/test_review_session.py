@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from operator import attrgetter
 
@@ -36,14 +36,17 @@ from review_slices import (
 from scipy.spatial import cKDTree
 
 import vfplan
-from vfplan.errors import CheckFailed, ImageError, InputError, SettingError
+from vfplan.errors import CheckFailed, CurveError, ImageError, InputError, SettingError
 from vfplan.findings import doubt
+from vfplan.fixture import Stroke
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.settings import FixtureSettings
+from vfplan.registration.registration import own_bound
 from vfplan.review.plan import Plan
 from vfplan.review.server import Draft
 from vfplan.review.session import Session
 from vfplan.review.sheet import facts_of
+from vfplan.review.strokes import HAND_SIGMA_PX, MendedStroke, SliceInk
 
 TRUTH = np.array(json.loads((SAMPLES / "elbow_truth.json").read_text())["curve_px"])
 
@@ -260,7 +263,8 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     assert with_both.state()["account"] == []
     joined = with_both.apply({"do": "join", "stroke": 0, "other": 1})
     (curve,) = joined.state()["curve_px"]
-    assert joined.state()["edited"][0]
+    assert joined.state()["bridged"][0]
+    assert joined.state()["edited"] == [[]]
     steps = np.hypot(*np.diff(curve, axis=0).T)
     assert steps.max() < 2.5
     left = session.apply({"do": "leave", "ink": ink["number"]})
@@ -288,6 +292,24 @@ def test_strokes_that_touch_are_joined_without_a_doubled_place():
         session = session.apply({"do": "draw", "points": places, how: True})
     [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
     assert np.hypot(*np.diff(joined.points, axis=0).T).min() > 0.9
+
+
+@pytest.mark.parametrize("gap", [40, 100, 140, 600])
+def test_the_bound_of_a_join_holds_or_it_is_refused(gap):
+    u = np.arange(400.0 + gap)
+    wave = np.column_stack([u, 150 + 30 * np.sin(u / 50)])
+    one, other = (MendedStroke.of(Stroke(half, False)) for half in (wave[:200], wave[-200:]))
+    with refuses(CurveError, "gap-unknown") if gap == 600 else nullcontext():
+        joined = one.join(other, None)
+        assert cKDTree(joined.points).query(wave)[0].max() <= own_bound([joined]).max()
+
+
+def test_a_line_that_is_mostly_bare_is_told_as_unsure_as_a_hand():
+    image = np.full((300, 700, 3), 99, np.uint8)
+    for u, width in ((30, 3), (50, 5), (640, 3)):
+        cv2.line(image, (u, 150), (u + 20, 150), (255, 0, 0), width, cv2.LINE_AA)
+    path = np.linspace([30.0, 150], [660, 150], 631)
+    assert SliceInk(image, "red").measure(path, False, 8.0).sigma.max() < 2 * HAND_SIGMA_PX
 
 
 def test_of_too_few_markers_no_bound_is_told(sample):

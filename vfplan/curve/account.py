@@ -639,6 +639,8 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
         is_near_end = is_short and not curve.closed and length >= tuned.FLANK_PX
         if is_near_end and reason != "hidden":
             text = f"{carried} Do the {len(beyond)} px beyond it belong to the curve?"
+            if not len(beyond):
+                text = f"no ink shows the last {length} px of the curve. Does it end here?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif length > tuned.LONG_STRETCH_PX:
             code = "stretch-hidden" if reason == "hidden" else "bridge-long"

@@ -103,16 +103,8 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
         inward = np.minimum(at - at[0], at[-1] - at)
         sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    # In a gap of length L, an unknown curvature of deviation k leaves k x (L - x) / 2 at x.
     curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
-    tip, points = int(line.width / 2), spline(at)
-    for run in runs(bridged, line.closed):
-        sigma[run] = np.hypot(sigma[run], sway(curvature, len(run)))
-        # A corner may lie in a gap that turns otherwise than its sides foretell. The tips of the
-        # pen on both sides belong to it, because a tip shows a part of the line's width.
-        gap = run[0] - tip + np.arange(len(run) + 2 * tip)
-        gap = gap % len(at) if line.closed else gap[(gap >= 0) & (gap < len(at))]
-        sigma[gap] = np.hypot(sigma[gap], corner_sway(points, gap, line.closed, curvature))
+    sigma = with_sway(Stroke(spline(at), line.closed, sigma, bridged, width=line.width), curvature)
     # Another colour at the edge may hide a part of the line that nobody sees; what lacks there
     # moves the centre by half of it.
     lacking = np.abs(1 - profiles.mass.clip(0, 2)) * line.width / 2
@@ -144,8 +136,33 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
     )
 
 
+def with_sway(line: Stroke, curvature: float) -> Array:
+    """(P,) deviations of a line's points, with how far its bridges may lie off [px].
+
+    curvature: a usual one [1/px]
+    Raises `CurveError` where a bridge may lie farther off than it is long, which says nothing.
+    """
+    tip, points, sigma = int((line.width or 0) / 2), line.points, line.sigma.copy()
+    ends = [] if line.closed else [0, len(points) - 1]
+    for run in runs(line.bridged, line.closed):
+        if len(run) == len(points) or np.isin(ends, run).any():
+            continue  # The line runs out, which is no gap.
+        aside = sway(curvature, len(run))
+        if 2 * aside.max() > len(run):
+            text = f"Nothing tells where the curve runs in a gap of {len(run)} px. Draw it there."
+            raise error_at(points[run[len(run) // 2]], text, code="gap-unknown", gap_px=len(run))
+        sigma[run] = np.hypot(sigma[run], aside)
+        # A corner may lie in a gap that turns otherwise than its sides foretell. The tips of the
+        # pen on both sides belong to it, because a tip shows a part of the line's width.
+        gap = run[0] - tip + np.arange(len(run) + 2 * tip)
+        gap = gap % len(points) if line.closed else gap[(gap >= 0) & (gap < len(points))]
+        sigma[gap] = np.hypot(sigma[gap], corner_sway(points, gap, line.closed, curvature))
+    return sigma
+
+
 def sway(curvature: float, length: int) -> Array:
     """(L,) how far an unknown curvature [1/px] moves the points of a gap with known ends [px]."""
+    # A curvature of deviation k leaves k x (L - x) / 2 at x of L.
     x = np.arange(length) + 0.5
     return curvature * x * (length - x) / 2
 

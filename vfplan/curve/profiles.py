@@ -118,7 +118,12 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     inside = (u > -0.5) & (u < columns - 0.5) & (v > -0.5) & (v < rows - 0.5)
     is_line = ~_beyond_valley(coverage, x, width)
     mass = np.where(is_line, np.clip(coverage, 0, None), 0).sum(1) * tuned.STEP_PX
-    usual = max(float(np.median(mass[inside[:, len(x) // 2]])), 1e-6)
+    is_inside = inside[:, len(x) // 2]
+    shows = is_inside & sample(ink.mask.view(np.uint8), u, v).any(axis=1)
+    # Of a path that is mostly bare, the usual ink is that of the part that shows some.
+    if not 0 < 2 * shows.sum() < is_inside.sum():
+        shows = is_inside
+    usual = max(float(np.median(mass[shows])), 1e-6)
     mass = mass / usual
     core = np.abs(x) <= width / 2 + tuned.STEP_PX
     has_other = (other > tuned.FOREIGN).any(1)
@@ -126,7 +131,7 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
     lowest_mass = np.where(hidden, tuned.HALF, tuned.VISIBLE)
-    valid = (mass > lowest_mass) & inside[:, len(x) // 2]
+    valid = (mass > lowest_mass) & is_inside
     is_line &= inside
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 

@@ -281,7 +281,7 @@ class FixtureSettings:
     common: bool = setting(False, "Use the markers that both files have, and drop the others.")
     margin: str | float | None = setting(
         None, "Add this to the point radius: the 95 % bound (tre95) and the tip's error (+MM), or "
-        "the margin that --campaign gives for P.  [default: none]", form="tre95[+MM]|p=P",
+        "the margin that --campaign gives for P.  [default: no margin]", form="tre95[+MM]|p=P",
     )  # fmt: skip
     find_markers: bool = setting(
         False, "Move each marker to the centre of the cross or dot that is drawn near it."

@@ -228,7 +228,7 @@ NUMBERS = (
     Number("clearance_min_m", "µm", 2, "clearance of the proxy's ball, least"),
     Number("band_m", "µm", 2, "band: the clearance may go down to minus this"),
     Number("energy_j", "mJ", 3, "energy given to the hand", "energy"),
-    Number("energy_hold_j", "mJ", 3, "of it by holding the force over a tick"),
+    Number("energy_hold_j", "mJ", 3, "added by holding the force; the rest may be below 0"),
     Number("friction", "", 5, "apparent friction"),
     Number("slide_m", "mm", 3),
     Number("lag_rms_m", "µm", 2, "lag of the proxy while sliding, RMS"),

@@ -175,7 +175,8 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
     Where there is room, a number stands beside its heading.
     """
     facts = facts_of(plan)
-    if plan.image is not None and any(len(stroke.end_points) for stroke in plan.strokes):
+    has_ends = any(len(stroke.end_points) for stroke in plan.strokes)
+    if has_ends and plan.image is not None and plan.fixture.reviewed is None:
         facts.insert(0, ("Look at each end", WHAT_TO_LOOK_FOR))
     for heading, words in facts:
         y = sheet.space_for(y, HEADING.line_height + BODY.line_height)

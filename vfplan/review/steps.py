@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle.content import max_number
-from vfplan.errors import SettingError, VfplanError
+from vfplan.errors import CurveError, SettingError, VfplanError
 from vfplan.geometry.lines import arc_lengths
 from vfplan.markers import find_marks
 from vfplan.planning.extraction import MIN_SPACING_MM
@@ -531,5 +531,8 @@ def apply(plan: Plan, step: Any) -> Plan:
     if name not in STEPS:
         text = f"There is no step {name[:40]!r}. The steps are: {', '.join(STEPS)}, viewed."
         raise SettingError(text, code="no-such-step")
-    after = STEPS[name](plan, step)
+    try:
+        after = STEPS[name](plan, step)
+    except CurveError as error:
+        raise SettingError(error.message, code=error.code) from None
     return replace(after, is_shaped=True) if name in BY_HAND else after

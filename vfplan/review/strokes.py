@@ -21,7 +21,14 @@ from numpy.typing import NDArray
 from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import box_of, path_through
-from vfplan.curve.centreline import deviation_of, fit_spline, is_noisy, onward, without_ink_ahead
+from vfplan.curve.centreline import (
+    deviation_of,
+    fit_spline,
+    is_noisy,
+    onward,
+    with_sway,
+    without_ink_ahead,
+)
 from vfplan.curve.choose import sudden_changes
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.curve.profiles import find_ends, read_profiles
@@ -361,8 +368,7 @@ class SliceInk:
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
         if not closed:
             line = self._to_its_ends(line, (True, True), width, 2 * tuned.TAPER_REACH_PX)
-        # No hand placed what shows no ink.
-        return replace(line, bridged=line.edited, edited=None)
+        return bridging(line, line.edited)
 
     def _to_its_ends(
         self, line: Stroke, free: tuple[bool, bool], width: float, reach_px: float
@@ -397,6 +403,14 @@ class SliceInk:
         """The usual width of the ink along a path [px]; 3 where there is none."""
         _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
         return float(np.median(width[has_ink])) if has_ink.any() else 3.0
+
+
+def bridging(line: Stroke, gaps: NDArray[np.bool_]) -> Stroke:
+    """The line with these points, which show no ink, as bridges: no hand placed them."""
+    bend = np.hypot(*np.diff(line.points, 2, axis=0).T)
+    unsure = replace(line, bridged=gaps)
+    sigma = with_sway(unsure, tuned.SWAY * float(np.sqrt(np.mean(bend**2))))
+    return replace(line, sigma=sigma, bridged=line.bridged | gaps, edited=line.edited & ~gaps)
 
 
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
@@ -605,7 +619,13 @@ class MendedStroke(Stroke):
         # A smooth stretch over the gap, from a little before it to a little behind it.
         around = whole.points[[last - reach, last, count, count + reach]]
         around = around[np.r_[True, np.hypot(*np.diff(around, axis=0).T) > 1e-6]]
-        return whole._with_stretch(last - reach, count + reach, path_through(around, False), ink)
+        path = path_through(around, False)
+        joined = whole._with_stretch(last - reach, count + reach, path, ink)
+        gaps = joined.edited.copy()
+        gaps[: last - reach] = gaps[len(joined.points) - len(second.points) + reach + 1 :] = False
+        bridged = bridging(joined, gaps)
+        # Without ink nothing asks about bridges, but what a hand drew is told.
+        return replace(joined, sigma=bridged.sigma) if ink is None else bridged
 
     def without_ink_in(self, box: Box) -> MendedStroke:
         """The stroke as if a hand had drawn its part in a box, (u, v, width, height) [px]."""
