@@ -22,15 +22,7 @@ from vfplan.cli.next_commands import (
     typed_options,
     verify_command,
 )
-from vfplan.cli.options import (
-    FILE,
-    HDF5,
-    OVERWRITE,
-    PNG,
-    OutputFile,
-    option,
-    options_in_order,
-)
+from vfplan.cli.options import FILE, HDF5, OVERWRITE, PNG, OutputFile, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
@@ -291,11 +283,7 @@ def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
-    from vfplan.review.plan import (
-        Plan,
-        refuse_extraction_of_extracted,
-        refuse_planning_of_planned,
-    )
+    from vfplan.review.plan import Plan, refuse_extraction_of_extracted, refuse_planning_of_planned
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]

@@ -9,13 +9,7 @@ from bundles import whole
 from vfplan import Status, Step
 from vfplan.robot import Robot
 from vfplan.stability import loop
-from vfplan.stability.closed_loop import (
-    blow_case,
-    engine_for,
-    largest_stiffness,
-    press,
-    strike,
-)
+from vfplan.stability.closed_loop import blow_case, engine_for, largest_stiffness, press, strike
 from vfplan.stability.contacts import contacts_along, patch
 from vfplan.stability.loop import FlatWall, SimulatedHand, exact_bound, simulate
 

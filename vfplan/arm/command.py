@@ -16,10 +16,7 @@ if TYPE_CHECKING:
     from vfplan.session.session import Session
 
 
-@command(
-    "rehearse",
-    first_screen="-o --arm --robot --base --tool --no-governor --report --json",
-)
+@command("rehearse", first_screen="-o --arm --robot --base --tool --no-governor --report --json")
 @options_in_order(
     options.FIXTURE,
     options.SESSION,

@@ -318,20 +318,18 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     if public_path == private_path:
         raise SettingError(
             "The private key's name may not end in .pub. Give another name.",
-            where=str(private_path),
+            where=private_path,
         )
     if public_path.exists() and not private_path.exists() and not overwrite:
         raise OutputError(
             f"exists already, and may be the public half of a private key other than "
             f"{private_path.name}. Give the new key another name",
-            where=str(public_path),
+            where=public_path,
             code="public-key-exists",
         )
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     public = key.public_key().public_bytes(
         serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
@@ -355,26 +353,26 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
     left = PUBLIC_KEY.sub(lambda block: b"\n" * block[0].count(b"\n"), text).split(b"\n")
     for number, line in enumerate(left, start=1):
         if line == BEGIN:
-            raise InputError(f"It ends within a public key. {COPY_KEY}.", where=str(path))
+            raise InputError(f"It ends within a public key. {COPY_KEY}.", where=path)
         if line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
             wanted = f"its public half, {Path(path).with_suffix('.pub').name}"
             if Path(path).suffix == ".pub":
                 wanted = "a file of public keys alone"
             raise InputError(
                 f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
-                where=str(path), code="private-key",
+                where=path, code="private-key",
             )  # fmt: skip
         if line and not line.startswith(b"#"):
             raise InputError(
                 f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
-                "#.", where=str(path),
+                "#.", where=path,
             )  # fmt: skip
     keys = [
         ed25519_key(lambda block: load_pem_public_key(block + b"\n"), block, COPY_KEY, path)
         for block in PUBLIC_KEY.findall(text)
     ]
     if not keys:
-        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
+        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=path)
     return {key_id_of(key): key for key in keys}
 
 
@@ -384,11 +382,9 @@ def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: st
         key = load(data)
     # The library raises many kinds of errors for a damaged key.
     except Exception as error:
-        raise InputError(
-            f"It holds a key that cannot be read. {advice}.", where=str(path)
-        ) from error
+        raise InputError(f"It holds a key that cannot be read. {advice}.", where=path) from error
     if not type(key).__name__.startswith("Ed25519"):
-        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
+        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=path)
     return key
 
 
@@ -405,7 +401,7 @@ def read_private(path: str | Path) -> Any:
         raise InputError(
             "It is a public key, which signs nothing. Give the private one, whose file keygen "
             "named without .pub.",
-            where=str(path),
+            where=path,
             code="public-key",
         )
     mode = stat.S_IMODE(status.st_mode)
@@ -413,13 +409,13 @@ def read_private(path: str | Path) -> Any:
         raise InputError(
             f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
             "too. Give a key of your own.",
-            where=str(path),
+            where=path,
         )
     if mode & 0o077:
         raise InputError(
             f"Others can read or write this private key: its mode is {mode:04o}. Give it mode 0600 "
             "(chmod 600), or make a new key if somebody may have copied it.",
-            where=str(path),
+            where=path,
         )
     return ed25519_key(lambda block: load_pem_private_key(block, None), data, MAKE_KEY, path)
 
@@ -491,7 +487,7 @@ def sign(
         raise CheckFailed(
             f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
             "it for its own case, or plan the other one.",
-            where=str(source),
+            where=source,
             code="case-other",
         )
     # An earlier signature goes on for the same case and robot.

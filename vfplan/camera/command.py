@@ -18,14 +18,7 @@ import click
 
 from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.cli import options
-from vfplan.cli.options import (
-    FILE,
-    DecimalNumber,
-    OutputFile,
-    Parsed,
-    option,
-    options_in_order,
-)
+from vfplan.cli.options import FILE, DecimalNumber, OutputFile, Parsed, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
 from vfplan.display import command_of, quoted, wrote

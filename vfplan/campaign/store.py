@@ -109,12 +109,12 @@ def open_folder(folder: Path, question: dict[str, Any]) -> None:
         raise OutputError(text, where=where, code="folder-is-a-file") from None
     except OSError as error:
         text = f"cannot be made: {error.strerror or error}. Name another folder"
-        raise OutputError(text, where=str(folder), code="folder-not-made") from None
+        raise OutputError(text, where=folder, code="folder-not-made") from None
     if not (folder / QUESTION_FILE).exists():
         # Files that another process is just writing have this prefix.
         if any(not path.name.startswith(".vfplan-") for path in folder.iterdir()):
             text = "is no campaign's folder, and not empty. Name another folder"
-            raise OutputError(text, where=str(folder), code="folder-not-empty")
+            raise OutputError(text, where=folder, code="folder-not-empty")
         text = json.dumps(question, indent=2) + "\n"
         write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
         return
@@ -123,7 +123,7 @@ def open_folder(folder: Path, question: dict[str, Any]) -> None:
     differing = [name for name in names if question.get(name) != stored.get(name)]
     if differing:
         text = f"holds a campaign that differs in {', '.join(differing)}. Name another folder"
-        raise OutputError(text, where=str(folder), code="another-campaign")
+        raise OutputError(text, where=folder, code="another-campaign")
 
 
 def store_block(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -167,7 +167,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     if not count or (trials is not None and count < trials):
         raise InputError(
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
-            where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
+            where=folder, code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
     joined = {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
     return question, joined
@@ -190,7 +190,7 @@ def read_question(folder: Path) -> dict[str, Any]:
     if not is_sound:
         raise InputError(
             f"is no {FORMAT} of version {VERSION}. Name the folder of vfplan campaign",
-            where=str(path), code="no-campaign",
+            where=path, code="no-campaign",
         )  # fmt: skip
     return question
 
@@ -209,7 +209,7 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
             raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError(
-            "is a damaged block. Remove it to have it made anew", where=str(path),
+            "is a damaged block. Remove it to have it made anew", where=path,
             code="damaged-block",
         ) from None  # fmt: skip
     return columns
@@ -387,7 +387,7 @@ def require_same_plan(folder: Path, fixture: Fixture) -> None:
         raise CheckFailed(
             "is a campaign of another plan: its markers, model or stiffness differ. Run "
             "vfplan campaign on this plan",
-            where=str(folder), code="campaign-of-another-plan",
+            where=folder, code="campaign-of-another-plan",
         )  # fmt: skip
 
 
@@ -409,7 +409,7 @@ def margin_for(folder: Path, p: float) -> float:
         raise CheckFailed(
             f"holds {trials} trials, which do not bound the margin for p = {p:g} from above. "
             f"Make about {needed}",
-            where=str(folder), code="too-few-trials", numbers={"trials": trials, "needed": needed},
+            where=folder, code="too-few-trials", numbers={"trials": trials, "needed": needed},
         )  # fmt: skip
     return 1e-3 * high_mm
 

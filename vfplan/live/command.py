@@ -168,7 +168,7 @@ def started_part(stack: ExitStack, path: Path) -> Path:
     part = path.with_name(f"{path.name}.part")
     if part.exists():
         message = "is there, of a recording that was cut off. Replay it, and move it away"
-        raise OutputError(message, where=str(part), code="part-exists")
+        raise OutputError(message, where=part, code="part-exists")
     stack.enter_context(made_folder(path.parent))
     return part
 

@@ -144,7 +144,7 @@ def read_markers(
         raise MarkerError(
             f"holds only {sides[0].frame} positions. Give a second file with the other side, or "
             "one table with label,u_px,v_px,x_m,y_m,z_m",
-            where=str(path), code="one-side-only",
+            where=path, code="one-side-only",
         )  # fmt: skip
     if len(sides) > 2:
         raise MarkerError(

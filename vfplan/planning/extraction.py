@@ -180,7 +180,7 @@ def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
             message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
             if settings.pixel_spacing_mm is not None:
                 raise SettingError(message, code="pixel-spacing-range")
-            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+            raise ImageError(message, where=path, code="pixel-spacing-range")
     return image
 
 

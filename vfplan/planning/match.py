@@ -383,5 +383,5 @@ def read_points(path: str | Path) -> tuple[Array, str]:
     if not np.isfinite(points).all():
         row = 1 + int(np.argmin(np.isfinite(points).all(axis=1)))
         message = f"point {row} is not finite. Correct its row"
-        raise MarkerError(message, where=str(path), code="no-number")
+        raise MarkerError(message, where=path, code="no-number")
     return points, sha256

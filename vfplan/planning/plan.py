@@ -158,7 +158,7 @@ def refuse_wrong_order(
     if order is not None:
         raise InputError(
             f"the files are in the wrong order: {order}. Give the slice first and the markers "
-            "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
+            "after it: IMAGE MARKERS [MARKERS2]", where=image, code="wrong-order",
         )  # fmt: skip
 
 

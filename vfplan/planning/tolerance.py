@@ -303,10 +303,7 @@ class CarriedPoints:
 
 
 def carry(
-    curve: Fixture,
-    registration: Registration,
-    settings: FixtureSettings,
-    tolerance_m: float | None,
+    curve: Fixture, registration: Registration, settings: FixtureSettings, tolerance_m: float | None
 ) -> CarriedPoints:
     """Carry a curve into the registration's target frame; sample it where it is ordered.
 

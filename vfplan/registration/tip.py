@@ -138,7 +138,7 @@ def read_tip(path: str | Path) -> tuple[str, Array, str]:
         is_told = False
     if not is_told or tip.shape != (3,) or not np.isfinite(tip).all():
         message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
-        raise MarkerError(message, where=str(path), code="tip-file")
+        raise MarkerError(message, where=path, code="tip-file")
     with naming_place(path):
         refuse_unit(tip)
     return tool, tip, sha256
