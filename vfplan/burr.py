@@ -22,7 +22,7 @@ from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import flattened, row_lengths
 from vfplan.replaying.findings import finding
 from vfplan.replaying.metrics import row_norms
 from vfplan.replaying.replay import Replay, replay
@@ -264,7 +264,7 @@ def burr(
 
     # The session again with these edits, as a controller would have it.
     replayed = replay(fixture, session, rule="robust", events=events)
-    depth = np.linalg.norm(ball.points - fixture.points, axis=1)
+    depth = row_lengths(ball.points - fixture.points)
     stiffness = float(np.max(fixture.stiffness))
     margin_force_n = stiffness * (contact_m - radius_m)
     # The step of the force under edits, as a part of K (R/256 + |step of the HIP|).

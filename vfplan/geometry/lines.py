@@ -42,12 +42,17 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
+def row_lengths(vectors: NDArray) -> Array:
+    """(N,) the length of each of vectors (N, k)."""
+    return np.linalg.norm(vectors, axis=1)
+
+
 def step_lengths(points: NDArray) -> Array:
     """(M - 1,) the distances of neighbouring points."""
     steps = np.diff(points, axis=0)
     if steps.shape[1] == 2:
         return np.hypot(*steps.T)
-    return np.linalg.norm(steps, axis=1)
+    return row_lengths(steps)
 
 
 def arc_lengths(points: NDArray, closed: bool) -> Array:
@@ -352,7 +357,7 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
         spline = spline_through(run, periodic and len(run) > 3)
         t = np.linspace(0, len(run) - 1, PLACES_A_STEP * (len(run) - 1) + 1)
         velocity = spline(t, 1)
-        tangents = velocity / np.linalg.norm(velocity, axis=1)[:, None]
+        tangents = velocity / row_lengths(velocity)[:, None]
         arcs = _core.arcs_along(spline(t), tangents, tolerance, PLACES_A_STEP)
         vertices.append(arcs[0][:-1])
         bulges.append(arcs[1])

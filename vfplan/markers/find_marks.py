@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.display import coordinates
 from vfplan.errors import MarkerError
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 
 Shape = Literal["cross", "dot"]
 
@@ -211,7 +211,7 @@ def marks_around(coverage: Array, place: tuple[float, float], search_px: float) 
     marks = []
     for spot in regionprops(numbers, coverage):
         top, left, bottom, right = spot.bbox
-        distance = np.linalg.norm(spot.coords[:, ::-1] - place, axis=1).min()
+        distance = row_lengths(spot.coords[:, ::-1] - place).min()
         is_cut = min(top, left) == 0 or bottom == coverage.shape[0] or right == coverage.shape[1]
         side = max(bottom - top, right - left)
         if distance > search_px or is_cut or side > MAX_SIDE_PX or spot.area < 4:

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.geometry.lines import Array, rms_length
+from vfplan.geometry.lines import Array, rms_length, row_lengths
 from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -345,7 +345,7 @@ def refine(
 
     # How far the surface moves, against what the markers allow.
     before, after = registration.apply(curve.points), refined.registration.apply(curve.points)
-    moved_m = np.linalg.norm(after - before, axis=1)
+    moved_m = row_lengths(after - before)
     bound_m = registration.tre95_curve_m(curve.points)
     moved_over_bound = float((moved_m / np.maximum(bound_m, 1e-12)).max())
     strays = np.flatnonzero(~refined.used) + 1

@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.geometry.lines import Array, Spline, length_of, spline_through
+from vfplan.geometry.lines import Array, Spline, length_of, row_lengths, spline_through
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
@@ -219,8 +219,8 @@ def dense_values(points: Array, closed: bool) -> tuple[Spline, Array, Array, Arr
     spline = spline_through(points, periodic=closed and len(points) > 3)
     t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
     first, second = spline(t, 1), spline(t, 2)
-    speed = np.linalg.norm(first, axis=1)
-    kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
+    speed = row_lengths(first)
+    kappa = row_lengths(np.cross(first, second)) / np.maximum(speed, 1e-12) ** 3
     wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
     kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
     steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.geometry.lines import Array, Flags, rms_length
+from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -497,7 +497,7 @@ class Fit:
         Every fit is made again without each marker.
         """
         problem, used = self.problem, self.used
-        errors = np.linalg.norm(self.vectors, axis=1)
+        errors = row_lengths(self.vectors)
         for i in np.flatnonzero(used):
             others = np.flatnonzero(used & (np.arange(len(used)) != i))
             errors[i] = np.nan

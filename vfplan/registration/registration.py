@@ -49,7 +49,7 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
-from vfplan.geometry.lines import Array, Flags, unit_normal
+from vfplan.geometry.lines import Array, Flags, row_lengths, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     Fit,
@@ -370,7 +370,7 @@ class Registration(Fit):
     @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
-        return np.linalg.norm(self.vectors, axis=1)
+        return row_lengths(self.vectors)
 
     @property
     def fre_rms_m(self) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
 from vfplan.registration.models import most_off, rms
 from vfplan.registration.registration import pointwise_bound
@@ -108,8 +108,7 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
             f"{worst + 1}, or record more poses that tilt the tool more",
             code="tip-error-large", numbers={"error95_m": error95_m},
         )  # fmt: skip
-    lengths = np.linalg.norm(residuals, axis=1)
-    return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+    return Tip(solution[:3], error95_m, solution[3:] + centre, row_lengths(residuals), turn_deg)
 
 
 def refuse_unit(tip: Array) -> None:

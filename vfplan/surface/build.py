@@ -15,7 +15,7 @@ from vfplan.bundle.leak import largest_cover, open_edges
 from vfplan.errors import SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
@@ -206,13 +206,13 @@ def report_of(
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    area = float(row_lengths(np.cross(b - a, c - a)).sum() / 2)
     corners = []
     for outline in sliced.outlines:
         corners += [at_height(ring, outline.z) for ring in outline.cut_rings]
     places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, fixture.mesh)(places)
-    contour_error = summary_of(np.linalg.norm(places - nearest, axis=1), places)
+    contour_error = summary_of(row_lengths(places - nearest), places)
     return {
         "slices": len(sliced.outlines),
         "spacing_mm": float(np.median(gaps_mm)),
@@ -264,7 +264,7 @@ def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
             checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)
             corners = at_height(checked, outlines[k].z)
             value, gradient = others.signed(corners)
-            slope = np.maximum(np.linalg.norm(gradient, axis=1), MIN_SLOPE)
+            slope = np.maximum(row_lengths(gradient), MIN_SLOPE)
             distances.append(np.abs(value) / slope)
             places.append(corners @ sliced.R_slice_patient)
     return summary_of(np.concatenate(distances), np.concatenate(places)) if distances else None
