@@ -71,9 +71,7 @@ class VfplanError(Exception):
         return type(self).__name__
 
     def __str__(self) -> str:
-        if self.where:
-            return f"{self.where}: {self.message}"
-        return self.message
+        return f"{self.where}: {self.message}" if self.where else self.message
 
 
 class InputError(VfplanError):

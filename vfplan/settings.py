@@ -151,9 +151,7 @@ def value_as(declared: Any, value: Any) -> Any:
         fits = MISFIT not in value and (kinds[-1] is ... or len(value) == len(kinds))
     else:
         fits = type(value) is declared or (type(value), declared) == (int, float)
-    if fits:
-        return value
-    return MISFIT
+    return value if fits else MISFIT
 
 
 def number_in(text: str) -> Any:

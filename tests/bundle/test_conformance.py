@@ -217,6 +217,4 @@ def plain(value):
         return value.rstrip(b"\0").decode()
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
         return [plain(item) for item in value]
-    if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.item())
-    return value
+    return plain(value.item()) if isinstance(value, (np.generic, np.ndarray)) else value

@@ -37,6 +37,7 @@ from vfplan.camera.sheet import (
     touched_tags,
 )
 from vfplan.errors import InputError, MarkerError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.plan import Plan
@@ -165,8 +166,7 @@ def test_a_sheet_is_printed_in_true_millimetres_or_refused(desk, vfplan_cli):
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", made)
         assert np.allclose(np.array(box.groups(), float) * 25.4 / 72, size_mm, atol=1e-3)
     # A turn and a shift carry the line onto the sheet, and its tags are 28 mm wide.
-    assert np.allclose(np.linalg.norm(np.diff(PLACES, axis=0), axis=1),
-                       np.linalg.norm(np.diff(LINE, axis=0), axis=1))  # fmt: skip
+    assert np.allclose(step_lengths(PLACES), step_lengths(LINE))
     corners = np.array(list(TAGS.values()))
     assert np.allclose(np.linalg.norm(corners[:, 1:] - corners[:, :-1], axis=2), 0.028)
     with refuses(InputError, code="sheet-too-small"):
@@ -389,7 +389,7 @@ def test_corners_of_a_real_photograph_lie_where_the_pose_says(shared_data, pictu
     tags, found = ({k: corners[quad].reshape(4, -1)[[0, 1, 3, 2]] for k, quad in enumerate(quads)}
                    for corners in (places, pixels))  # fmt: skip
     pose = locate(found, tags, camera)
-    off_px = np.linalg.norm(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2), axis=1)
+    off_px = row_lengths(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2))
     m_per_px = pose.vector[5] / camera.camera_matrix[0, 0]
     assert np.quantile(off_px, 0.95) * m_per_px < 0.3e-3
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from vector_files import RING_MM, SCHEMA, polyline, slicer
 
 from vfplan.errors import CurveError, SettingError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.vectors.read import read_vector_curve
@@ -24,7 +25,7 @@ def test_closed_curve_is_a_smooth_ring_in_metres(tmp_path):
     fine = curve.stroke(1e-4).points
     assert np.abs(np.hypot(fine[:, 0], fine[:, 1]) - 0.01).max() < 5e-6
     assert np.allclose(fine[:, 2], 0.005)
-    steps = np.linalg.norm(np.diff(np.vstack([fine, fine[:1]]), axis=0), axis=1)
+    steps = step_lengths(np.vstack([fine, fine[:1]]))
     assert steps.max() < 1.05 * steps.min()
 
 
@@ -227,7 +228,7 @@ def test_slicers_curves_are_those_that_slicer_draws(tmp_path, kind):
         fine = cKDTree(np.vstack([curve.stroke(1e-4).points, truth[-1:]]))
         assert fine.query(truth)[0].max() < 1e-4
         lines = read_vector_curve(path, curve_type="linear")
-        lengths = np.linalg.norm(np.diff(points_mm, axis=0, append=points_mm[:1]), axis=1)
+        lengths = row_lengths(np.diff(points_mm, axis=0, append=points_mm[:1]))
         assert 1e3 * lines.stroke(1e-4).length == pytest.approx(lengths[:pieces].sum(), rel=0.01)
 
 

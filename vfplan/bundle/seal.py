@@ -104,9 +104,8 @@ def seal_length(case: str, robot_serial: str) -> int:
     max_bytes = LENGTHS[-1] - HEAD.size - TAIL.size
     raise SettingError(
         f"Case and serial have {text_bytes} bytes. Give at most {max_bytes}.",
-        code="seal-texts-too-long",
-        numbers={"bytes": text_bytes, "max_bytes": max_bytes},
-    )
+        code="seal-texts-too-long", numbers={"bytes": text_bytes, "max_bytes": max_bytes},
+    )  # fmt: skip
 
 
 def with_end_of_file(payload: bytes, length: int) -> bytes:
@@ -324,9 +323,8 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
         raise OutputError(
             f"exists already, and may be the public half of a private key other than "
             f"{private_path.name}. Give the new key another name",
-            where=public_path,
-            code="public-key-exists",
-        )
+            where=public_path, code="public-key-exists",
+        )  # fmt: skip
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
         serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
@@ -401,9 +399,8 @@ def read_private(path: str | Path) -> Any:
         raise InputError(
             "It is a public key, which signs nothing. Give the private one, whose file keygen "
             "named without .pub.",
-            where=path,
-            code="public-key",
-        )
+            where=path, code="public-key",
+        )  # fmt: skip
     mode = stat.S_IMODE(status.st_mode)
     if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
         raise InputError(
@@ -487,9 +484,8 @@ def sign(
         raise CheckFailed(
             f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
             "it for its own case, or plan the other one.",
-            where=source,
-            code="case-other",
-        )
+            where=source, code="case-other",
+        )  # fmt: skip
     # An earlier signature goes on for the same case and robot.
     case = case or fixture.case or sealed.case
     robot_serial = robot_serial or sealed.robot_serial

@@ -140,9 +140,7 @@ def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None 
     if not items:
         shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
         items = shared[0].get(group)
-    if not items:
-        return None
-    return items[0].get(keyword)
+    return items[0].get(keyword) if items else None
 
 
 def pixel_axes(orientation: Any, spacing_mm: tuple[float, float]) -> NDArray[np.float64] | None:

@@ -171,9 +171,8 @@ def read_image(
         raise SettingError(
             f"max_megapixels is {max_megapixels:g}. "
             f"Give a number above 0, and at most {LARGEST_MEGAPIXELS:g}.",
-            code="out-of-range",
-            numbers={"max_megapixels": max_megapixels},
-        )
+            code="out-of-range", numbers={"max_megapixels": max_megapixels},
+        )  # fmt: skip
     max_pixels = int(1e6 * max_megapixels)
     data = read_whole(Path(path), MAX_BYTES, ImageError)
     if not data:

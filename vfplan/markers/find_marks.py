@@ -122,18 +122,16 @@ def find_markers(
             raise MarkerError(
                 f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:z.1f}, "
                 f"{v:z.1f}) px. Correct its position, or leave --find-markers out",
-                code="no-mark-near",
-                numbers={"label": label, "u_px": float(u), "v_px": float(v)},
-            )
+                code="no-mark-near", numbers={"label": label, "u_px": float(u), "v_px": float(v)},
+            )  # fmt: skip
         for other in markers:
             if np.hypot(*np.subtract(marker.position_px, other.position_px)) < 1:
                 raise MarkerError(
                     f"{other.label!r} and {label!r} were both found at "
                     f"({coordinates(marker.position_px, 1)}) px. Give each the "
                     "position of a mark of its own",
-                    code="one-mark-two-markers",
-                    numbers={"labels": [other.label, label]},
-                )
+                    code="one-mark-two-markers", numbers={"labels": [other.label, label]},
+                )  # fmt: skip
         markers.append(marker)
     return tuple(markers)
 

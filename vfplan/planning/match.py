@@ -204,9 +204,8 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
         raise ImageError(
             f"The image has {size[0]} x {size[1]} px, and the slice that the curve was drawn on "
             f"had {drawn_on[0]} x {drawn_on[1]}. Give the original, not cut and not scaled.",
-            code="image-size-differs",
-            numbers={"width_px": size[0], "height_px": size[1]},
-        )
+            code="image-size-differs", numbers={"width_px": size[0], "height_px": size[1]},
+        )  # fmt: skip
 
 
 def find_drawn(
@@ -290,9 +289,8 @@ def refuse_implausible(
                 f"the {name} markers lie {radius:.3g} m (rms) from their centre; "
                 f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_COORDINATE_M:g} m are allowed. Name their "
                 "unit in the header, as x_m, x_cm or x_mm",
-                code="layout-size",
-                numbers={"radius_m": radius},
-            )
+                code="layout-size", numbers={"radius_m": radius},
+            )  # fmt: skip
 
     size = image or curve.image
     if correspondences.source_frame != "image" or size is None:

@@ -576,9 +576,8 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
             f"the guide leads into the forbidden region: {where}, it comes within "
             f"{1e3 * (smallest + radius):.4g} mm, and R = {1e3 * radius:g} mm is the least. "
             "Draw it further away, or give a smaller --contact-radius",
-            code="guide-forbidden",
-            numbers={"distance_m": smallest + radius, "allowed_m": radius},
-        )
+            code="guide-forbidden", numbers={"distance_m": smallest + radius, "allowed_m": radius},
+        )  # fmt: skip
     if smallest < guide.radius:
         text = (
             f"The guide's tube of {1e3 * guide.radius:g} mm reaches into the forbidden region "

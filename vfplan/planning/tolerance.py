@@ -253,16 +253,13 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
         raise SettingError(
             f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "
             f"{MAX_POINTS} fit into a bundle. Give a larger tolerance",
-            code="too-many-points",
-            numbers={"points": float(count[-1])},
-        )
+            code="too-many-points", numbers={"points": float(count[-1])},
+        )  # fmt: skip
     whole = max(1, int(np.ceil(count[-1] - 1e-9)))
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    if closed:
-        return places[:-1]
-    return places
+    return places[:-1] if closed else places
 
 
 # Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges

@@ -199,9 +199,7 @@ class Number(NamedTuple):
 
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none."""
-        if value is None:
-            return ""
-        return f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
+        return "" if value is None else f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
 
 
 # How many of a unit are in the SI unit.

@@ -149,9 +149,7 @@ class Link:
     @property
     def length(self) -> float:
         """Arc length [m]."""
-        if self.sweep:
-            return abs(self.sweep) * self.radius
-        return float(np.hypot(*(self.b - self.a)))
+        return abs(self.sweep) * self.radius if self.sweep else float(np.hypot(*(self.b - self.a)))
 
     def at(self, s: Vector) -> Vector:
         """(K, 2) positions at the arc lengths s (K,) from `a`."""

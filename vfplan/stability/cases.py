@@ -124,9 +124,7 @@ def breach(engine: ProxyEngine, trace: Trace) -> float:
 def surface_direction(contact: Contact) -> Vector:
     """(3,) a unit vector along the surface, across an ignored axis."""
     axis = check_axis(contact.ignore_axis)
-    if axis is None:
-        return plane(contact.normals[0])[1]
-    return np.cross(contact.normals[0], axis)
+    return plane(contact.normals[0])[1] if axis is None else np.cross(contact.normals[0], axis)
 
 
 def random_path(contact: Contact, ticks: int) -> Vector:

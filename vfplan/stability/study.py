@@ -128,9 +128,7 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
     if fixture.guidance is None:
         return region
     guide = fixture.guidance.stiffness
-    if len(fixture.forbidden) > 0:
-        return guide + region
-    return guide
+    return guide + region if len(fixture.forbidden) > 0 else guide
 
 
 def judge(
