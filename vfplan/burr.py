@@ -17,7 +17,7 @@ from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, progress
-from vfplan.display import MM, command_of, micrometres, millimetres, wrote
+from vfplan.display import MM, Report, command_of, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
@@ -110,7 +110,7 @@ def vfplan_burr(
     )
 
 
-def burr_text(metrics: dict[str, Any]) -> str:
+def burr_text(metrics: Report) -> str:
     """What was removed, and how the force went."""
     burr = metrics["burr"]
     same = "the replay has the same bits" if burr["replayed_to_the_bit"] else "REPLAYED OTHERWISE"

@@ -11,6 +11,10 @@ import shlex
 import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+# What a command or a part of it found, by name, as `--json` prints it.
+Report = dict[str, Any]
 
 # Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20

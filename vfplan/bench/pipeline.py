@@ -61,6 +61,7 @@ from vfplan.bench.record import (
     timed,
     timed_ticks,
 )
+from vfplan.display import Report
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
@@ -464,7 +465,7 @@ def bench(
     quick: bool = False,
     peers: Sequence[Peer] = (),
     progress: Bar = lambda label, total: nullcontext(lambda n: None),
-) -> dict[str, Any]:
+) -> Report:
     """Measure error against run time.
 
     Parameters
@@ -518,7 +519,7 @@ def bench(
     return document | {"summary": summaries(document)}
 
 
-def describe_machine() -> dict[str, Any]:
+def describe_machine() -> Report:
     """Processor, cores, system, Python, NumPy."""
     processor = platform.processor() or platform.machine()
     # Other systems have no such file.

@@ -41,7 +41,7 @@ from typing import Any, BinaryIO
 
 from vfplan._core import Sealed, lookup3
 from vfplan.bundle.content import document, from_content
-from vfplan.display import command_of
+from vfplan.display import Report, command_of
 from vfplan.errors import (
     BundleError,
     CheckFailed,
@@ -72,9 +72,9 @@ SIGNED = 1
 DESPITE_FINDINGS = 2
 
 
-def describe(sealed: Sealed) -> dict[str, Any]:
+def describe(sealed: Sealed) -> Report:
     """A seal as `vfplan info --json` shows it: what is not there is absent."""
-    data: dict[str, Any] = {
+    data: Report = {
         "ok": True,
         "signed": sealed.signed,
         "key_id": sealed.key_id.hex() if sealed.signed else None,
@@ -442,7 +442,7 @@ def sign(
     registered_utc: str | None = None,
     despite_findings: bool = False,
     overwrite: bool = False,
-) -> dict[str, Any]:
+) -> Report:
     """Sign a bundle: write it again, its content unchanged, with a signed seal, described here.
 
     `case`, `robot_serial` and the time of signing are covered by the signature. A bundle that is

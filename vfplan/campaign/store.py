@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
+from vfplan.display import Report
 from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import Array
@@ -41,6 +42,9 @@ from vfplan.session.session import Session
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"
 QUESTION_FILE = "campaign.json"
+# What the trials of a folder answer.
+Question = dict[str, Any]
+
 # Largest size of a block of trials that is read. One of 64 trials is a thousandth of it.
 MAX_BLOCK_BYTES = MAX_TEXT_BYTES // 4
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
@@ -55,7 +59,7 @@ def parquet() -> Any:
 
 def campaign_question(
     fixture: Fixture, sessions: list[Session], settings: CampaignSettings
-) -> dict[str, Any]:
+) -> Question:
     """The question of a campaign, as its folder keeps it: no names, no paths."""
     plan = review_digest(replace(fixture, findings=(), reviewed=None, case=None))
     spacing = getattr(fixture.image, "pixel_spacing_mm", None)
@@ -87,7 +91,7 @@ def markers_sha256(fixture: Fixture) -> str:
     return digest.hexdigest()
 
 
-def open_folder(folder: Path, question: dict[str, Any]) -> None:
+def open_folder(folder: Path, question: Question) -> None:
     """Make the folder of a campaign, or check that it holds this question.
 
     Parameters
@@ -173,7 +177,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     return question, joined
 
 
-def read_question(folder: Path) -> dict[str, Any]:
+def read_question(folder: Path) -> Question:
     """The question that a campaign's folder holds; raises `InputError`."""
     path = folder / QUESTION_FILE
     data = read_whole(path, MAX_SETTINGS_BYTES)
@@ -348,11 +352,11 @@ def margins(
 
 
 def summary(
-    question: dict[str, Any],
+    question: Question,
     table: dict[str, Array],
     beyond_m: list[float],
     probabilities: list[float],
-) -> dict[str, Any]:
+) -> Report:
     """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]
     quantiles_mm = {}

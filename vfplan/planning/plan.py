@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vfplan.display import Report
 from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
@@ -64,7 +65,7 @@ class RegisterResult:
 
     fixture: Fixture
     registration: Registration
-    report: dict[str, Any]
+    report: Report
     findings: tuple[Finding, ...] = ()
 
 
@@ -77,7 +78,7 @@ class PlanResult:
     registered: RegisterResult
 
     @property
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """What `plan --json` reports."""
         return {"extract": self.extracted.report, "register": self.registered.report}
 

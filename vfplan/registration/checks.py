@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.display import coordinates
+from vfplan.display import Report, coordinates
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
@@ -641,7 +641,7 @@ def side_finding(registration: Registration) -> Finding | None:
     return doubt("faces-down", "register", text)
 
 
-def describe_checks(registration: Registration) -> dict[str, Any]:
+def describe_checks(registration: Registration) -> Report:
     """The scale against the known one, and the test for perspective, as `--json` reports them."""
     report = {}
     departures = scale_departures(registration)

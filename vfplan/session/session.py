@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_LISTED
+from vfplan.display import MAX_LISTED, Report
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
 from vfplan.geometry.lines import Array, interpolated, row_lengths
@@ -146,7 +146,7 @@ class SamplingReport:
         self._jump_count += len(jumps)
         self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """The `session` part of a replay's report."""
         jitter_squares = self._jitter_squares / max(1, self._intervals_without_gap)
         data = {

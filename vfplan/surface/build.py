@@ -12,6 +12,7 @@ import numpy as np
 
 from vfplan.bundle.importing import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
+from vfplan.display import Report
 from vfplan.errors import SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
@@ -86,7 +87,7 @@ class Surface:
 
     fixture: Fixture
     sliced: SlicedVolume
-    report: dict[str, Any]
+    report: Report
 
 
 def surface(
@@ -196,7 +197,7 @@ def is_thin(shape: Any, width: float) -> bool:
 
 def report_of(
     contours: Contours, sliced: SlicedVolume, fixture: Fixture, settings: SurfaceSettings
-) -> dict[str, Any]:  # fmt: skip
+) -> Report:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
     structures = [
@@ -247,7 +248,7 @@ def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
     )
 
 
-def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
+def left_out_error(sliced: SlicedVolume) -> Report | None:
     """How far each inner slice's outlines are from the surface through all others [mm].
 
     With the slices twice as far apart this is more than what the surface is off between slices,
@@ -280,7 +281,7 @@ def every_nth(points: Array, count: int) -> Array:
     return points[:: max(1, len(points) // count)]
 
 
-def summary_of(distances: Array, places: Array) -> dict[str, Any]:
+def summary_of(distances: Array, places: Array) -> Report:
     """RMS and largest of distances [m] in millimetres, and the place of the largest."""
     worst = int(distances.argmax())
     return {
