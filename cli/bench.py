@@ -10,7 +10,6 @@ import json
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import click
 from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 import click
 from vfplan.cli.next_commands import public_key_of, review_command, sign_command, verify_command

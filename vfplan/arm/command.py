@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vfplan.cli import options
 from vfplan.cli.options import FILE, number_of, option, options_in_order, output_option
