@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-
 import click
 
 from vfplan.cli.next_commands import register_command
