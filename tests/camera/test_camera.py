@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from camera_scene import CAMERA
 from chromium import Page
-from conftest import free_port, names_in, need_program
+from conftest import file_with, free_port, names_in, need_program
 from refusals import refuses
 from replays import fixture_of, write_session
 
@@ -242,8 +242,7 @@ def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
     for name, columns in (("camera_matrix", 3), ("distortion_coefficients", 5)):
         values = np.ravel(data[name]).tolist()
         nested[name] = {"rows": len(values) // columns, "cols": columns, "data": values}
-    path = tmp_path / "ros.json"
-    path.write_text(json.dumps(nested))
+    path = file_with(tmp_path / "ros.json", json.dumps(nested))
     camera = read_camera(path)
     assert np.array_equal(camera.camera_matrix, CAMERA.camera_matrix)
     assert np.array_equal(camera.distortion_coefficients, CAMERA.distortion_coefficients)
@@ -365,8 +364,7 @@ def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_
     for number, corners in TAGS.items():
         places = corners @ back[:3, :3].T + back[:3, 3]
         rows += [f"{number}.{k},{x},{y},{z}" for k, (x, y, z) in enumerate(places)]
-    file = tmp_path / "tags.csv"
-    file.write_text("\n".join(rows))
+    file = file_with(tmp_path / "tags.csv", "\n".join(rows))
     touched = touched_tags(file, PLAN)
     assert touched.keys() == TAGS.keys()
     assert all(np.allclose(touched[number], TAGS[number]) for number in TAGS)

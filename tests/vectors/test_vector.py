@@ -8,6 +8,7 @@ import tracemalloc
 import numpy as np
 import pytest
 from captures import capture
+from conftest import file_with
 from refusals import refuses
 from scipy.spatial import cKDTree
 from vector_files import RING_MM, SCHEMA, polyline, slicer
@@ -131,8 +132,7 @@ BROKEN = {
 
 @pytest.mark.parametrize(("suffix", "text"), [(s, t) for s, texts in BROKEN.items() for t in texts])
 def test_broken_files_are_refused(tmp_path, suffix, text):
-    path = tmp_path / f"c.{suffix}"
-    path.write_text(text)
+    path = file_with(tmp_path / f"c.{suffix}", text)
     with pytest.raises(CurveError):
         read_vector_curve(path)
     if suffix == "fcsv":
@@ -174,9 +174,7 @@ COLUMNS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNo
 
 def control_points(tmp_path, points_mm, header=HEADER + COLUMNS):
     rows = "".join(f"n,{x},{y},{z},0,0,0,1,1,1,0,F,,\n" for x, y, z in points_mm)
-    path = tmp_path / "c.fcsv"
-    path.write_text(header + rows)
-    return path
+    return file_with(tmp_path / "c.fcsv", header + rows)
 
 
 def test_a_control_point_table_is_the_curve_that_its_points_are_in_order(tmp_path):
