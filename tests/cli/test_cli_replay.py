@@ -179,8 +179,7 @@ def test_open_findings_are_told(vfplan_cli, files, tmp_path):
     doubtful = replace(fixture, findings=(doubt("size-unusual", "plan", "Large."),))
     vfplan.write_fixture(doubtful, tmp_path / "d.h5")
     for path, count in ((bundle, 0), (tmp_path / "d.h5", 1)):
-        run = vfplan_cli("replay", path, session, "--json")
-        warnings = run.json.get("warnings", [])
+        warnings = vfplan_cli("replay", path, session, "--json").json.get("warnings", [])
         assert len(warnings) == count
         # The bundle has no slice, so its review needs none.
         assert not any("--slice" in warning for warning in warnings)

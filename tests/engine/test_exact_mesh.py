@@ -174,8 +174,7 @@ def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned, ru
         assert trace.status[-1] == 0
         assert meshes.winding(points[corners], trace.proxy[-1:])[0] == 0
         assert engine.distance(trace.proxy[-1:])[0] >= R - engine.parameters.band
-        steps = step_lengths(trace.force)
-        assert steps.max() <= 1000 * (R / 256 + 1e-9)
+        assert step_lengths(trace.force).max() <= 1000 * (R / 256 + 1e-9)
 
 
 def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():

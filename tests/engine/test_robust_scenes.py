@@ -119,8 +119,7 @@ def test_flat_sheet_has_no_lag_and_no_cogging(speed, spacing):
     hips = scenes.travel([[-4e-3, 8e-3, 0], [-4e-3, 2e-3, 0], [4e-3, 2e-3, 2.6e-3]], speed)
     engine = vfplan.ProxyEngine(points)
     trace = play(engine, hips)
-    lag = row_lengths((trace.proxy - hips)[:, [0, 2]])
-    assert lag.max() < 1e-7
+    assert row_lengths((trace.proxy - hips)[:, [0, 2]]).max() < 1e-7
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
     assert np.ptp(trace.proxy[hips[:, 1] <= 2e-3 + 1e-12, 1]) <= 2 * engine.parameters.band
 

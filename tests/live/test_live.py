@@ -363,8 +363,7 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
         with refuses(SessionError, "mcap-broken"):
             read_ticks(path)
     # What was cut off is read as far as it is whole.
-    part = file_with(tmp_path / "a.mcap.part", data[:-40])
-    assert open_session(part).notes["cut"]
+    assert open_session(file_with(tmp_path / "a.mcap.part", data[:-40])).notes["cut"]
     for cut, fewest in (
         (data[:-40], 5000),
         (data[: len(data) // 2], 1500),

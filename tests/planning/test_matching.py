@@ -40,8 +40,7 @@ def markers(tmp_path):
 
 
 def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):
-    path = capture(tmp_path, **PLACED)
-    made = plan(path, *markers, settings=RIGID)
+    made = plan(capture(tmp_path, **PLACED), *markers, settings=RIGID)
     fixture = made.fixture
     assert fixture.frame == "robot_base"
     assert fixture.registration.source_frame == "patient_lps"

@@ -107,8 +107,7 @@ def test_truth_is_the_closed_form(name, route):
     scene = make(name)
     hips = scene.path(route, speed=0.25)
     found = scene.truth(hips, R)
-    error = row_lengths(found - CLOSED[name, route](scene, hips))
-    assert error.max() < 1e-12
+    assert row_lengths(found - CLOSED[name, route](scene, hips)).max() < 1e-12
     assert np.mean(row_lengths(found - hips) > 1e-6) > 0.2  # in contact
 
 
