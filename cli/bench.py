@@ -10,14 +10,13 @@ import json
 import tempfile
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import click
 from vfplan.cli.options import FILE, OVERWRITE, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, announce_if_slow, command, progress, statistics
 
-from vfplan.display import quoted, wrote
+from vfplan.display import Report, quoted, wrote
 from vfplan.errors import SettingError
 from vfplan.io.files import to_json_types
 from vfplan.io.writing import write_whole
@@ -89,7 +88,7 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     )
 
 
-def measure(stages: list[str], commands: tuple[str, ...], quick: bool) -> dict[str, Any]:
+def measure(stages: list[str], commands: tuple[str, ...], quick: bool) -> Report:
     """The document of a bench of now, beside the peers named or the shipped one."""
     from vfplan.bench.peers import Peer, build_nanoflann, mesh_peers
     from vfplan.bench.pipeline import bench

@@ -20,7 +20,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import wrote
+from vfplan.display import Report, wrote
 from vfplan.errors import CheckFailed, CurveError, MarkerError, SettingError
 from vfplan.planning.settings import ExtractSettings
 from vfplan.settings import settings_from_options
@@ -155,7 +155,7 @@ def write_pictures(extracted: Any, mask: Path | None, overlay: Path | None) -> N
         draw_overlay(extracted.image, extracted.extraction, overlay, findings=extracted.findings)
 
 
-def extracted_text(report: dict[str, Any]) -> str:
+def extracted_text(report: Report) -> str:
     """The extraction on a few lines."""
     lines = []
     if "image" in report:

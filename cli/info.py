@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 from vfplan.cli import options
@@ -15,7 +14,7 @@ from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 from vfplan.cli.sign import finding_lines, seal_lines
 
-from vfplan.display import command_of, count, millimetres, or_not, quoted, wrote
+from vfplan.display import Report, command_of, count, millimetres, or_not, quoted, wrote
 
 
 @command("info")
@@ -31,7 +30,7 @@ def vfplan_info(fixture) -> CommandResult:
     )  # fmt: skip
 
 
-def summary_text(data: dict[str, Any]) -> str:
+def summary_text(data: Report) -> str:
     """Frame, size, rendering, registration, leak and seal, where they are there."""
     seal = data["seal"]
     signed = f"signed by {seal['key_id']}" if seal["signed"] else "not signed"
@@ -77,7 +76,7 @@ def summary_text(data: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def signature_text(seal: dict[str, Any]) -> str:
+def signature_text(seal: Report) -> str:
     """Who signed a bundle for what, but for the time."""
     if not seal["signed"]:
         return "not signed"
@@ -159,7 +158,7 @@ def vfplan_diff(a, b, session) -> CommandResult:
     )
 
 
-def compare_replays(a: Path, b: Path, session: Path) -> tuple[dict[str, Any], bool]:
+def compare_replays(a: Path, b: Path, session: Path) -> tuple[Report, bool]:
     """Where the two replays of a session differ, and whether the tool touched a fixture."""
     from vfplan.replaying.findings import has_touched
     from vfplan.replaying.link import Comparison

@@ -17,7 +17,7 @@ from typing import Any, TypeVar, get_type_hints
 import click
 from click.core import ParameterSource
 
-from vfplan.display import count
+from vfplan.display import Report, count
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import (
     MAX_SETTINGS_BYTES,
@@ -29,6 +29,7 @@ from vfplan.io.files import (
 from vfplan.planning.settings import ExtractSettings, FixtureSettings, margin_length
 from vfplan.settings import (
     MISFIT,
+    Arguments,
     argument_of,
     chosen_options,
     flat,
@@ -403,14 +404,14 @@ FIXTURE_OPTIONS = options_in_order(
 )  # fmt: skip
 
 
-def given_settings(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
+def given_settings(kind: type, arguments: Arguments) -> Arguments:
     """The settings of a class that were typed or stand in a file of settings, by name."""
     source_of = click.get_current_context().get_parameter_source
     given = {n: v for n, v in arguments.items() if source_of(n) is not ParameterSource.DEFAULT}
     return chosen_options(kind, given)
 
 
-def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
+def given_of_plan(arguments: Arguments) -> Arguments:
     """The same of a fixture, with the margin of a campaign in place of its probability."""
     margin = arguments["margin"]
     if isinstance(margin, float) != (arguments["campaign"] is not None):
@@ -425,7 +426,7 @@ def given_of_plan(arguments: dict[str, Any]) -> dict[str, Any]:
     return given
 
 
-def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
+def check_campaign_matches(arguments: Arguments, fixture: Any) -> None:
     """Refuse the margin of a campaign on another plan."""
     if arguments["campaign"] is not None:
         from vfplan.campaign.store import require_same_plan
@@ -437,7 +438,7 @@ def check_campaign_matches(arguments: dict[str, Any], fixture: Any) -> None:
 SETTINGS = (*fields(ExtractSettings), *fields(FixtureSettings))
 
 
-def settings_of_file(path: Path) -> dict[str, Any]:
+def settings_of_file(path: Path) -> Arguments:
     """The settings in a file, of those whose options the running command has and nobody typed.
 
     The file is one JSON object, which may also stand in place of the file's name. Its names are the
@@ -512,7 +513,7 @@ def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return settings
 
 
-def trust(arguments: dict[str, Any]) -> Any:
+def trust(arguments: Arguments) -> Any:
     """The `vfplan.Trust` that `signature_options` ask for, or `None`."""
     if arguments["keys"] is None:
         refuse_unused("without --require-signature KEYS", *SIGNED_FOR, "max_age")
@@ -523,7 +524,7 @@ def trust(arguments: dict[str, Any]) -> Any:
     return Trust(read_keys(arguments["keys"]), *demands)
 
 
-def not_compared(seal: dict[str, Any], arguments: dict[str, Any]) -> dict[str, str]:
+def not_compared(seal: Report, arguments: Arguments) -> dict[str, str]:
     """What a trusted signature is for and the command did not demand, with a warning for each.
 
     seal: as `read_sealed` gives it

@@ -59,7 +59,7 @@ def refuse_folder(folder: Path | None, *names: str) -> None:
 
 def refusal(path: Path, message: str, code: str) -> OutputError:
     """The error of a path that is no place for an output."""
-    return OutputError(message, where=str(path), code=code)
+    return OutputError(message, where=path, code=code)
 
 
 def _refuse(paths: list[Path]) -> None:

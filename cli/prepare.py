@@ -196,7 +196,7 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
                 f"has {count(len(columns), 'column')}: {', '.join(columns)[:70]}. Give "
                 f"{','.join(named)}, or 16 numbers of a matrix"
             )
-            raise InputError(message, where=str(path), code="pose-columns")
+            raise InputError(message, where=path, code="pose-columns")
     rows = np.concatenate([np.zeros((0, len(columns))), *table.blocks(columns)])
     is_pose = np.isfinite(rows).all(axis=1)
     if len(columns) == 7:
@@ -214,7 +214,7 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
             "order that is read. Give w before x, y, z, and a matrix column by column, or "
             "--row-major"
         )
-        raise InputError(message, where=str(path), code="pose-invalid", numbers={"pose": i + 1})
+        raise InputError(message, where=path, code="pose-invalid", numbers={"pose": i + 1})
     if len(columns) == 7:
         poses = matrices(rows)
     poses[:, :3, 3] *= unit_factor(units)

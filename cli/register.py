@@ -13,7 +13,7 @@ from vfplan.cli.options import FILE, MM_OR_ZERO, option, options_in_order, outpu
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, micrometres, millimetres, wrote
+from vfplan.display import Report, count, micrometres, millimetres, wrote
 
 
 @command(
@@ -93,7 +93,7 @@ def write_registration_picture(
     draw_registration(planned.registration, curve, picture, image=image)
 
 
-def registered_text(report: dict[str, Any]) -> str:
+def registered_text(report: Report) -> str:
     """The registration on a screen: how well the markers fit, and how far off the curve may be."""
     residuals = report["residuals"]
     used = [marker for marker in residuals if marker["used"]]

@@ -15,7 +15,7 @@ from vfplan.cli.options import FILE, DecimalNumber, WholeNumber, number_of, opti
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import command_of, count, in_singular, millimetres, wrote
+from vfplan.display import Report, command_of, count, in_singular, millimetres, wrote
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
 from vfplan.settings import settings_from_options
@@ -289,7 +289,7 @@ FIGURES = {
 }  # fmt: skip
 
 
-def replay_text(report: dict[str, Any]) -> str:
+def replay_text(report: Report) -> str:
     """The report of a replay on a screen."""
     from vfplan.replaying.findings import check_text, guides_alone, untested_reason
     from vfplan.replaying.link import apart_text, link_text
@@ -316,7 +316,7 @@ def replay_text(report: dict[str, Any]) -> str:
     return in_singular("\n".join(lines))
 
 
-def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
+def figure_lines(report: Report, indent: str = "") -> list[str]:
     """The figures of one rule."""
     from vfplan.replaying.metrics import NUMBERS
 
@@ -333,7 +333,7 @@ def figure_lines(report: dict[str, Any], indent: str = "") -> list[str]:
     return [indent + line.format(**told) for key, line in figures.items() if key in report]
 
 
-def failed_line(report: dict[str, Any]) -> str:
+def failed_line(report: Report) -> str:
     """Why the exit code is 1; empty where it is 0."""
     from vfplan.replaying.findings import check_text, untested_reason
 
@@ -344,7 +344,7 @@ def failed_line(report: dict[str, Any]) -> str:
 
 
 def next_step(
-    report: dict[str, Any], fixture: Path, robot: Path | None, index_page: Path | None,
+    report: Report, fixture: Path, robot: Path | None, index_page: Path | None,
     wrote_files: bool,
 ) -> str:  # fmt: skip
     """What to do after the replay of a fixture; fixture and robot are named as they were typed.

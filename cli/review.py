@@ -22,15 +22,7 @@ from vfplan.cli.next_commands import (
     typed_options,
     verify_command,
 )
-from vfplan.cli.options import (
-    FILE,
-    HDF5,
-    OVERWRITE,
-    PNG,
-    OutputFile,
-    option,
-    options_in_order,
-)
+from vfplan.cli.options import FILE, HDF5, OVERWRITE, PNG, OutputFile, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command, command_line, noted_signals
 
@@ -38,7 +30,7 @@ from vfplan.display import command_of, quoted, wrote
 from vfplan.io.files import naming_place
 from vfplan.io.writing import remove_quietly, write_whole
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import settings_from_options
+from vfplan.settings import Arguments, settings_from_options
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -105,7 +97,7 @@ def vfplan_review(output, sheet_out, print_out, **arguments) -> CommandResult:
     return draw_sheet(sheet_out, print_out, arguments)
 
 
-def serve_page(output: Path, arguments: dict[str, Any]) -> CommandResult:
+def serve_page(output: Path, arguments: Arguments) -> CommandResult:
     """Serve the review page until the person approves or leaves."""
     from vfplan.bundle.seal import check_texts, read_private
     from vfplan.review.rendered import visible_name
@@ -197,7 +189,7 @@ def open_page(door: Path, address: str) -> None:
         )
 
 
-def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) -> None:
+def write_approved(fixture: Fixture, output: Path, arguments: Arguments) -> None:
     """Write an approved bundle, signed where there is a key."""
     from vfplan.bundle.seal import sign
     from vfplan.bundle.write import write_fixture
@@ -213,7 +205,7 @@ def write_approved(fixture: Fixture, output: Path, arguments: dict[str, Any]) ->
 
 
 def draw_sheet(
-    sheet_out: Path | None, print_out: Path | None, arguments: dict[str, Any]
+    sheet_out: Path | None, print_out: Path | None, arguments: Arguments
 ) -> CommandResult:
     """Draw the review sheet, or the plan for a printer, or both."""
     from vfplan.review.rendered import rendered_in_json
@@ -266,7 +258,7 @@ def draw_sheet(
     )  # fmt: skip
 
 
-def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
+def sheet_of_slice(arguments: Arguments, settings: ExtractSettings) -> Any:
     """What the sheet of a planned slice shows, with or without markers."""
     from vfplan.planning.extraction import extract
     from vfplan.planning.plan import plan
@@ -284,18 +276,14 @@ def sheet_of_slice(arguments: dict[str, Any], settings: ExtractSettings) -> Any:
     return Plan.of(planned.fixture, source.name, planned.extracted.image)
 
 
-def sheet_of_bundle(arguments: dict[str, Any]) -> Any:
+def sheet_of_bundle(arguments: Arguments) -> Any:
     """What the sheet of a curve or a fixture shows, with or without its slice and markers."""
     from vfplan.bundle.read import read_fixture
     from vfplan.images.read import flat_as_planned, slice_file
     from vfplan.planning.extraction import read_slice
     from vfplan.planning.plan import planning_of, register
     from vfplan.review.geometry import extraction_of
-    from vfplan.review.plan import (
-        Plan,
-        refuse_extraction_of_extracted,
-        refuse_planning_of_planned,
-    )
+    from vfplan.review.plan import Plan, refuse_extraction_of_extracted, refuse_planning_of_planned
     from vfplan.stability.study import with_verdict_by
 
     source, markers = arguments["source"], arguments["markers"]

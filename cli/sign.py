@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
 
 import click
 from vfplan.cli.next_commands import public_key_of, review_command, sign_command, verify_command
@@ -22,7 +21,7 @@ from vfplan.cli.options import (
 from vfplan.cli.outputs import is_overwriting, outputs
 from vfplan.cli.run import CommandResult, command, command_line
 
-from vfplan.display import quoted, wrote
+from vfplan.display import Report, quoted, wrote
 from vfplan.errors import CheckFailed
 
 
@@ -111,13 +110,13 @@ def vfplan_verify(fixture, **arguments) -> CommandResult:
     )  # fmt: skip
 
 
-def seal_lines(seal: dict[str, Any]) -> list[str]:
+def seal_lines(seal: Report) -> list[str]:
     """What a signature is for: case, robot and time, where they are given."""
     words = ("case", "case"), ("robot_serial", "robot"), ("signed_utc", "time")
     return [f"  {word:<11} {seal[name]}" for name, word in words if name in seal]
 
 
-def finding_lines(findings: list[dict[str, Any]], reviewed: dict[str, str] | None) -> list[str]:
+def finding_lines(findings: list[Report], reviewed: dict[str, str] | None) -> list[str]:
     """Who reviewed the plan, and its findings, a line each."""
     who = "nobody" if reviewed is None else f"{reviewed['by']}, {reviewed['utc']}"
     lines = [f"  reviewed    by {who}"]

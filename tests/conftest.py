@@ -103,6 +103,12 @@ def names_in(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
+def file_with(path: Path, content: str | bytes) -> Path:
+    """The path of a file, once this is written there."""
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
 def missing(reason: str) -> NoReturn:
     """Skip the test for want of something; fail it where everything must be there (CI)."""
     if os.environ.get("VFPLAN_REQUIRE_PACKAGES"):

@@ -108,8 +108,7 @@ def two_slices(folder):
     """Open curves on slices that say where they lie."""
     place = {"ImageOrientationPatient": [1, 0, 0, 0, 1, 0], "PixelSpacing": [0.5, 0.5]}
     for z in range(2):
-        path = capture(folder, **place, ImagePositionPatient=[0, 0, z])
-        path.rename(folder / f"{z}.dcm")
+        capture(folder, **place, ImagePositionPatient=[0, 0, z]).rename(folder / f"{z}.dcm")
     return folder
 
 

@@ -7,6 +7,7 @@ import json
 from importlib.resources import files
 
 import pytest
+from conftest import file_with
 from refusals import refuses
 
 from vfplan.errors import InputError
@@ -38,9 +39,7 @@ def test_the_fr3_stands_beside_the_panda():
 
 
 def test_a_file_of_ones_own(tmp_path):
-    path = tmp_path / "mine.toml"
-    path.write_text(GOOD)
-    assert read_robot(path) == Robot("mine", 2, 0.0, 500.0)
+    assert read_robot(file_with(tmp_path / "mine.toml", GOOD)) == Robot("mine", 2, 0.0, 500.0)
 
 
 def test_schema_and_type_name_the_same_things():
@@ -82,7 +81,7 @@ LINES = [
 def test_what_the_schema_does_not_allow(tmp_path, line, code):
     key = line.split()[0]
     lines = [kept for kept in GOOD.splitlines() if not kept.startswith(f"{key} ")]
-    path = tmp_path / "robot.toml"
-    path.write_text("\n".join([*lines, *[line] * (code != "robot-incomplete")]))
+    text = "\n".join([*lines, *[line] * (code != "robot-incomplete")])
+    path = file_with(tmp_path / "robot.toml", text)
     with refuses(InputError, code):
         read_robot(path)

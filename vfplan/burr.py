@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,12 +17,12 @@ from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, progress
-from vfplan.display import MM, command_of, micrometres, millimetres, wrote
+from vfplan.display import MM, Report, command_of, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import flattened, row_lengths
 from vfplan.replaying.findings import finding
 from vfplan.replaying.metrics import row_norms
 from vfplan.replaying.replay import Replay, replay
@@ -110,7 +110,7 @@ def vfplan_burr(
     )
 
 
-def burr_text(metrics: dict[str, Any]) -> str:
+def burr_text(metrics: Report) -> str:
     """What was removed, and how the force went."""
     burr = metrics["burr"]
     same = "the replay has the same bits" if burr["replayed_to_the_bit"] else "REPLAYED OTHERWISE"
@@ -264,7 +264,7 @@ def burr(
 
     # The session again with these edits, as a controller would have it.
     replayed = replay(fixture, session, rule="robust", events=events)
-    depth = np.linalg.norm(ball.points - fixture.points, axis=1)
+    depth = row_lengths(ball.points - fixture.points)
     stiffness = float(np.max(fixture.stiffness))
     margin_force_n = stiffness * (contact_m - radius_m)
     # The step of the force under edits, as a part of K (R/256 + |step of the HIP|).

@@ -130,7 +130,7 @@ class Controller(_core.Controller):
         if not keys and (demands != (None, None, None) or not accept_unsigned):
             raise SignatureError(
                 "comes without keys to check it with. Give keys, or accept_unsigned=True alone.",
-                where=str(path), code="signature.missing",
+                where=path, code="signature.missing",
             )  # fmt: skip
         governor = governor or Governor(
             force_step_n=1.0, force_max_n=20.0, stiffness_n_per_m=1.0, mass_kg=1.0

@@ -11,6 +11,10 @@ import shlex
 import unicodedata
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+# What a command or a part of it found, by name, as `--json` prints it.
+Report = dict[str, Any]
 
 # Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20
@@ -121,9 +125,7 @@ def wrote(*paths: str | Path | None) -> str:
 
 def count(number: int, noun: str) -> str:
     """A number of things, e.g. "1 point" or "3 points"."""
-    if number == 1:
-        return f"1 {noun}"
-    return f"{number} {noun}s"
+    return f"1 {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def in_singular(text: str) -> str:
@@ -133,12 +135,8 @@ def in_singular(text: str) -> str:
 
 def or_not(is_so: bool, word: str) -> str:
     """A word or its opposite, e.g. "signed" or "not signed"."""
-    if is_so:
-        return word
-    return f"not {word}"
+    return word if is_so else f"not {word}"
 
 
 def _scaled(value: float | None, factor: float, decimals: int, unit: str) -> str:
-    if value is None:
-        return "unknown"
-    return f"{value * factor:z.{decimals}f} {unit}"
+    return "unknown" if value is None else f"{value * factor:z.{decimals}f} {unit}"

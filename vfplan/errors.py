@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 
@@ -39,7 +40,7 @@ class VfplanError(Exception):
     message
         What is wrong, the value found, and what is allowed.
     where
-        The place: a file's name, a label, a path inside a bundle; `None` when there is none.
+        The place: a file, a label, a path inside a bundle; `None` when there is none.
     code
         A stable name of what is wrong, such as "line-forks". Without one it is the class's own.
     numbers
@@ -53,13 +54,13 @@ class VfplanError(Exception):
         self,
         message: str,
         *,
-        where: str | None = None,
+        where: str | Path | None = None,
         code: str | None = None,
         numbers: dict[str, Any] | None = None,
     ) -> None:
         super().__init__(message)
         self.message = message
-        self.where = where
+        self.where = None if where is None else str(where)
         if code is not None:
             self.code = code
         self.numbers = dict(numbers or {})
@@ -70,9 +71,7 @@ class VfplanError(Exception):
         return type(self).__name__
 
     def __str__(self) -> str:
-        if self.where:
-            return f"{self.where}: {self.message}"
-        return self.message
+        return f"{self.where}: {self.message}" if self.where else self.message
 
 
 class InputError(VfplanError):

@@ -564,9 +564,7 @@ class Fixture:
 
 
 def _rows_of(values: NDArray | None, rows: Flags) -> NDArray | None:
-    if values is None:
-        return None
-    return values[rows]
+    return None if values is None else values[rows]
 
 
 def size_doubt(points: Array) -> str | None:

@@ -160,9 +160,7 @@ def normal_vector(p: Vector, proxy: Vector, r1: float, r3: float) -> Vector:
     nk = (outward / r[:, None] * phi[:, None]).sum(axis=0)
     length = np.linalg.norm(nk)
     # A sum of eq. (1) that cancels to rounding has no direction.
-    if length <= ROUNDING * phi.sum():
-        return np.zeros(3)
-    return nk / length
+    return np.zeros(3) if length <= ROUNDING * phi.sum() else nk / length
 
 
 def wendland(r: Vector, r1: float, r3: float) -> Vector:
@@ -197,9 +195,7 @@ def first_contact(w: Vector, direction: Vector, radius: float) -> float:
     hit = discriminant >= 0
     d0 = ahead[hit] - np.sqrt(discriminant[hit])
     d0 = d0[d0 >= 0]
-    if not d0.size:
-        return np.inf
-    return float(d0.min())
+    return float(d0.min()) if d0.size else np.inf
 
 
 def projection(u: Vector, n: Vector) -> Vector:
@@ -215,9 +211,7 @@ def tangential_step(up: Vector, par: ProxyParameters) -> float:
 def along(v: Vector, d: float) -> Vector:
     """d v / |v|; 0 when v is 0."""
     length = np.linalg.norm(v)
-    if length == 0:
-        return np.zeros(3)
-    return d * v / length
+    return np.zeros(3) if length == 0 else d * v / length
 
 
 def step_in_contact(u: Vector, n: Vector, par: ProxyParameters) -> Vector:
@@ -250,6 +244,4 @@ def virtual_force(across: Vector, par: ProxyParameters) -> Vector:
     """
     force = par.stiffness * across
     a = par.ignore_axis
-    if a is None:
-        return force
-    return force - (force @ a) * a
+    return force if a is None else force - (force @ a) * a

@@ -97,7 +97,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
             raise
         except UnicodeDecodeError:
             raise InputError(
-                f"is not text. Give {choices}", where=str(choice), code="not-text"
+                f"is not text. Give {choices}", where=choice, code="not-text"
             ) from None
     import tomllib
 
@@ -107,7 +107,7 @@ def read_robot(choice: str | Path | None) -> Robot | None:
         # Besides its own kind of ValueError also another, for a number of thousands of digits, and
         # RecursionError for tables within tables without end.
         raise InputError(
-            f"is no robot file: {error}. Correct its TOML", where=str(choice), code="robot-not-toml"
+            f"is no robot file: {error}. Correct its TOML", where=choice, code="robot-not-toml"
         ) from None
     check_robot(values, where=str(choice))
     fields = {

@@ -16,6 +16,9 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from vfplan.errors import InputError, SettingError
 
+# What a command was given: the name of each option and its value.
+Arguments = dict[str, Any]
+
 # Unit that a person types a setting in -> what it is in SI units. Any other unit is SI.
 SCALES = {"mm": 1e-3, "1/mm": 1e3}
 
@@ -61,7 +64,7 @@ def scale_of(setting: Field) -> float:
     return SCALES.get(setting.metadata.get("unit", ""), 1.0)
 
 
-def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
+def chosen_options(kind: type, arguments: Arguments) -> Arguments:
     """The settings of a class among a command's arguments; `None` is an option not typed.
 
     Those that came from a file are the argument `from_file`, by their names.
@@ -78,7 +81,7 @@ def chosen_options(kind: type, arguments: dict[str, Any]) -> dict[str, Any]:
     return chosen
 
 
-def settings_from_options(kind: type, arguments: dict[str, Any]) -> Any:
+def settings_from_options(kind: type, arguments: Arguments) -> Any:
     """A dataclass of settings from the arguments of a command."""
     return kind(**chosen_options(kind, arguments))
 
@@ -151,9 +154,7 @@ def value_as(declared: Any, value: Any) -> Any:
         fits = MISFIT not in value and (kinds[-1] is ... or len(value) == len(kinds))
     else:
         fits = type(value) is declared or (type(value), declared) == (int, float)
-    if fits:
-        return value
-    return MISFIT
+    return value if fits else MISFIT
 
 
 def number_in(text: str) -> Any:

@@ -19,7 +19,7 @@ import numpy as np
 from vfplan.display import MAX_DRAWN, nice_length
 from vfplan.errors import MissingExtra
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import ring_of
+from vfplan.geometry.lines import ring_of, row_lengths
 from vfplan.images.read import PlannedImage, as_uint8, plane_of_slice
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
@@ -270,7 +270,7 @@ def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
         ball = pyvista.Sphere(radius=share * radius, center=centre)
         plotter.add_mesh(ball, color=colour, opacity=opacity, name=name)
     plotter.add_arrows(proxy, ticks.normal[tick], 2.0 * radius, color=PROXY, name="normal")
-    force = np.linalg.norm(ticks.force, axis=1)
+    force = row_lengths(ticks.force)
     scale = 1.4 * radius / max(force.max(), 1e-12)
     plotter.add_arrows(hip, ticks.force[tick], scale, color=FORCE, name="force")
     depth = 1e3 * ticks.penetration[tick]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from conftest import file_with
 from refusals import refuses
 
 from vfplan.arm.model import ARMS, MAX_NODES, Arm
@@ -17,9 +18,7 @@ TWO = """<mujoco><worldbody><body><inertial pos="0.2 0 0" mass="2" diaginertia="
 
 
 def written(tmp_path, text):
-    path = tmp_path / "arm.xml"
-    path.write_text(text)
-    return path
+    return file_with(tmp_path / "arm.xml", text)
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -83,8 +82,7 @@ def test_a_simulation_that_warns_leaves_no_file(tmp_path, monkeypatch, caplog):
 
 
 def test_a_file_that_is_no_text_is_refused(tmp_path):
-    path = tmp_path / "arm.xml"
-    path.write_bytes(b"<mujoco>\xff</mujoco>")
+    path = file_with(tmp_path / "arm.xml", b"<mujoco>\xff</mujoco>")
     with pytest.raises(InputError, match="is not text"):
         Arm(path, ROBOT)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, file_with
 
 from vfplan import ProxyParameters
 from vfplan.bench.peers import Peer, mesh_peers
@@ -189,8 +189,7 @@ with open(folder / "proxies.csv", "w") as out:
 
 
 def python_peer(folder, body):
-    program = folder / "peer.py"
-    program.write_text(PEER.replace("{body}", body))
+    program = file_with(folder / "peer.py", PEER.replace("{body}", body))
     return Peer(f"{sys.executable} {program}")
 
 

@@ -94,8 +94,7 @@ def test_constants_and_documentation_are_those_of_the_schema():
 
 
 @pytest.mark.parametrize(
-    ("components", "target"),
-    [("", "headers"), ("COMPONENTS hdf5", "hdf5"), ("", "vfplan")],
+    ("components", "target"), [("", "headers"), ("COMPONENTS hdf5", "hdf5"), ("", "vfplan")]
 )
 def test_a_program_reads_bundles_without_a_library(components, target, tmp_path):
     """By the reader's earlier names too, from when it needed libhdf5."""

@@ -14,7 +14,7 @@ import damage
 import h5py
 import hostile
 import pytest
-from conftest import ROOT, output
+from conftest import ROOT, file_with, output
 
 import vfplan
 from vfplan.bundle import seal
@@ -109,8 +109,7 @@ def test_a_bundle_that_was_cut_is_a_truncated_file_to_libhdf5(sealed_bytes):
 
 def test_nothing_of_another_file_is_opened(tmp_path):
     """A secret beside the bundle is not read, whichever way the bundle points at it."""
-    secret = tmp_path / "secret.h5"
-    secret.write_bytes(b"\0" * 560)
+    secret = file_with(tmp_path / "secret.h5", b"\0" * 560)
     before = secret.stat().st_atime_ns
     os.utime(secret, ns=(0, 0))
     for function in (

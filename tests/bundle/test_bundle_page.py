@@ -16,7 +16,7 @@ import bundles
 import h5py
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, file_with
 from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives.serialization import load_pem_public_key
 from vfplan._core import lookup3
@@ -133,8 +133,7 @@ def written(points):
 
 def test_the_page_tells_how_a_bundle_is_written(tmp_path):
     points = 0.4 + (bundles.large(60).points - 0.4) * 0.2
-    path = tmp_path / "theirs.h5"
-    path.write_bytes(written(points))
+    path = file_with(tmp_path / "theirs.h5", written(points))
     check_seal(path.read_bytes())
     assert [issue.code for issue in validate(path)] == ["seal.unsigned", "review.missing"]
     fixture = vfplan.read_fixture(path)

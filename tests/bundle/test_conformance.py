@@ -10,7 +10,7 @@ import fuzz_bundle
 import hostile
 import numpy as np
 import pytest
-from conftest import ROOT, need_program, output
+from conftest import ROOT, file_with, need_program, output
 from docs_modules import load
 
 from vfplan.bundle.content import table
@@ -113,8 +113,7 @@ def test_a_rendered_path_is_what_the_engine_gives(kit):
 
 def test_the_runner_says_where_a_reader_is_wrong(kit, tmp_path, capsys):
     """A reader that reads everything as an empty object, and one that dies."""
-    program = tmp_path / "reader.py"
-    program.write_text("print('{}')\n")
+    program = file_with(tmp_path / "reader.py", "print('{}')\n")
     assert runner.main(["--kit", str(kit), sys.executable, str(program)]) == 1
     printed = capsys.readouterr().out
     assert "reads what it must refuse" in printed
@@ -217,6 +216,4 @@ def plain(value):
         return value.rstrip(b"\0").decode()
     if isinstance(value, (list, tuple)) or (isinstance(value, np.ndarray) and value.ndim):
         return [plain(item) for item in value]
-    if isinstance(value, (np.generic, np.ndarray)):
-        return plain(value.item())
-    return value
+    return plain(value.item()) if isinstance(value, (np.generic, np.ndarray)) else value

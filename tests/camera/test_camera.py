@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from camera_scene import CAMERA
 from chromium import Page
-from conftest import free_port, names_in, need_program
+from conftest import file_with, free_port, names_in, need_program
 from refusals import refuses
 from replays import fixture_of, write_session
 
@@ -37,6 +37,7 @@ from vfplan.camera.sheet import (
     touched_tags,
 )
 from vfplan.errors import InputError, MarkerError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.io.files import to_json_types
 from vfplan.review import paper
 from vfplan.review.plan import Plan
@@ -165,8 +166,7 @@ def test_a_sheet_is_printed_in_true_millimetres_or_refused(desk, vfplan_cli):
         box = re.search(rb"/MediaBox \[ ?0 0 ([\d.]+) ([\d.]+)", made)
         assert np.allclose(np.array(box.groups(), float) * 25.4 / 72, size_mm, atol=1e-3)
     # A turn and a shift carry the line onto the sheet, and its tags are 28 mm wide.
-    assert np.allclose(np.linalg.norm(np.diff(PLACES, axis=0), axis=1),
-                       np.linalg.norm(np.diff(LINE, axis=0), axis=1))  # fmt: skip
+    assert np.allclose(step_lengths(PLACES), step_lengths(LINE))
     corners = np.array(list(TAGS.values()))
     assert np.allclose(np.linalg.norm(corners[:, 1:] - corners[:, :-1], axis=2), 0.028)
     with refuses(InputError, code="sheet-too-small"):
@@ -242,8 +242,7 @@ def test_a_calibration_is_read_as_ros_nests_it_too(tmp_path):
     for name, columns in (("camera_matrix", 3), ("distortion_coefficients", 5)):
         values = np.ravel(data[name]).tolist()
         nested[name] = {"rows": len(values) // columns, "cols": columns, "data": values}
-    path = tmp_path / "ros.json"
-    path.write_text(json.dumps(nested))
+    path = file_with(tmp_path / "ros.json", json.dumps(nested))
     camera = read_camera(path)
     assert np.array_equal(camera.camera_matrix, CAMERA.camera_matrix)
     assert np.array_equal(camera.distortion_coefficients, CAMERA.distortion_coefficients)
@@ -365,8 +364,7 @@ def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_
     for number, corners in TAGS.items():
         places = corners @ back[:3, :3].T + back[:3, 3]
         rows += [f"{number}.{k},{x},{y},{z}" for k, (x, y, z) in enumerate(places)]
-    file = tmp_path / "tags.csv"
-    file.write_text("\n".join(rows))
+    file = file_with(tmp_path / "tags.csv", "\n".join(rows))
     touched = touched_tags(file, PLAN)
     assert touched.keys() == TAGS.keys()
     assert all(np.allclose(touched[number], TAGS[number]) for number in TAGS)
@@ -389,7 +387,7 @@ def test_corners_of_a_real_photograph_lie_where_the_pose_says(shared_data, pictu
     tags, found = ({k: corners[quad].reshape(4, -1)[[0, 1, 3, 2]] for k, quad in enumerate(quads)}
                    for corners in (places, pixels))  # fmt: skip
     pose = locate(found, tags, camera)
-    off_px = np.linalg.norm(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2), axis=1)
+    off_px = row_lengths(pose.project(places.reshape(-1, 3)) - pixels.reshape(-1, 2))
     m_per_px = pose.vector[5] / camera.camera_matrix[0, 0]
     assert np.quantile(off_px, 0.95) * m_per_px < 0.3e-3
 

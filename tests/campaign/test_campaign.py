@@ -69,8 +69,7 @@ def settings(**more):
 
 def leverage():
     """h of the middle of the line: the variance of its place over a marker's, each axis."""
-    f = line_fixture()
-    x = np.column_stack([f.registration.source, np.ones(9)])
+    x = np.column_stack([line_fixture().registration.source, np.ones(9)])
     at = np.array([300.0, 300.0, 1.0])
     return at @ np.linalg.inv(x.T @ x) @ at
 
@@ -122,8 +121,7 @@ def line_depths():
     The surface is moved across the line by a + b s, so that a hand that goes along it is deepest
     where it begins or where it ends.
     """
-    f = line_fixture()
-    x = np.column_stack([f.registration.source, np.ones(9)])
+    x = np.column_stack([line_fixture().registration.source, np.ones(9)])
     clear = (R + 5e-3) / 5e-4  # [px]
     at = np.array([[150 + clear, 300, 1], [450 - clear, 300, 1]])
     both = FLE**2 / 3 * at @ np.linalg.inv(x.T @ x) @ at.T

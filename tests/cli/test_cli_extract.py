@@ -65,8 +65,7 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     (begin, _) = done.json["strokes"][0]["ends_px"]
     assert np.hypot(*(np.array(begin) - CURVE[-1])) < 2
     assert done.json["account"] == []
-    whole = vfplan_cli("extract", image, "-o", tmp_path / "e.h5", "--json").json
-    (entry,) = whole["account"]
+    (entry,) = vfplan_cli("extract", image, "-o", tmp_path / "e.h5", "--json").json["account"]
     assert (entry["number"], entry["what"]) == (1, "ink")
     assert (entry["u"], entry["v"]) == pytest.approx((65, 23), abs=2)
     assert entry["pixels"] == pytest.approx(160, abs=30)

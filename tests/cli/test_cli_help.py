@@ -6,7 +6,7 @@ import json
 
 import click
 import pytest
-from conftest import ELBOW
+from conftest import ELBOW, file_with
 from vfplan.cli.main import COMMANDS, GROUPS, cli
 
 PAGED = ("plan", "register", "extract", "replay", "stability", "bench", "campaign", "rehearse")
@@ -64,8 +64,7 @@ def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, tmp_
         "point_radius": 0.001, "max_residual_m": 0.002, "max_tre_m": None, "guide_m": 0.002,
         "guide_pull": [1.0, 0.01],
     }  # fmt: skip
-    path = tmp_path / "settings.json"
-    path.write_text(json.dumps(settings))
+    path = file_with(tmp_path / "settings.json", json.dumps(settings))
     typed = "--pixel-spacing 0.5 --tolerance 0.02 --stiffness 800 --point-radius 1 "
     typed += "--max-residual 2 --max-tre none --guide 2 --guide-pull 1,10"
     for name, words in (("a.h5", ("--settings", path)), ("b.h5", typed.split())):

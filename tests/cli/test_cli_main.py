@@ -20,8 +20,7 @@ def test_without_a_command_the_help_is_shown(vfplan_cli):
     [("registr", "Did you mean 'register'?"), ("xyzzy", "Choose one of plan, extract, register")],
 )
 def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hint):
-    run = vfplan_cli(word).fails(2, f"no command '{word}'. {hint}")
-    assert run.stdout == ""
+    assert vfplan_cli(word).fails(2, f"no command '{word}'. {hint}").stdout == ""
 
 
 def test_numbers_of_a_fault_are_plain_json(monkeypatch, tmp_path):

@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import ELBOW, names_in
+from conftest import ELBOW, file_with, names_in
 from replays import fixture_of, write_session
 
 import vfplan
@@ -67,8 +67,7 @@ def test_an_arm_that_would_stop_ends_with_one(scene, vfplan_cli, tmp_path, root)
 
 
 def test_bad_calls(scene, vfplan_cli, tmp_path):
-    model = tmp_path / "arm.xml"
-    model.write_text("<mujoco><include file='a'/></mujoco>")
+    model = file_with(tmp_path / "arm.xml", "<mujoco><include file='a'/></mujoco>")
     for code, words, *more in (
         (2, "Name a robot with --robot", "--arm", model),
         (3, "<include> is not allowed", "--arm", model, "--robot", "franka"),
@@ -105,8 +104,7 @@ def test_the_experiments_on_the_simulated_arm_leave_their_pictures(tmp_path, vfp
 def test_gaps_of_a_session_that_is_resampled_are_told(scene, vfplan_cli, tmp_path):
     fixture, session = scene
     lines = session.read_text().splitlines()
-    with_gap = tmp_path / "gap.csv"
-    with_gap.write_text("\n".join(lines[:20] + lines[25:]) + "\n")
+    with_gap = file_with(tmp_path / "gap.csv", "\n".join(lines[:20] + lines[25:]) + "\n")
     told = vfplan_cli("rehearse", fixture, with_gap, "--json").stderr
     assert "about 5 samples are missing" in told
     assert "samples are missing" not in vfplan_cli("rehearse", *scene, "--json").stderr

@@ -8,7 +8,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
-from conftest import ELBOW, names_in, output
+from conftest import ELBOW, file_with, names_in, output
 from meshes import sphere
 from replays import fixture_of, line, meshed, probing, write_session
 
@@ -123,8 +123,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert not {"band_m", "max_iterations"} & set(run.json["scene"])
     assert run.json["scene"]["lines_and_arcs"] == vfplan.read_fixture(fixture).pieces.count
     assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
-    other = tmp_path / "other.png"
-    other.write_bytes(image.read_bytes() + b" ")
+    other = file_with(tmp_path / "other.png", image.read_bytes() + b" ")
     drawn = tmp_path / "two"
     for words in (
         (*call, drawn, "--image", other),
@@ -180,8 +179,7 @@ def test_open_findings_are_told(vfplan_cli, files, tmp_path):
     doubtful = replace(fixture, findings=(doubt("size-unusual", "plan", "Large."),))
     vfplan.write_fixture(doubtful, tmp_path / "d.h5")
     for path, count in ((bundle, 0), (tmp_path / "d.h5", 1)):
-        run = vfplan_cli("replay", path, session, "--json")
-        warnings = run.json.get("warnings", [])
+        warnings = vfplan_cli("replay", path, session, "--json").json.get("warnings", [])
         assert len(warnings) == count
         # The bundle has no slice, so its review needs none.
         assert not any("--slice" in warning for warning in warnings)

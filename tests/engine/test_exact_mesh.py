@@ -22,6 +22,7 @@ from vfplan.bundle.importing import refined
 from vfplan.bundle.leak import largest_cover
 from vfplan.engine.proxy import MAX_TICK_TIME, Status, sampled
 from vfplan.errors import SceneError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.scenes import god_object
 
 BROKEN = "inside", "grown", "through", "restless", "stuck"
@@ -95,10 +96,10 @@ def test_a_box_is_rounded_in_closed_form():
     size = np.array([0.03, 0.02, 0.025])
     engine, rng = vfplan.ProxyEngine.on(*meshes.box(size), R), np.random.default_rng(5)
     way = np.cumsum(rng.normal(size=(4000, 3)), axis=0)
-    way /= np.linalg.norm(way, axis=1)[:, None]
+    way /= row_lengths(way)[:, None]
     nearest = np.clip(way * 0.05, -size / 2, size / 2)
     normal = way * 0.05 - nearest
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal /= row_lengths(normal)[:, None]
     hips = nearest + R * rng.uniform(0.4, 0.9, size=(4000, 1)) * normal
     trace = play(engine, hips, nearest[0] + 2 * R * normal[0])
     assert np.abs(trace.proxy - nearest - R * normal).max() < 5e-7
@@ -173,8 +174,7 @@ def test_under_the_skin_of_closed_bodies_the_way_out_is_the_outer_one(turned, ru
         assert trace.status[-1] == 0
         assert meshes.winding(points[corners], trace.proxy[-1:])[0] == 0
         assert engine.distance(trace.proxy[-1:])[0] >= R - engine.parameters.band
-        steps = np.linalg.norm(np.diff(trace.force, axis=0), axis=1)
-        assert steps.max() <= 1000 * (R / 256 + 1e-9)
+        assert step_lengths(trace.force).max() <= 1000 * (R / 256 + 1e-9)
 
 
 def test_on_the_skin_of_a_closed_body_the_way_out_is_the_outer_one():
@@ -306,7 +306,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     made = sampled(drawn)
     assert made.sample_radius is None
     assert np.array_equal(drawn.forbidden, made.points)
-    below = np.linalg.norm(made.points - way[-1], axis=1) < 2 * R
+    below = row_lengths(made.points - way[-1]) < 2 * R
     engine.edit(remove=np.flatnonzero(below))
     hold(engine, way[-1], 40)
     assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)

@@ -190,5 +190,4 @@ def test_two_threads_run_at_once():
 def test_left_out_says_what_the_scene_does_not_need():
     left_out = {"coordinates": 7, "point_radius": 1, "stiffness_axes": 2, "grid": 1}
     assert vfplan.ProxyEngine(dust(7), ignore_axis="z").left_out == left_out
-    engine = vfplan.ProxyEngine(SHEET, point_radius=1e-3, stiffness=(1, 2, 3))
-    assert engine.left_out == {}
+    assert vfplan.ProxyEngine(SHEET, point_radius=1e-3, stiffness=(1, 2, 3)).left_out == {}

@@ -11,6 +11,7 @@ from motion import grid, play, sizes
 from scipy.spatial import cKDTree
 
 import vfplan
+from vfplan.geometry.lines import row_lengths, step_lengths
 
 R, PIXEL = 5e-3, 0.5e-3
 
@@ -30,7 +31,7 @@ def walked(tree, start, hip, radius) -> np.ndarray:
     x, step, all_ways = start, 20e-6, ways(len(start))
     for _ in range(4000):
         to = x + step * all_ways
-        nearer = np.linalg.norm(to - hip, axis=1)
+        nearer = row_lengths(to - hip)
         gains = np.flatnonzero(nearer < np.linalg.norm(hip - x) - 1e-3 * step)
         gains = gains[np.argsort(nearer[gains])]
         free = tree.query(to[gains])[0] >= radius if len(gains) else np.array([])
@@ -121,7 +122,7 @@ def rests(points, kind, rng):
         rest, at = held[-1, :dims], hip
         end = walked(tree, rest, hip, R - band)
         gain = np.linalg.norm(rest - hip) - np.linalg.norm(end - hip)
-        yield gain / band, np.linalg.norm(held[-100:] - held[-1], axis=1).max()
+        yield gain / band, row_lengths(held[-100:] - held[-1]).max()
 
 
 @pytest.mark.parametrize(("kind", "make", "cases"),
@@ -159,14 +160,14 @@ def test_the_mask_of_the_sample_is_felt_as_its_line():
     fixture, points, hips = pixels_of_the_sample()
     exact = line_of_the_sample(points)
     rng, truth = np.random.default_rng(0), play(exact, hips)
-    depth = np.linalg.norm(truth.proxy - hips, axis=1)
+    depth = row_lengths(truth.proxy - hips)
     left, off, jumps = [], [], []
     for share in (0, 1, 1, 1, 1, 1, 1):
         moved = points + share * rng.normal(0, 1e-10, points.shape)
         engine = vfplan.ProxyEngine(moved, ignore_axis=fixture.rendering.ignore_axis)
         away = (proxy := play(engine, hips).proxy) - truth.proxy
-        left.append((np.linalg.norm(proxy - hips, axis=1) - depth)[truth.state == 1].max())
-        off.append(np.linalg.norm(away, axis=1).max())
+        left.append((row_lengths(proxy - hips) - depth)[truth.state == 1].max())
+        off.append(row_lengths(away).max())
         jumps.append(sizes(away).max())
     assert max(left) < 0.05e-3
     assert max(off) < 0.6e-3
@@ -180,7 +181,7 @@ def line_of_the_sample(points):
 
     settings = ExtractSettings(pixel_spacing_mm=(PIXEL * 1e3, PIXEL * 1e3))
     line = plan(*ELBOW, extraction=settings).fixture
-    length = np.linalg.norm(np.diff(line.points, axis=0), axis=1).sum()
+    length = step_lengths(line.points).sum()
     width = len(points) * PIXEL**2 / length
     return vfplan.ProxyEngine.along(line.pieces, R, width / 2, ignore_axis=line.ignore_axis)
 
@@ -194,7 +195,7 @@ def dust(rng):
 def ball(rng):
     """Inside 4000 points at random on a sphere of 12 mm, and a goal beyond."""
     points = rng.normal(size=(4000, 3))
-    points *= 12e-3 / np.linalg.norm(points, axis=1)[:, None]
+    points *= 12e-3 / row_lengths(points)[:, None]
     return points, np.zeros(3), rng.normal(0, 9e-3, 3)
 
 
@@ -233,9 +234,9 @@ def trembled(make, seed, share):
     play(engine, np.linspace(start, hip, max(2, int(np.linalg.norm(hip - start) / 2e-4))))
     hips = hip + share * band * rng.uniform(-1, 1, (1200, 3))
     proxy = engine.run(hips).proxy[1000:]
-    if np.linalg.norm(proxy - hips[1000:], axis=1).min() < 1e-4:
+    if row_lengths(proxy - hips[1000:]).min() < 1e-4:
         return None
-    away = [np.linalg.norm(x - np.median(x, axis=0), axis=1).max() for x in (proxy, hips[1000:])]
+    away = [row_lengths(x - np.median(x, axis=0)).max() for x in (proxy, hips[1000:])]
     return np.array(away) / band
 
 

@@ -10,6 +10,7 @@ from motion import K, R, hold, play, sizes
 
 import vfplan
 from vfplan import Status, scenes
+from vfplan.geometry.lines import row_lengths
 
 
 def engine_of(scene, **settings):
@@ -33,8 +34,8 @@ def circling():
 def test_cylinder_within_three_micrometres(flat):
     scene = scenes.Circle(extrude=0.0 if flat else 0.03)
     hips, start = circling()
-    exact = hips[:, :2] / np.linalg.norm(hips[:, :2], axis=1)[:, None] * (0.03 + R)
-    error = np.linalg.norm(play(engine_of(scene), hips).proxy[:, :2] - exact, axis=1)[start:]
+    exact = hips[:, :2] / row_lengths(hips[:, :2])[:, None] * (0.03 + R)
+    error = row_lengths(play(engine_of(scene), hips).proxy[:, :2] - exact)[start:]
     assert np.sqrt((error**2).mean()) <= 3e-6
     assert error.max() <= 10e-6
 
@@ -53,7 +54,7 @@ def test_rest_deep_in_a_corner_is_rest(walls, depth):
     engine.run(scenes.travel([[0.012, 0.011, 0.010], goal], 0.1))
     hold(engine, goal, 50)
     trace = hold(engine, goal)
-    assert np.linalg.norm(trace.proxy - trace.proxy[0], axis=1).max() < 1e-6
+    assert row_lengths(trace.proxy - trace.proxy[0]).max() < 1e-6
     assert len(set(trace.state.tolist())) == 1
     exact = np.array([R, R, R if walls == 3 else goal[2]])
     assert trace.proxy[-1][:walls] == pytest.approx(exact[:walls], abs=3 * engine.parameters.band)
@@ -76,7 +77,7 @@ def test_narrow_ways_are_followed_at_any_speed(make, route, speed, bands):
     scene = make()
     hips = scene.path(route, speed=speed)
     pull, truth = play(engine_of(scene), hips).proxy - hips, scene.truth(hips, R) - hips
-    over = np.linalg.norm(pull, axis=1) - np.linalg.norm(truth, axis=1)
+    over = row_lengths(pull) - row_lengths(truth)
     assert over.max() <= bands * play_band(scene)
 
 
@@ -92,10 +93,10 @@ def test_channels_are_followed_wherever_their_samples_lie(seed):
     (a, b), speed = rng.uniform(-8e-3, 8e-3, 2), 10 ** rng.uniform(-1, 0.5)
     hips = scenes.travel([[-0.045, a, 0], [0.045, b, 0]], speed)
     engine = vfplan.ProxyEngine(points @ turn, ignore_axis="z")
-    pull = np.linalg.norm(play(engine, hips @ turn).proxy - hips @ turn, axis=1)
+    pull = row_lengths(play(engine, hips @ turn).proxy - hips @ turn)
     truth = scene.truth(hips, R)
     within = np.abs(truth[:, 0]) < 0.03 - 1.5 * scene.spacing
-    over = (pull - np.linalg.norm(truth - hips, axis=1))[within]
+    over = (pull - row_lengths(truth - hips))[within]
     assert over.max(initial=0) <= 5 * engine.parameters.band
 
 
@@ -118,8 +119,7 @@ def test_flat_sheet_has_no_lag_and_no_cogging(speed, spacing):
     hips = scenes.travel([[-4e-3, 8e-3, 0], [-4e-3, 2e-3, 0], [4e-3, 2e-3, 2.6e-3]], speed)
     engine = vfplan.ProxyEngine(points)
     trace = play(engine, hips)
-    lag = np.linalg.norm((trace.proxy - hips)[:, [0, 2]], axis=1)
-    assert lag.max() < 1e-7
+    assert row_lengths((trace.proxy - hips)[:, [0, 2]]).max() < 1e-7
     assert engine.distance(trace.proxy).min() >= R - engine.parameters.band
     assert np.ptp(trace.proxy[hips[:, 1] <= 2e-3 + 1e-12, 1]) <= 2 * engine.parameters.band
 
@@ -138,7 +138,7 @@ def test_order_of_the_points_decides_nothing(cloud):
         hips = scenes.travel(np.vstack([far, goals]), 10 ** rng.uniform(-1, 0))
         engines = (vfplan.ProxyEngine(points, search=search) for search in ("grid", "brute"))
         one, other = (play(engine, hips).proxy for engine in engines)
-        apart = np.linalg.norm(one - other, axis=1)
+        apart = row_lengths(one - other)
         first = np.argmax(apart > 1e-6)
         assert first == 0 or apart[first - 1] > 1e-12
 
@@ -232,7 +232,7 @@ def test_a_hollow_hardly_wider_than_the_proxy_is_followed(wide, um):
     round_ = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     engine = vfplan.ProxyEngine(circle.points, R, ignore_axis="z")
     trace = play(engine, (wide * R - R + deep)[:, None] * round_, np.zeros(3))
-    off = np.linalg.norm(trace.proxy - (wide * R - R) * round_, axis=1)[100:]
+    off = row_lengths(trace.proxy - (wide * R - R) * round_)[100:]
     assert np.sqrt((off**2).mean()) < 1e-6 * um
     assert (trace.status & Status.LIMIT > 0).mean() < 0.01
 

@@ -45,8 +45,7 @@ def sagittal():
 
 
 def test_bar_is_as_long_as_it_says(drawn):
-    axes = drawn(sagittal())
-    [bar] = axes.findobj(AnchoredSizeBar)
+    [bar] = drawn(sagittal()).findobj(AnchoredSizeBar)
     assert bar.txt_label.get_text() == "20 mm"
     assert bar.size_bar.get_children()[0].get_width() * 0.5 == pytest.approx(20)
     bare = drawn(PlannedImage(np.zeros((300, 400, 3), np.uint8)))

@@ -18,7 +18,7 @@ import bundles
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from conftest import ROOT, free_port, need_header, need_program, output
+from conftest import ROOT, file_with, free_port, need_header, need_program, output
 from motion import turned
 from refusals import refuses
 from replays import write_session
@@ -363,9 +363,7 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
         with refuses(SessionError, "mcap-broken"):
             read_ticks(path)
     # What was cut off is read as far as it is whole.
-    part = tmp_path / "a.mcap.part"
-    part.write_bytes(data[:-40])
-    assert open_session(part).notes["cut"]
+    assert open_session(file_with(tmp_path / "a.mcap.part", data[:-40])).notes["cut"]
     for cut, fewest in (
         (data[:-40], 5000),
         (data[: len(data) // 2], 1500),

@@ -66,8 +66,7 @@ def test_in_a_browser(tmp_path):
         web = served(feed, web.port, "other.h5")  # another scene: the page shows that one
         browser.loaded(2)
         assert browser.run("document.querySelector('h1').textContent") == "Live: other.h5"
-        wrong = [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"]
-        assert wrong == []
+        assert [e for e in browser.events if e["method"] == "Runtime.exceptionThrown"] == []
         assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
         web.close()
 

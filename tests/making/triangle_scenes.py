@@ -14,6 +14,7 @@ import numpy as np
 
 from vfplan.bench.record import Array
 from vfplan.errors import InputError
+from vfplan.geometry.lines import row_lengths
 from vfplan.scenes import Scene
 from vfplan.scenes.outline import Look, Pieces, from_nearest, nearest_on_sides
 
@@ -47,11 +48,11 @@ def nearest_on(corners: Array, x: Array) -> tuple[Array, Array]:
     rows = np.arange(len(a))
     nearest, flat = places[edge, rows], np.stack([along[edge, rows, 0], 0 * a], axis=1)
     normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal /= row_lengths(normal)[:, None]
     foot = x - ((x - a) * normal).sum(axis=1)[:, None] * normal
     sides = [(np.cross(e - s, foot - s) * normal).sum(axis=1) for s, e in ends]
     over = (np.array(sides) > 0).all(axis=0)
-    u = (b - a) / np.linalg.norm(b - a, axis=1)[:, None]
+    u = (b - a) / row_lengths(b - a)[:, None]
     nearest[over] = foot[over]
     flat[over, 0], flat[over, 1] = u[over], np.cross(normal, u)[over]
     return nearest, flat
@@ -78,7 +79,7 @@ class Bone(Scene):
         way = self.routes["press and slide"]
         middle = points[triangles].mean(axis=1)
         t = np.clip((middle - way[1]) @ (way[2] - way[1]) / ((way[2] - way[1]) ** 2).sum(), 0, 1)
-        away = np.linalg.norm(middle - way[1] - t[:, None] * (way[2] - way[1]), axis=1)
+        away = row_lengths(middle - way[1] - t[:, None] * (way[2] - way[1]))
         return points, triangles[away < PATCH_M]
 
     @cached_property
@@ -87,7 +88,7 @@ class Bone(Scene):
         points, triangles = self._mesh
         corners = points[triangles]
         sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        return corners[np.linalg.norm(sides, axis=1) > 1e-14]
+        return corners[row_lengths(sides) > 1e-14]
 
     @cached_property
     def points(self) -> Array:
@@ -122,7 +123,7 @@ class Bone(Scene):
 
     def pieces_between(self, proxy: Array, hip: Array, radius: float) -> tuple[Pieces, ...]:
         """See `Scene.near`: those within 3 R of anywhere the proxy may go, and the nearest one."""
-        away = np.linalg.norm(self._centres - hip, axis=1)
+        away = row_lengths(self._centres - hip)
         reach = max(3 * radius + np.linalg.norm(hip - proxy), away.min())
         return (Triangles(self.corners[away - self._sizes <= reach]),)
 

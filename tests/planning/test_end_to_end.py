@@ -38,8 +38,7 @@ def test_plan_then_replay_a_franka_recording(vfplan_cli, shared_data, tmp_path, 
     fixture = vfplan.read_fixture(bundle)
     session, hip = moved_onto(shared_data / "panda_sessions" / "recording_1.csv", fixture, tmp_path)
 
-    run = vfplan_cli("replay", bundle, session, "-o", result, "--json").sound
-    report = run.json
+    report = vfplan_cli("replay", bundle, session, "-o", result, "--json").sound.json
     assert report["ticks"] == len(hip)
     assert report["contact_ticks"] > 0
     assert report["clearance_min_m"] >= -fixture.band

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from captures import CURVE, capture
-from conftest import ELBOW
+from conftest import ELBOW, file_with
 from drawing import normal_errors, rms
 from PIL import Image
 from refusals import refuses
@@ -40,8 +40,7 @@ def markers(tmp_path):
 
 
 def test_a_slice_is_planned_by_the_patients_markers(markers, tmp_path):
-    path = capture(tmp_path, **PLACED)
-    made = plan(path, *markers, settings=RIGID)
+    made = plan(capture(tmp_path, **PLACED), *markers, settings=RIGID)
     fixture = made.fixture
     assert fixture.frame == "robot_base"
     assert fixture.registration.source_frame == "patient_lps"
@@ -82,8 +81,7 @@ def test_pixels_of_another_program_are_asked_about_where_exif_turns_the_picture(
     exif = Image.Exif()
     exif[0x0112] = 3
     slice_image.save(stored, exif=exif)
-    curve = tmp_path / "c.csv"
-    curve.write_text("u_px,v_px\n100,100\n200,150\n")
+    curve = file_with(tmp_path / "c.csv", "u_px,v_px\n100,100\n200,150\n")
     truth = plan(*ELBOW).fixture.points
     as_given = FixtureSettings(markers_as_given=True)
     for pixels, drawn, doubted in (

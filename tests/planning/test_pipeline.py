@@ -14,6 +14,7 @@ from refusals import refuses
 
 import vfplan
 from vfplan.errors import CurveError, SettingError
+from vfplan.geometry.lines import step_lengths
 from vfplan.planning.extraction import extract
 from vfplan.planning.plan import ignored_axis, plan, render
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
@@ -98,9 +99,9 @@ def test_provenance_has_the_hash_of_the_bytes_that_were_fitted(monkeypatch, tmp_
 def test_the_spacing_is_that_of_neighbours():
     sparse = ExtractSettings(pixel_spacing_mm=(0.5, 0.5), density_per_mm=0.05)
     made = elbow(extraction=sparse, settings=FixtureSettings(density_per_m=20.0, points_only=True))
-    apart = np.linalg.norm(np.diff(made.fixture.points, axis=0), axis=1).mean()
+    apart = step_lengths(made.fixture.points).mean()
     assert made.report["register"]["spacing_m"] == pytest.approx(apart, rel=1e-6)
-    drawn = np.linalg.norm(np.diff(made.extracted.fixture.points[:, :2] * 0.5, axis=0), axis=1)
+    drawn = step_lengths(made.extracted.fixture.points[:, :2] * 0.5)
     assert made.report["extract"]["spacing_mm"] == pytest.approx(drawn.mean(), rel=1e-6)
 
 

@@ -6,6 +6,7 @@ import pytest
 from refusals import refuses
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.geometry.lines import row_lengths
 from vfplan.registration.models import RARE_PROBABILITY, rms
 from vfplan.registration.registration import fit_registration
 from vfplan.registration.touch import NearestOnMesh, refine_by_touch
@@ -50,7 +51,7 @@ def refined(bone, start, touched, **settings):
 
 
 def off(registration, bone):
-    return np.linalg.norm(registration.apply(bone.points) - robot(bone.points), axis=1)
+    return row_lengths(registration.apply(bone.points) - robot(bone.points))
 
 
 @pytest.mark.parametrize("count", [20, pytest.param(600, marks=pytest.mark.full)])
@@ -100,7 +101,7 @@ def test_a_ball_tip_touches_with_its_radius(bone):
     normal = np.stack(
         [(level(at + step * e) - level(at - step * e)) / step for e in np.eye(3)], axis=1
     )
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    normal /= row_lengths(normal)[:, None]
     centres = robot(bone.points[rows] + 1.5e-3 * normal)
     found = refined(bone, marked(rng), centres, tip_radius=1.5e-3)
     assert np.sqrt((off(found.registration, bone) ** 2).mean()) < 1e-4
@@ -140,7 +141,7 @@ def test_the_nearest_place_on_a_mesh_is_the_nearest(bone):
     corners = bone.points[bone.mesh]
     for place, near in zip(places, found, strict=True):
         all_of_them = triangles.closest_point(corners, np.broadcast_to(place, (len(corners), 3)))
-        best = np.linalg.norm(all_of_them - place, axis=1).min()
+        best = row_lengths(all_of_them - place).min()
         assert np.linalg.norm(near - place) <= best + 1e-12
     weights = triangles.points_to_barycentric(corners[rows], found)
     assert weights.min() > -1e-9

@@ -13,6 +13,7 @@ from replays import codes_of, fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import SettingError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.replaying.findings import check_text, verdict_sentence
 from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.metrics import Number
@@ -105,7 +106,7 @@ def test_a_link_is_compared_with_a_perfect_one():
     assert link["delay_ticks"] == 8
     assert not {"drop", "lost"} & link.keys()
     assert link["perfect"]["energy_j"] == clean.metrics["energy_j"]
-    gap = np.linalg.norm(found.ticks.force - clean.ticks.force, axis=1)
+    gap = row_lengths(found.ticks.force - clean.ticks.force)
     assert link["apart"]["force_max_n"] == pytest.approx(gap.max())
     assert link["apart"]["first_difference_tick"] == 1
     # A late spring pushes where it should no longer: the loop is active.
@@ -142,7 +143,7 @@ def test_both_rules_and_where_they_part():
     assert both.metrics["force_max_n"] == robust.metrics["force_max_n"]
     assert both.metrics["paper"]["force_max_n"] == paper.metrics["force_max_n"]
     np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
-    gap = np.linalg.norm(robust.ticks.proxy - paper.ticks.proxy, axis=1)
+    gap = row_lengths(robust.ticks.proxy - paper.ticks.proxy)
     apart = both.metrics["apart"]
     assert apart["spans"][0]["start_tick"] == np.flatnonzero(gap > 5e-5)[0]
     assert apart["ticks"] == np.count_nonzero(gap > 5e-5)
@@ -183,8 +184,8 @@ def test_robot_limits_are_counted():
     session = probing(seed=1)
     weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=2.0, force_step_limit_n=0.02)
     found = replay(fixture_of(line()), session, robot=weak)
-    force = np.linalg.norm(found.ticks.force, axis=1)
-    step = np.linalg.norm(np.diff(found.ticks.force, axis=0), axis=1)
+    force = row_lengths(found.ticks.force)
+    step = step_lengths(found.ticks.force)
     robot = found.metrics["robot"]
     assert robot["force_over_ticks"] == np.count_nonzero(force > 2.0)
     assert robot["force_step_over_ticks"] == np.count_nonzero(step > 0.02)

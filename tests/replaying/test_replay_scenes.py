@@ -9,6 +9,7 @@ from replays import fixture_of
 
 import vfplan
 from vfplan import ProxyParameters
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.replaying.replay import replay
 from vfplan.scenes import SCENES
 from vfplan.scenes.god_object import follow
@@ -36,14 +37,14 @@ def test_forces_are_those_of_the_closed_form(name, route):
     found = replay(fixture, Session(np.arange(len(hips)) * 1e-3, hips))
     planar = scene.ignore_axis is not None
     allowed = K * (chosen.band + dimple_depth(scene.spacing, RC, planar=planar))
-    off = np.linalg.norm(found.ticks.force - force, axis=1)
+    off = row_lengths(found.ticks.force - force)
     assert off.max() <= allowed, f"{off.max():.4f} N at tick {off.argmax()}, {allowed:.4f} allowed"
     m = found.metrics
-    exact = np.linalg.norm(force, axis=1)
+    exact = row_lengths(force)
     assert m["force_max_n"] == pytest.approx(exact.max(), abs=allowed)
     assert m["force_rms_n"] == pytest.approx(np.sqrt(np.mean(exact**2)), abs=allowed)
     work = (force[:-1] * np.diff(hips, axis=0)).sum()
-    path = np.linalg.norm(np.diff(hips, axis=0), axis=1).sum()
+    path = step_lengths(hips).sum()
     assert m["energy_j"] == pytest.approx(work, abs=allowed * path)
     assert m["clearance_min_m"] >= -chosen.band
     assert m["entrenched_ticks"] == 0
@@ -64,7 +65,7 @@ def test_round_the_end_of_a_curve_the_force_falls_at_once(depth):
     found = replay(fixture_of(points, band=1e-5), Session(np.arange(len(hips)) * 1e-3, hips))
     falls, ticks = [], []
     for force in (np.array(exact), found.ticks.force):
-        step = np.linalg.norm(np.diff(force, axis=0), axis=1)
+        step = step_lengths(force)
         falls.append(step.max())
         ticks.append(int(step.argmax()) + 1)
     assert falls == pytest.approx([K * (depth + RC)] * 2, abs=0.025)
@@ -108,5 +109,5 @@ def test_real_recordings_on_a_planned_curve(shared_data, pelvis, number):
     assert m["overlap_max_m"] > 1e-3
     assert sum(e["ticks"] for e in m["episodes"]) == m["contact_ticks"]
     ends = [e["end_along"]["s_m"] for e in m["episodes"]]
-    length = np.linalg.norm(np.diff(pelvis.points, axis=0), axis=1).sum()
+    length = step_lengths(pelvis.points).sum()
     assert 0 <= min(ends) <= max(ends) <= length + 1e-9

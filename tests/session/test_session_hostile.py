@@ -12,7 +12,7 @@ import zlib
 import h5py
 import numpy as np
 import pytest
-from conftest import output
+from conftest import file_with, output
 from motion import PEAK_KIB
 from refusals import refuses
 from replays import write_session
@@ -188,8 +188,7 @@ def test_the_file_that_is_played_is_the_one_whose_digest_is_told(tmp_path, suffi
 
 
 def test_a_file_written_to_while_it_is_read_is_refused(tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_text(HEAD + "1,1,2,3\n")
+    path = file_with(tmp_path / "s.csv", HEAD + "1,1,2,3\n")
     os.utime(path, (1, 1))
     stream = open_session(path)
     path.write_text(HEAD + "1,1,2,4\n")

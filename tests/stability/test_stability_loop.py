@@ -7,15 +7,10 @@ import pytest
 from bundles import whole
 
 from vfplan import Status, Step
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.robot import Robot
 from vfplan.stability import loop
-from vfplan.stability.closed_loop import (
-    blow_case,
-    engine_for,
-    largest_stiffness,
-    press,
-    strike,
-)
+from vfplan.stability.closed_loop import blow_case, engine_for, largest_stiffness, press, strike
 from vfplan.stability.contacts import contacts_along, patch
 from vfplan.stability.loop import FlatWall, SimulatedHand, exact_bound, simulate
 
@@ -68,7 +63,7 @@ def test_quantum_limits_and_counts():
     robot = replace(ROBOT, quantum_m=1e-4, force_limit_n=1.0, force_step_limit_n=0.25)
     motion = simulate(Spring(), robot, push, 1000.0, start, np.zeros(3), 300)
     assert np.abs(motion.held_force).max() <= 1.0 + 1e-12
-    assert np.linalg.norm(np.diff(motion.held_force, axis=0), axis=1).max() <= 0.25 + 1e-12
+    assert step_lengths(motion.held_force).max() <= 0.25 + 1e-12
     assert motion.limited_ticks > 0
     plain = simulate(Spring(), ROBOT, push, 1000.0, start, np.zeros(3), 300)
     assert plain.limited_ticks is None
@@ -160,6 +155,6 @@ def test_along_presses_on_both_sides_of_a_planar_curve():
     places = list(contacts_along(elbow, 3))
     assert len(places) >= 4
     for place in places:
-        clear = np.linalg.norm(elbow.points - place.touch, axis=1).min()
+        clear = row_lengths(elbow.points - place.touch).min()
         assert clear == pytest.approx(5e-3, abs=1e-4)
         assert abs(place.normals[0] @ elbow.ignore_axis) < 1e-9

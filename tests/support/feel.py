@@ -25,6 +25,7 @@ import numpy as np
 
 from vfplan import ProxyEngine, Status, Trace
 from vfplan.bench.record import Array, Record, errors_of, timed_ticks
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.scenes import Drawn, outline
 
 R, STIFFNESS, RATE_HZ = 5e-3, 1000.0, 1000.0
@@ -90,7 +91,7 @@ class Wave(Drawn):
         fine = np.linspace(0, run.length, 20001)
         places = run.sample(run.length / 20000)
         tangent = np.gradient(places, axis=0)
-        tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+        tangent /= row_lengths(tangent)[:, None]
         left = np.column_stack([-tangent[:, 1], tangent[:, 0]])
         at, n = (np.column_stack([np.interp(s, fine, v) for v in w.T]) for w in (places, left))
         time = np.arange(count)[:, None, None] / RATE_HZ
@@ -157,11 +158,11 @@ def scenes(seconds: float = 160.0) -> Iterator[tuple[str, Record]]:
 def judge(trace: Trace, hips: Array, truth: Array) -> Record:
     """What a rendered path's force does that the exact one does not."""
     off = (trace.proxy - truth)[:, :2]
-    steps = STIFFNESS * np.linalg.norm(np.diff(off, axis=0), axis=1)
+    steps = STIFFNESS * step_lengths(off)
     figures = {
         "force_jumps": int((steps > JUMP_N).sum()),
         "force_jumps_large": int((steps > LARGE_N).sum()),
         "force_step_max_n": float(steps.max()),
         "limit_share": float((trace.status & Status.LIMIT > 0).mean()),
     }
-    return errors_of(np.linalg.norm(off, axis=1), **figures)
+    return errors_of(row_lengths(off), **figures)

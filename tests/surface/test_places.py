@@ -154,8 +154,7 @@ def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
     grid = bones.grid_round(BENT, GAP, pixel=1.0)
     labels = grid.labels(BENT)
     labels[:, :, 7] = 0
-    path = bones.write_seg(tmp_path / "g.dcm", labels, grid)
-    made = surface(path, settings=COARSE)
+    made = surface(bones.write_seg(tmp_path / "g.dcm", labels, grid), settings=COARSE)
     assert len(made.sliced.stacks) == 2
     gap = 1e3 * made.fixture.points[:, 2]
     assert not ((gap > -3 - 2.4) & (gap < -3 + 2.4)).any()

@@ -8,11 +8,13 @@ import tracemalloc
 import numpy as np
 import pytest
 from captures import capture
+from conftest import file_with
 from refusals import refuses
 from scipy.spatial import cKDTree
 from vector_files import RING_MM, SCHEMA, polyline, slicer
 
 from vfplan.errors import CurveError, SettingError
+from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.planning.extraction import extract
 from vfplan.planning.settings import ExtractSettings
 from vfplan.vectors.read import read_vector_curve
@@ -24,7 +26,7 @@ def test_closed_curve_is_a_smooth_ring_in_metres(tmp_path):
     fine = curve.stroke(1e-4).points
     assert np.abs(np.hypot(fine[:, 0], fine[:, 1]) - 0.01).max() < 5e-6
     assert np.allclose(fine[:, 2], 0.005)
-    steps = np.linalg.norm(np.diff(np.vstack([fine, fine[:1]]), axis=0), axis=1)
+    steps = step_lengths(np.vstack([fine, fine[:1]]))
     assert steps.max() < 1.05 * steps.min()
 
 
@@ -130,8 +132,7 @@ BROKEN = {
 
 @pytest.mark.parametrize(("suffix", "text"), [(s, t) for s, texts in BROKEN.items() for t in texts])
 def test_broken_files_are_refused(tmp_path, suffix, text):
-    path = tmp_path / f"c.{suffix}"
-    path.write_text(text)
+    path = file_with(tmp_path / f"c.{suffix}", text)
     with pytest.raises(CurveError):
         read_vector_curve(path)
     if suffix == "fcsv":
@@ -173,9 +174,7 @@ COLUMNS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNo
 
 def control_points(tmp_path, points_mm, header=HEADER + COLUMNS):
     rows = "".join(f"n,{x},{y},{z},0,0,0,1,1,1,0,F,,\n" for x, y, z in points_mm)
-    path = tmp_path / "c.fcsv"
-    path.write_text(header + rows)
-    return path
+    return file_with(tmp_path / "c.fcsv", header + rows)
 
 
 def test_a_control_point_table_is_the_curve_that_its_points_are_in_order(tmp_path):
@@ -227,7 +226,7 @@ def test_slicers_curves_are_those_that_slicer_draws(tmp_path, kind):
         fine = cKDTree(np.vstack([curve.stroke(1e-4).points, truth[-1:]]))
         assert fine.query(truth)[0].max() < 1e-4
         lines = read_vector_curve(path, curve_type="linear")
-        lengths = np.linalg.norm(np.diff(points_mm, axis=0, append=points_mm[:1]), axis=1)
+        lengths = row_lengths(np.diff(points_mm, axis=0, append=points_mm[:1]))
         assert 1e3 * lines.stroke(1e-4).length == pytest.approx(lengths[:pieces].sum(), rel=0.01)
 
 

@@ -7,6 +7,7 @@ import struct
 import numpy as np
 import pytest
 from captures import capture
+from conftest import file_with
 from refusals import refuses
 from vector_files import polyline
 
@@ -28,9 +29,7 @@ def selection(tmp_path, kind, points, version=229, name="c.roi", **more):
     roi.roitype, roi.version = roifile.ROI_TYPE[kind], version
     for key, value in more.items():
         setattr(roi, key, value)
-    path = tmp_path / name
-    path.write_bytes(roi.tobytes())
-    return path
+    return file_with(tmp_path / name, roi.tobytes())
 
 
 def by_hand(points, kind=5, count=None):
@@ -60,8 +59,7 @@ def test_an_area_counts_from_pixels_corners_and_is_closed(tmp_path, kind):
 
 
 def test_the_format_is_read_byte_by_byte(tmp_path):
-    path = tmp_path / "c.roi"
-    path.write_bytes(by_hand([(300, 7), (10, 90), (40000 - 20000, 500)]))
+    path = file_with(tmp_path / "c.roi", by_hand([(300, 7), (10, 90), (40000 - 20000, 500)]))
     assert read_vector_curve(path).points.tolist() == [[300, 7], [10, 90], [20000, 500]]
     path.write_bytes(by_hand(SQUARE, kind=0))
     assert read_vector_curve(path).points.tolist() == [[u - 0.5, v - 0.5] for u, v in SQUARE]

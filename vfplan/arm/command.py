@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from vfplan.cli import options
 from vfplan.cli.options import FILE, number_of, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
-from vfplan.display import millimetres, wrote
+from vfplan.display import Report, millimetres, wrote
 from vfplan.io.writing import write_whole
 
 if TYPE_CHECKING:
     from vfplan.session.session import Session
 
 
-@command(
-    "rehearse",
-    first_screen="-o --arm --robot --base --tool --no-governor --report --json",
-)
+@command("rehearse", first_screen="-o --arm --robot --base --tool --no-governor --report --json")
 @options_in_order(
     options.FIXTURE,
     options.SESSION,
@@ -130,7 +127,7 @@ def read_at_rate(path: Path, units: str, frame: str, rate_hz: float) -> tuple[Se
     return session, warnings
 
 
-def rehearsed_text(metrics: dict[str, Any]) -> str:
+def rehearsed_text(metrics: Report) -> str:
     """The short report of one rehearsal."""
     from vfplan.arm.rehearsal import objections
 

@@ -65,13 +65,13 @@ def compile_model(choice: str | Path) -> Any:
         data = read_whole(Path(choice), MAX_SETTINGS_BYTES)
     except InputError as error:
         advice = f"or give {', '.join(ARMS)} or an MJCF file"
-        raise InputError(f"{error.message}, {advice}", where=str(choice)) from None
+        raise InputError(f"{error.message}, {advice}", where=choice) from None
     check(data, str(choice))
     try:
         return module.MjModel.from_xml_string(data.decode("utf-8"))
     except (ValueError, module.FatalError) as error:
         raise InputError(
-            f"MuJoCo refuses it: {error}. Correct the MJCF file", where=str(choice)
+            f"MuJoCo refuses it: {error}. Correct the MJCF file", where=choice
         ) from None
 
 

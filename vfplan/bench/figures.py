@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, clouds, grouped
+from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, Record, clouds, grouped
+from vfplan.display import Report
 from vfplan.figures.style import new_figure, save_png, style, subplots
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
 
@@ -41,7 +42,7 @@ Look = dict[str, str]
 CHOSEN: dict[str, Any] = {"color": "black", "marker": "*", "ms": 12, "mfc": "white", "zorder": 6}
 
 
-def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
+def draw_stage(document: Report, stage: str, path: Path) -> None:
     """The diagram of one stage of a bench document, as a PNG."""
     results = grouped(document["results"], "stage")[stage]
     scenes = grouped(results, "scene")
@@ -78,7 +79,7 @@ def draw_stage(document: dict[str, Any], stage: str, path: Path) -> None:
     save_png(figure, path)
 
 
-def draw_summary(document: dict[str, Any], path: Path) -> None:
+def draw_summary(document: Report, path: Path) -> None:
     """The chosen setting and each peer as one cloud over all scenes of stage proxy, as a PNG."""
     results = grouped(document["results"], "stage")["proxy"]
     figure, axes = subplots(7.4, 4.6)
@@ -94,7 +95,7 @@ def draw_summary(document: dict[str, Any], path: Path) -> None:
     save_png(figure, path)
 
 
-def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
+def looks_of(results: list[Record]) -> dict[str, Look]:
     """A colour and a marker for each method; a variant of a rule has the rule's colour."""
     spare = cycle((HIP, FORCE, PROXY, CONTACT))
     colours = dict(RULES)
@@ -108,7 +109,7 @@ def looks_of(results: list[dict[str, Any]]) -> dict[str, Look]:
 
 
 def draw_panel(
-    axes: Axes, results: list[dict[str, Any]], looks: dict[str, Look], stage: str, slowest: float
+    axes: Axes, results: list[Record], looks: dict[str, Look], stage: str, slowest: float
 ) -> None:
     """Draw the results of one scene; `slowest` is where the front's staircase ends."""
     axes.set(xscale="log", yscale="log")
@@ -133,13 +134,13 @@ def draw_panel(
                           label="chosen", **CHOSEN)  # fmt: skip
 
 
-def draw_marks(axes: Axes, records: list[dict[str, Any]], stage: str, **look: Any) -> None:
+def draw_marks(axes: Axes, records: list[Record], stage: str, **look: Any) -> None:
     """A mark at the time and error of each record; its whisker ends at p99.9."""
     x, tail, error, _ = np.array([place_of(record, stage) for record in records]).T
     axes.errorbar(x, error, xerr=[0 * x, tail - x], **look)
 
 
-def draw_bounds(axes: Axes, document: dict[str, Any], stage: str) -> None:
+def draw_bounds(axes: Axes, document: Report, stage: str) -> None:
     """The tolerance where it bounds the errors of a stage, and the time of a tick."""
     if stage in ("sample", "proxy", "plan"):
         tolerance_um = document["tolerance_m"] * 1e6
@@ -150,7 +151,7 @@ def draw_bounds(axes: Axes, document: dict[str, Any], stage: str) -> None:
         axes.axvline(budget_us, color=CONTACT, ls=":", lw=1.0, label=f"budget {budget_us:g} µs")
 
 
-def place_of(result: dict[str, Any], stage: str) -> tuple[float, float, float, float]:
+def place_of(result: Record, stage: str) -> tuple[float, float, float, float]:
     """Median time, its p99.9, RMS error and largest error in the units of the diagram."""
     factor = {"ms": 1e-3, "µs": 1.0}[LOOKS[stage].time_unit]
     scale, smallest = {"m": (1e6, SMALLEST_UM), "px": (1.0, SMALLEST_PX)}[result["unit"]]

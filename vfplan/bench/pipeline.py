@@ -61,10 +61,11 @@ from vfplan.bench.record import (
     timed,
     timed_ticks,
 )
+from vfplan.display import Report
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
-from vfplan.geometry.lines import arc_lengths, interpolated, normals
+from vfplan.geometry.lines import arc_lengths, interpolated, normals, row_lengths
 from vfplan.planning.plan import plan
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.planning.tolerance import RATE_HZ, choose, sample_curve
@@ -254,7 +255,7 @@ def score_maps(maps: list[Array], T: Array) -> Record:
     """Target registration error over the planned curve and all draws [m]."""
     t = np.linspace(0, 1, 60)
     curve = homogeneous(np.column_stack([200 + 480 * t, 380 + 170 * np.sin(5 * t)]))
-    errors = np.array([np.linalg.norm(curve @ m.T - curve @ T.T, axis=1) for m in maps])
+    errors = np.array([row_lengths(curve @ m.T - curve @ T.T) for m in maps])
     return errors_of(errors, draws=len(maps))
 
 
@@ -464,7 +465,7 @@ def bench(
     quick: bool = False,
     peers: Sequence[Peer] = (),
     progress: Bar = lambda label, total: nullcontext(lambda n: None),
-) -> dict[str, Any]:
+) -> Report:
     """Measure error against run time.
 
     Parameters
@@ -518,7 +519,7 @@ def bench(
     return document | {"summary": summaries(document)}
 
 
-def describe_machine() -> dict[str, Any]:
+def describe_machine() -> Report:
     """Processor, cores, system, Python, NumPy."""
     processor = platform.processor() or platform.machine()
     # Other systems have no such file.

@@ -43,6 +43,7 @@ from vfplan.bench.record import (
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Pieces
+from vfplan.geometry.lines import row_lengths
 from vfplan.planning.settings import DEFAULT_ARCS_M
 from vfplan.planning.tolerance import SPEED_M_S, Choice, choose
 from vfplan.registration.models import homogeneous
@@ -85,7 +86,7 @@ class BallMesh(Meshed, Sphere):
         """An octahedron's faces, cut and pushed outwards."""
         places = np.array(list(product(range(-FACE_CUTS, FACE_CUTS + 1), repeat=3)), float)
         places = places[np.abs(places).sum(axis=1) == FACE_CUTS]
-        return convex_mesh(self.radius * places / np.linalg.norm(places, axis=1)[:, None])
+        return convex_mesh(self.radius * places / row_lengths(places)[:, None])
 
 
 class BoxMesh(Meshed, Walls):
@@ -365,15 +366,15 @@ def judge(case: Case, proxy: Array, **figures: Any) -> Record:
     """Every figure of a rendered proxy (T, 3) [m] against the exact one, beside other figures."""
     scene, truth, hips = case.scene, case.truth, case.hips
     force = scene.force(hips, proxy, DEFAULT_STIFFNESS)
-    force_errors = np.linalg.norm(force - scene.force(hips, truth, DEFAULT_STIFFNESS), axis=1)
+    force_errors = row_lengths(force - scene.force(hips, truth, DEFAULT_STIFFNESS))
 
     # The surface.
     clearance = scene.clearance(proxy) - R
-    in_contact = np.linalg.norm(truth - hips, axis=1) > CONTACT_DEPTH_M
+    in_contact = row_lengths(truth - hips) > CONTACT_DEPTH_M
     surface_m = float(np.abs(clearance[in_contact]).max(initial=0.0))
     inside_m = float(max(0.0, -clearance.min()))
     return errors_of(
-        np.linalg.norm(proxy - truth, axis=1),
+        row_lengths(proxy - truth),
         force_rms_n=float(np.sqrt(np.mean(force_errors**2))),
         surface_error_m=surface_m,
         inside_m=inside_m,

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vfplan.display import duration, length, three_digits
+from vfplan.display import Report, duration, length, three_digits
 from vfplan.engine.proxy import ProxyEngine, Trace
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
@@ -189,7 +189,7 @@ def error_text(result: Record) -> str:
     return length(error) if result["unit"] == "m" else f"{three_digits(error)} px"
 
 
-def summaries(document: dict[str, Any]) -> dict[str, str]:
+def summaries(document: Report) -> dict[str, str]:
     """A sentence for each stage of a bench's document that has a chosen setting."""
     results_of = grouped(document["results"], "stage")
     sentences = {}
@@ -237,7 +237,7 @@ def cost_text(part: str, records: list[Record]) -> str:
     return f"takes {time} and errs by {errors}"
 
 
-def table_lines(document: dict[str, Any]) -> list[str]:
+def table_lines(document: Report) -> list[str]:
     """Time and error on each scene: of each method, the setting that errs least."""
     lines = []
     for (stage, scene), results in grouped(document["results"], "stage", "scene").items():

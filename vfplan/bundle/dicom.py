@@ -56,7 +56,7 @@ def study_slice(study: str | Path | None) -> tuple[Any, str]:
         for keyword in ("StudyInstanceUID", "FrameOfReferenceUID", "ImagePositionPatient"):
             if not dataset.get(keyword):
                 text = f"has no {keyword}. Give a slice of the study that was planned on"
-                raise InputError(text, where=str(study), code="study-incomplete")
+                raise InputError(text, where=study, code="study-incomplete")
         dataset.pop("PixelData", None)
         return dataset, digest
 

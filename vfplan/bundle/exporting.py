@@ -82,7 +82,7 @@ def suffix_of(path: str | Path) -> str:
             return suffix
     raise InputError(
         f"The name ends in none of {', '.join(FORMS)}. Choose one of these endings.",
-        where=str(path),
+        where=path,
     )
 
 

@@ -190,7 +190,7 @@ def import_cloud(
             raise SettingError(
                 f"The file holds triangles, whose corners have no order, so it is no {curve} "
                 "curve. Leave --curve out.",
-                where=str(path),
+                where=path,
             )
         unused = len(points) - len(np.unique(cloud.triangles))
         if unused > 0:

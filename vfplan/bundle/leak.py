@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import Content
-from vfplan.geometry.lines import Array, flattened
+from vfplan.geometry.lines import Array, flattened, row_lengths
 
 # Of points or strokes, or (K, 3) of the corners of triangles.
 Rows = NDArray[np.integer]
@@ -144,7 +144,7 @@ def widest_opening(
     widest = (0.0, points[0])
     a, b, c = np.moveaxis(points[triangles], 1, 0)
     piece = parts_of(len(points), np.concatenate((triangles[:, :2], triangles[:, 1:])))
-    areas = np.bincount(piece[triangles[:, 0]], np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    areas = np.bincount(piece[triangles[:, 0]], row_lengths(np.cross(b - a, c - a)) / 2)
     rim = rim_edges(triangles)
     part = parts_of(len(points), rim)[rim[:, 0]]
     order = np.argsort(part, kind="stable")
@@ -228,7 +228,7 @@ def pieces_of(points: Array, reach: float) -> tuple[int, float]:
     members = np.split(order, np.cumsum(sizes)[:-1])
     few = points[rows]
     pairs = kd_tree(few).query_pairs(reach + 2 * np.sqrt(3) * side, output_type="ndarray")
-    is_near = np.linalg.norm(few[pairs[:, 0]] - few[pairs[:, 1]], axis=1) <= reach
+    is_near = row_lengths(few[pairs[:, 0]] - few[pairs[:, 1]]) <= reach
     part = parts_of(len(rows), pairs[is_near])
     waiting = ~is_near & (part[pairs[:, 0]] != part[pairs[:, 1]]) & (sizes[pairs] > 1).any(axis=1)
     near = [

@@ -41,7 +41,7 @@ from typing import Any, BinaryIO
 
 from vfplan._core import Sealed, lookup3
 from vfplan.bundle.content import document, from_content
-from vfplan.display import command_of
+from vfplan.display import Report, command_of
 from vfplan.errors import (
     BundleError,
     CheckFailed,
@@ -72,9 +72,9 @@ SIGNED = 1
 DESPITE_FINDINGS = 2
 
 
-def describe(sealed: Sealed) -> dict[str, Any]:
+def describe(sealed: Sealed) -> Report:
     """A seal as `vfplan info --json` shows it: what is not there is absent."""
-    data: dict[str, Any] = {
+    data: Report = {
         "ok": True,
         "signed": sealed.signed,
         "key_id": sealed.key_id.hex() if sealed.signed else None,
@@ -104,9 +104,8 @@ def seal_length(case: str, robot_serial: str) -> int:
     max_bytes = LENGTHS[-1] - HEAD.size - TAIL.size
     raise SettingError(
         f"Case and serial have {text_bytes} bytes. Give at most {max_bytes}.",
-        code="seal-texts-too-long",
-        numbers={"bytes": text_bytes, "max_bytes": max_bytes},
-    )
+        code="seal-texts-too-long", numbers={"bytes": text_bytes, "max_bytes": max_bytes},
+    )  # fmt: skip
 
 
 def with_end_of_file(payload: bytes, length: int) -> bytes:
@@ -318,20 +317,17 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     if public_path == private_path:
         raise SettingError(
             "The private key's name may not end in .pub. Give another name.",
-            where=str(private_path),
+            where=private_path,
         )
     if public_path.exists() and not private_path.exists() and not overwrite:
         raise OutputError(
             f"exists already, and may be the public half of a private key other than "
             f"{private_path.name}. Give the new key another name",
-            where=str(public_path),
-            code="public-key-exists",
-        )
+            where=public_path, code="public-key-exists",
+        )  # fmt: skip
     key = ed25519.Ed25519PrivateKey.generate()
     private = key.private_bytes(
-        serialization.Encoding.PEM,
-        serialization.PrivateFormat.PKCS8,
-        serialization.NoEncryption(),
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     )
     public = key.public_key().public_bytes(
         serialization.Encoding.PEM, serialization.PublicFormat.SubjectPublicKeyInfo
@@ -355,26 +351,26 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
     left = PUBLIC_KEY.sub(lambda block: b"\n" * block[0].count(b"\n"), text).split(b"\n")
     for number, line in enumerate(left, start=1):
         if line == BEGIN:
-            raise InputError(f"It ends within a public key. {COPY_KEY}.", where=str(path))
+            raise InputError(f"It ends within a public key. {COPY_KEY}.", where=path)
         if line.startswith(b"-----BEGIN") and line.endswith(b"PRIVATE KEY-----"):
             wanted = f"its public half, {Path(path).with_suffix('.pub').name}"
             if Path(path).suffix == ".pub":
                 wanted = "a file of public keys alone"
             raise InputError(
                 f"Line {number} begins a private key, which no robot needs. Give {wanted}.",
-                where=str(path), code="private-key",
+                where=path, code="private-key",
             )  # fmt: skip
         if line and not line.startswith(b"#"):
             raise InputError(
                 f"Line {number} belongs to no public key in PEM form. Remove it, or begin it with "
-                "#.", where=str(path),
+                "#.", where=path,
             )  # fmt: skip
     keys = [
         ed25519_key(lambda block: load_pem_public_key(block + b"\n"), block, COPY_KEY, path)
         for block in PUBLIC_KEY.findall(text)
     ]
     if not keys:
-        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=str(path))
+        raise InputError(f"It holds no public key in PEM form. {COPY_KEY}.", where=path)
     return {key_id_of(key): key for key in keys}
 
 
@@ -384,11 +380,9 @@ def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: st
         key = load(data)
     # The library raises many kinds of errors for a damaged key.
     except Exception as error:
-        raise InputError(
-            f"It holds a key that cannot be read. {advice}.", where=str(path)
-        ) from error
+        raise InputError(f"It holds a key that cannot be read. {advice}.", where=path) from error
     if not type(key).__name__.startswith("Ed25519"):
-        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=str(path))
+        raise InputError(f"It holds a key that is not Ed25519. {MAKE_KEY}.", where=path)
     return key
 
 
@@ -405,21 +399,20 @@ def read_private(path: str | Path) -> Any:
         raise InputError(
             "It is a public key, which signs nothing. Give the private one, whose file keygen "
             "named without .pub.",
-            where=str(path),
-            code="public-key",
-        )
+            where=path, code="public-key",
+        )  # fmt: skip
     mode = stat.S_IMODE(status.st_mode)
     if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
         raise InputError(
             f"This private key belongs to another user (id {status.st_uid}), who can sign with it "
             "too. Give a key of your own.",
-            where=str(path),
+            where=path,
         )
     if mode & 0o077:
         raise InputError(
             f"Others can read or write this private key: its mode is {mode:04o}. Give it mode 0600 "
             "(chmod 600), or make a new key if somebody may have copied it.",
-            where=str(path),
+            where=path,
         )
     return ed25519_key(lambda block: load_pem_private_key(block, None), data, MAKE_KEY, path)
 
@@ -449,7 +442,7 @@ def sign(
     registered_utc: str | None = None,
     despite_findings: bool = False,
     overwrite: bool = False,
-) -> dict[str, Any]:
+) -> Report:
     """Sign a bundle: write it again, its content unchanged, with a signed seal, described here.
 
     `case`, `robot_serial` and the time of signing are covered by the signature. A bundle that is
@@ -491,9 +484,8 @@ def sign(
         raise CheckFailed(
             f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
             "it for its own case, or plan the other one.",
-            where=str(source),
-            code="case-other",
-        )
+            where=source, code="case-other",
+        )  # fmt: skip
     # An earlier signature goes on for the same case and robot.
     case = case or fixture.case or sealed.case
     robot_serial = robot_serial or sealed.robot_serial

@@ -17,6 +17,7 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
+from vfplan.display import Report
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
 from vfplan.errors import BundleError, SceneError, VfplanError
 from vfplan.fixture import Fixture, size_doubt
@@ -144,7 +145,7 @@ def content_issues(content: Content) -> Iterator[Issue]:
             yield Issue("/provenance/setting_values", "provenance.path", "warning", message)
 
 
-def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:
+def describe(path: str | Path, *, work: bool = False) -> Report:
     """Head, seal, findings, and every attribute and table of a bundle by its path in the format.
 
     Tables with a row for each point or triangle are summed up as `shape`, `min`, `max` and the
@@ -154,7 +155,7 @@ def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:
     Raises as `read_fixture` does.
     """
     content, seal = read_bundle(path)
-    described: dict[str, Any] = {
+    described: Report = {
         "format": content["/@format"],
         "version": content["/@version"],
         "frame": content["/@frame"],
@@ -174,7 +175,7 @@ def describe(path: str | Path, *, work: bool = False) -> dict[str, Any]:
     return described
 
 
-def tick_work(content: Content) -> dict[str, Any]:
+def tick_work(content: Content) -> Report:
     """The rule that renders the fixture unless another is named, and the time of its ticks.
 
     `us` bounds a tick and `at_most_us` is what 1 kHz gives it [us]; rule and bound are `None` where
@@ -202,7 +203,7 @@ def summary(value: Any, row: Row) -> Any:
     }
 
 
-def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
+def diff(a: str | Path, b: str | Path) -> list[Report]:
     """Differences between the contents of two bundles, in the order of the format's table.
 
     Each has `path` and `what` ("only in A", "only in B", "shape" or "value"); values that differ
@@ -211,7 +212,7 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     Raises as `read_fixture` does.
     """
     content_a, content_b = read_bundle(a)[0], read_bundle(b)[0]
-    differences: list[dict[str, Any]] = []
+    differences: list[Report] = []
     for path in [row.path for row in table() if row.path in content_a or row.path in content_b]:
         if path not in content_b:
             differences.append({"path": path, "what": "only in A"})
@@ -222,7 +223,7 @@ def diff(a: str | Path, b: str | Path) -> list[dict[str, Any]]:
     return differences
 
 
-def difference_of(a: Any, b: Any) -> dict[str, Any] | None:
+def difference_of(a: Any, b: Any) -> Report | None:
     """What differs between two values of one path; `None` if nothing does."""
     if isinstance(a, (str, int, float)):
         return None if a == b else {"what": "value", "a": a, "b": b}

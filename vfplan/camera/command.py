@@ -18,18 +18,12 @@ import click
 
 from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.cli import options
-from vfplan.cli.options import (
-    FILE,
-    DecimalNumber,
-    OutputFile,
-    Parsed,
-    option,
-    options_in_order,
-)
+from vfplan.cli.options import FILE, DecimalNumber, OutputFile, Parsed, option, options_in_order
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import command_of, quoted, wrote
+from vfplan.display import Report, command_of, quoted, wrote
 from vfplan.io.files import parse_decimal
+from vfplan.settings import Arguments
 
 if TYPE_CHECKING:
     from vfplan.camera.overlay import Overlay
@@ -106,7 +100,7 @@ OF_THE_WALL = (
 )  # fmt: skip
 
 
-def check_options_of_wall(source: Path, arguments: dict[str, Any]) -> None:
+def check_options_of_wall(source: Path, arguments: Arguments) -> None:
     """Refuse options that exclude each other, or that would change nothing."""
     from vfplan.images.read import is_picture_file
 
@@ -147,7 +141,7 @@ def calibrate_camera(files: tuple[Path, ...], output: Path) -> CommandResult:
 
 
 def show_wall(
-    fixture: Path, source: Path, output: Path | None, arguments: dict[str, Any]
+    fixture: Path, source: Path, output: Path | None, arguments: Arguments
 ) -> CommandResult:
     """Draw the wall on every frame of a source, show and write the frames, and say how many."""
     import cv2
@@ -193,8 +187,8 @@ def show_wall(
 
 
 def shown_frames(
-    report: dict[str, Any], refusals: Counter[str], seconds: list[float],
-    latencies_ms: list[float], output: Path | None, failed: str, arguments: dict[str, Any],
+    report: Report, refusals: Counter[str], seconds: list[float],
+    latencies_ms: list[float], output: Path | None, failed: str, arguments: Arguments,
 ) -> CommandResult:  # fmt: skip
     """How many frames show the wall, and why the others do not.
 
@@ -230,7 +224,7 @@ def shown_frames(
     return CommandResult(data, text, warnings=warnings, verdict="shown", next_step=look)
 
 
-def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Overlay:
+def overlay_of(stack: ExitStack, fixture: Path, arguments: Arguments) -> Overlay:
     """What draws the plan of a file on the frames of the camera, as the options say."""
     from vfplan.bundle.read import read_sealed
     from vfplan.camera.overlay import Overlay
@@ -251,7 +245,7 @@ def overlay_of(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Ov
 
 
 def ticks_to_show(
-    stack: ExitStack, fixture: Fixture, sha256: str, arguments: dict[str, Any]
+    stack: ExitStack, fixture: Fixture, sha256: str, arguments: Arguments
 ) -> Callable[[float], tuple[Any, str]]:
     """A function that gives the tick of a session or of a live stream, as `Overlay` takes it."""
     session, source = arguments["session"], arguments["live_source"]
@@ -296,7 +290,7 @@ def ticks_to_show(
     return newest_tick
 
 
-def open_window(stack: ExitStack, fixture: Path, arguments: dict[str, Any]) -> Any:
+def open_window(stack: ExitStack, fixture: Path, arguments: Arguments) -> Any:
     """The page of the frames, with its address printed and opened in the browser."""
     from vfplan.camera.overlay import Window
     from vfplan.cli.review import open_door

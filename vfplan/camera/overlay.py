@@ -84,7 +84,7 @@ def frames_of(source: Path, size: tuple[int, int]) -> Iterator[tuple[float, floa
         number += 1
     if not number:
         text = "gives no frame. Name a picture, a video, or the number of a camera"
-        raise InputError(text, where=str(source), code="camera-source")
+        raise InputError(text, where=source, code="camera-source")
 
 
 @dataclass(eq=False)

@@ -112,7 +112,7 @@ def read_camera(path: Path | None) -> Camera:
             "write a JSON file with image_width, image_height, camera_matrix and "
             "distortion_coefficients"
         )
-        raise InputError(message, where=str(path), code="calibration-file") from None
+        raise InputError(message, where=path, code="calibration-file") from None
     width, height, matrix, distortion = lens
     return Camera(int(width), int(height), matrix, distortion)
 

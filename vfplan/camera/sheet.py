@@ -180,7 +180,7 @@ def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
     except (KeyError, ValueError):
         where = f"four corners in {plan.fixture.frame}"
         message = f"has a tag without {where}. Label them as 17.0, 17.1, 17.2 and 17.3"
-        raise MarkerError(message, where=str(path), code="tag-corners") from None
+        raise MarkerError(message, where=path, code="tag-corners") from None
 
 
 def draw_print(shown: ReviewedPlan, paper: str) -> Figure:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
+from vfplan.display import Report
 from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import Array
@@ -41,6 +42,9 @@ from vfplan.session.session import Session
 FORMAT = "vfplan-campaign"
 VERSION = "1.0"
 QUESTION_FILE = "campaign.json"
+# What the trials of a folder answer.
+Question = dict[str, Any]
+
 # Largest size of a block of trials that is read. One of 64 trials is a thousandth of it.
 MAX_BLOCK_BYTES = MAX_TEXT_BYTES // 4
 NUMBERS = ("depth_m", "point", "force_n", "force_step_n")
@@ -55,7 +59,7 @@ def parquet() -> Any:
 
 def campaign_question(
     fixture: Fixture, sessions: list[Session], settings: CampaignSettings
-) -> dict[str, Any]:
+) -> Question:
     """The question of a campaign, as its folder keeps it: no names, no paths."""
     plan = review_digest(replace(fixture, findings=(), reviewed=None, case=None))
     spacing = getattr(fixture.image, "pixel_spacing_mm", None)
@@ -87,7 +91,7 @@ def markers_sha256(fixture: Fixture) -> str:
     return digest.hexdigest()
 
 
-def open_folder(folder: Path, question: dict[str, Any]) -> None:
+def open_folder(folder: Path, question: Question) -> None:
     """Make the folder of a campaign, or check that it holds this question.
 
     Parameters
@@ -109,12 +113,12 @@ def open_folder(folder: Path, question: dict[str, Any]) -> None:
         raise OutputError(text, where=where, code="folder-is-a-file") from None
     except OSError as error:
         text = f"cannot be made: {error.strerror or error}. Name another folder"
-        raise OutputError(text, where=str(folder), code="folder-not-made") from None
+        raise OutputError(text, where=folder, code="folder-not-made") from None
     if not (folder / QUESTION_FILE).exists():
         # Files that another process is just writing have this prefix.
         if any(not path.name.startswith(".vfplan-") for path in folder.iterdir()):
             text = "is no campaign's folder, and not empty. Name another folder"
-            raise OutputError(text, where=str(folder), code="folder-not-empty")
+            raise OutputError(text, where=folder, code="folder-not-empty")
         text = json.dumps(question, indent=2) + "\n"
         write_whole(folder / QUESTION_FILE, [text.encode()], overwrite=False)
         return
@@ -123,7 +127,7 @@ def open_folder(folder: Path, question: dict[str, Any]) -> None:
     differing = [name for name in names if question.get(name) != stored.get(name)]
     if differing:
         text = f"holds a campaign that differs in {', '.join(differing)}. Name another folder"
-        raise OutputError(text, where=str(folder), code="another-campaign")
+        raise OutputError(text, where=folder, code="another-campaign")
 
 
 def store_block(path: Path, rows: list[dict[str, Any]]) -> None:
@@ -167,13 +171,13 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
     if not count or (trials is not None and count < trials):
         raise InputError(
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
-            where=str(folder), code="too-few-trials", numbers={"trials": count, "wanted": trials},
+            where=folder, code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
     joined = {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
     return question, joined
 
 
-def read_question(folder: Path) -> dict[str, Any]:
+def read_question(folder: Path) -> Question:
     """The question that a campaign's folder holds; raises `InputError`."""
     path = folder / QUESTION_FILE
     data = read_whole(path, MAX_SETTINGS_BYTES)
@@ -190,7 +194,7 @@ def read_question(folder: Path) -> dict[str, Any]:
     if not is_sound:
         raise InputError(
             f"is no {FORMAT} of version {VERSION}. Name the folder of vfplan campaign",
-            where=str(path), code="no-campaign",
+            where=path, code="no-campaign",
         )  # fmt: skip
     return question
 
@@ -209,7 +213,7 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
             raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError(
-            "is a damaged block. Remove it to have it made anew", where=str(path),
+            "is a damaged block. Remove it to have it made anew", where=path,
             code="damaged-block",
         ) from None  # fmt: skip
     return columns
@@ -348,11 +352,11 @@ def margins(
 
 
 def summary(
-    question: dict[str, Any],
+    question: Question,
     table: dict[str, Array],
     beyond_m: list[float],
     probabilities: list[float],
-) -> dict[str, Any]:
+) -> Report:
     """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]
     quantiles_mm = {}
@@ -387,7 +391,7 @@ def require_same_plan(folder: Path, fixture: Fixture) -> None:
         raise CheckFailed(
             "is a campaign of another plan: its markers, model or stiffness differ. Run "
             "vfplan campaign on this plan",
-            where=str(folder), code="campaign-of-another-plan",
+            where=folder, code="campaign-of-another-plan",
         )  # fmt: skip
 
 
@@ -409,7 +413,7 @@ def margin_for(folder: Path, p: float) -> float:
         raise CheckFailed(
             f"holds {trials} trials, which do not bound the margin for p = {p:g} from above. "
             f"Make about {needed}",
-            where=str(folder), code="too-few-trials", numbers={"trials": trials, "needed": needed},
+            where=folder, code="too-few-trials", numbers={"trials": trials, "needed": needed},
         )  # fmt: skip
     return 1e-3 * high_mm
 

@@ -23,7 +23,7 @@ import numpy as np
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
-from vfplan.geometry.lines import Array, flattened
+from vfplan.geometry.lines import Array, flattened, row_lengths
 from vfplan.registration.models import homogeneous, make_model, make_problem
 from vfplan.replaying.metrics import CONTACT_M, dots, row_norms
 from vfplan.session.session import Session
@@ -193,7 +193,7 @@ class Trials:
             centred = self.fixture.points - self.fixture.points.mean(axis=0)
             normal = np.linalg.svd(centred, full_matrices=len(centred) < 3)[2][2]
         across = np.cross(along, normal)
-        return across / np.maximum(np.linalg.norm(across, axis=1), 1e-300)[:, None]
+        return across / np.maximum(row_lengths(across), 1e-300)[:, None]
 
     def _engine(self, points: Array, stiffness: Array) -> ProxyEngine:
         """An engine that renders points as the fixture's own are."""

@@ -23,6 +23,10 @@ SHAPES = ("points", "pieces", "mesh", "guide_points", "guide_pieces")
 RULES = ("robust", "paper", "exact")
 
 
+# A body as engine.js makes it: its `shape`, and its `arrays` of float64, packed.
+Body = dict[str, Any]
+
+
 def module() -> bytes:
     """The engine as WebAssembly."""
     return (files("vfplan.engine") / "engine.wasm").read_bytes()
@@ -33,7 +37,7 @@ def packed(data: bytes) -> str:
     return base64.b64encode(gzip.compress(data, mtime=0)).decode("ascii")
 
 
-def bodies_of(fixture: Fixture, rule: Rule | None = None) -> list[dict[str, Any]]:
+def bodies_of(fixture: Fixture, rule: Rule | None = None) -> list[Body]:
     """What renders a fixture, as engine.js makes it: the forbidden region, then the guide.
 
     Each has its `shape` and three arrays of float64. The proxy is that of the first; the forces of
@@ -49,7 +53,7 @@ def bodies_of(fixture: Fixture, rule: Rule | None = None) -> list[dict[str, Any]
     return bodies
 
 
-def _region(fixture: Fixture, rule: Rule) -> dict[str, Any]:
+def _region(fixture: Fixture, rule: Rule) -> Body:
     p = ProxyEngine.of(fixture, rule, offline=True).parameters
     parameters = [
         RULES.index(rule), p.contact_radius, p.band, p.point_radius, p.outer_radius, p.gain,
@@ -63,7 +67,7 @@ def _region(fixture: Fixture, rule: Rule) -> dict[str, Any]:
     return _body("mesh", parameters, *check_triangles(fixture.points, fixture.mesh))
 
 
-def _guide(fixture: Fixture) -> dict[str, Any]:
+def _guide(fixture: Fixture) -> Body:
     with warnings.catch_warnings():
         # The bend that it warns of is a finding of the plan.
         warnings.simplefilter("ignore")
@@ -85,11 +89,11 @@ def _axis(axis: np.ndarray | None) -> np.ndarray:
 
 
 def _strokes(shape: str, parameters: list[float], rows: Any, bulges: Any, stroke: Any,
-             closed: Any) -> dict[str, Any]:  # fmt: skip
+             closed: Any) -> Body:  # fmt: skip
     ties = np.concatenate([np.column_stack([bulges, stroke]).ravel(), closed])
     return _body(shape, parameters, rows, ties)
 
 
-def _body(shape: str, *arrays: Any) -> dict[str, Any]:
+def _body(shape: str, *arrays: Any) -> Body:
     data = [packed(np.asarray(array, "<f8").tobytes()) for array in arrays]
     return {"shape": SHAPES.index(shape), "arrays": data}

@@ -13,13 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
-from vfplan.engine.parameters import (
-    Vector,
-    core_settings,
-    number,
-    real_array,
-    real_number,
-)
+from vfplan.engine.parameters import Vector, core_settings, number, real_array, real_number
 from vfplan.engine.proxy import check_hip, check_path
 from vfplan.errors import SceneError, SettingError
 from vfplan.robot import Robot

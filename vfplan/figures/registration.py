@@ -11,7 +11,7 @@ from vfplan.display import MAX_DRAWN, MM, nice_length
 from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
-from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, unit_normal
+from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, row_lengths, unit_normal
 from vfplan.palette import CONTACT, FORCE, HIP
 
 if TYPE_CHECKING:
@@ -146,7 +146,7 @@ def draw_markers(
     axes.plot([], [], color=CONTACT, lw=1.4, label=label)
     residuals_mm = registration.vectors * MM
     across_mm = residuals_mm @ unit_normal(linear)
-    whole_mm = np.linalg.norm(residuals_mm, axis=1)
+    whole_mm = row_lengths(residuals_mm)
     border = 0.7 * axes.get_xlim()[1]
     taken = []
     for k, label in enumerate(registration.labels):

@@ -32,9 +32,7 @@ def flattened(places: Array, axis: Array | None) -> Array:
 
 def ring_of(points: NDArray, closed: bool) -> Array:
     """The points of a line; those of a closed one end with the first again."""
-    if closed:
-        return np.vstack([points, points[:1]])
-    return np.asarray(points, float)
+    return np.vstack([points, points[:1]]) if closed else np.asarray(points, float)
 
 
 def rms_length(vectors: Array) -> float:
@@ -42,12 +40,15 @@ def rms_length(vectors: Array) -> float:
     return float(np.sqrt((vectors**2).sum(axis=1).mean()))
 
 
+def row_lengths(vectors: NDArray) -> Array:
+    """(N,) the length of each of vectors (N, k)."""
+    return np.linalg.norm(vectors, axis=1)
+
+
 def step_lengths(points: NDArray) -> Array:
     """(M - 1,) the distances of neighbouring points."""
     steps = np.diff(points, axis=0)
-    if steps.shape[1] == 2:
-        return np.hypot(*steps.T)
-    return np.linalg.norm(steps, axis=1)
+    return np.hypot(*steps.T) if steps.shape[1] == 2 else row_lengths(steps)
 
 
 def arc_lengths(points: NDArray, closed: bool) -> Array:
@@ -80,9 +81,7 @@ def evenly(points: NDArray, closed: bool, step: float = 1.0) -> Array:
     count = max(4, round(arc[-1] / step))
     at = np.linspace(0.0, arc[-1], count + 1)
     even = interpolated(at, arc, ring)
-    if closed:
-        return even[:-1]
-    return even
+    return even[:-1] if closed else even
 
 
 def normals(points: NDArray, closed: bool) -> Array:
@@ -337,9 +336,8 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
         index = int(np.argmax(coincide))
         raise CurveError(
             f"Point {index} of {len(points)} lies where the next one does. Leave one of them out.",
-            code="points-coincide",
-            numbers={"index": index, "points": len(points)},
-        )
+            code="points-coincide", numbers={"index": index, "points": len(points)},
+        )  # fmt: skip
     corners = find_corners(points, closed, tolerance)
     periodic = closed and len(corners) == 0
     if closed:  # It begins at a corner, if it has any.
@@ -352,7 +350,7 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
         spline = spline_through(run, periodic and len(run) > 3)
         t = np.linspace(0, len(run) - 1, PLACES_A_STEP * (len(run) - 1) + 1)
         velocity = spline(t, 1)
-        tangents = velocity / np.linalg.norm(velocity, axis=1)[:, None]
+        tangents = velocity / row_lengths(velocity)[:, None]
         arcs = _core.arcs_along(spline(t), tangents, tolerance, PLACES_A_STEP)
         vertices.append(arcs[0][:-1])
         bulges.append(arcs[1])
@@ -382,9 +380,7 @@ def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.in
     isolated &= turn > OUTSTANDING * np.median(turn)
     corners = np.flatnonzero((error > tolerance) & isolated)
     # The first point of an open curve has no turn.
-    if closed:
-        return corners
-    return corners + 1
+    return corners if closed else corners + 1
 
 
 def plane(axis: Array) -> Array:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, InputError, VfplanError
 from vfplan.geometry import UNIT_ROUNDED
-from vfplan.geometry.lines import plane_normal
+from vfplan.geometry.lines import plane_normal, row_lengths
 from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.files import nameless_file
 from vfplan.io.sandbox import MAX_ARRAY_BYTES, raise_limits, raise_limits_for, run_in_sandbox
@@ -140,9 +140,7 @@ def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None 
     if not items:
         shared = dataset.get("SharedFunctionalGroupsSequence") or [{}]
         items = shared[0].get(group)
-    if not items:
-        return None
-    return items[0].get(keyword)
+    return items[0].get(keyword) if items else None
 
 
 def pixel_axes(orientation: Any, spacing_mm: tuple[float, float]) -> NDArray[np.float64] | None:
@@ -162,7 +160,7 @@ def pixel_axes(orientation: Any, spacing_mm: tuple[float, float]) -> NDArray[np.
     if len(numbers) != 6:
         return None
     directions = np.reshape(numbers, (2, 3))
-    lengths = np.linalg.norm(directions, axis=1)
+    lengths = row_lengths(directions)
     is_unit = (np.abs(lengths - 1) < UNIT_ROUNDED).all()
     is_square = abs(directions[0] @ directions[1]) < UNIT_ROUNDED
     if not (is_unit and is_square):

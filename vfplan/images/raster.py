@@ -294,9 +294,8 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
     if count < 1:
         raise ImageError(
             f"says that it has {count} {what}s. Export the slice again.",
-            code="no-frames",
-            numbers={"count": count},
-        )
+            code="no-frames", numbers={"count": count},
+        )  # fmt: skip
     if number is None and count > 1:
         raise ImageError(f"has {count} {what}s. Choose one, 1 to {count}, with --frame.")
     if number is not None and not 1 <= number <= count:

@@ -171,9 +171,8 @@ def read_image(
         raise SettingError(
             f"max_megapixels is {max_megapixels:g}. "
             f"Give a number above 0, and at most {LARGEST_MEGAPIXELS:g}.",
-            code="out-of-range",
-            numbers={"max_megapixels": max_megapixels},
-        )
+            code="out-of-range", numbers={"max_megapixels": max_megapixels},
+        )  # fmt: skip
     max_pixels = int(1e6 * max_megapixels)
     data = read_whole(Path(path), MAX_BYTES, ImageError)
     if not data:
@@ -284,7 +283,7 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
             rows.append((order, StackedSlice(file, frame, title)))
     if not rows and path.is_dir():
         text = "holds no DICOM slice. Give the folder of a series"
-        raise ImageError(text, where=str(path), code="no-slices")
+        raise ImageError(text, where=path, code="no-slices")
     return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
 
 
@@ -358,7 +357,7 @@ def slice_file(fixture: Fixture, path: Path) -> Path:
             return file
     named = fixture.provenance.settings.get(SLICE_IN_WORDS, f"SHA-256 {str(wanted)[:12]}...")
     text = f"holds no file that is the bundle's slice ({named}). Give the folder that holds it"
-    raise ImageError(text, where=str(path), code="another-slice")
+    raise ImageError(text, where=path, code="another-slice")
 
 
 def flat_as_planned(image: PlannedImage, recipe: dict[str, Any]) -> PlannedImage:

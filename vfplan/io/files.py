@@ -112,17 +112,17 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
         descriptor = os.open(path, os.O_RDONLY | flags("O_NONBLOCK O_CLOEXEC O_BINARY"))
     except FileNotFoundError:
         text = "cannot be read: there is no such file. Check its name"
-        raise kind(text, where=str(path), code="file-missing") from None
+        raise kind(text, where=path, code="file-missing") from None
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         text = f"cannot be read: {reason}. Check the file and its permissions"
-        raise kind(text, where=str(path), code="file-unreadable") from error
+        raise kind(text, where=path, code="file-unreadable") from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
         what = "a directory" if stat.S_ISDIR(mode) else "a device or a pipe"
         text = f"cannot be read: it is {what}, not a file. Name a file"
-        raise kind(text, where=str(path), code="not-a-file")
+        raise kind(text, where=path, code="not-a-file")
     return open(descriptor, "rb")
 
 
@@ -138,7 +138,7 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
     if max(size, len(data)) > max_bytes:
         raise kind(
             f"is longer than {max_bytes} bytes, the most that is read. Give a shorter file",
-            where=str(path), code="file-too-long",
+            where=path, code="file-too-long",
             numbers={"bytes": max(size, len(data)), "max_bytes": max_bytes},
         )  # fmt: skip
     return data

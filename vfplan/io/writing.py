@@ -109,9 +109,9 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
     try:
         if path.is_dir():
             text = "is a directory. Name a file"
-            raise OutputError(text, where=str(path), code="output-is-folder")
+            raise OutputError(text, where=path, code="output-is-folder")
         if path.exists() and not overwrite:
-            raise OutputError(EXISTS, where=str(path), code="output-exists")
+            raise OutputError(EXISTS, where=path, code="output-exists")
         with unfinished(path, mode) as (temporary, file):
             yield file
             file.flush()
@@ -210,7 +210,7 @@ def put_back(target: Path, old: Path | None) -> None:
         text = f"cannot be removed again: {error.strerror}. Remove it by hand"
         if old is not None:
             text = f"cannot be put back: {error.strerror}. What it held is in {old}"
-        raise OutputError(text, where=str(target), code="not-put-back") from error
+        raise OutputError(text, where=target, code="not-put-back") from error
 
 
 def give_second_name(old: Path, name: Path) -> None:
@@ -249,5 +249,5 @@ def put_in_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
                 raise
             return
     except FileExistsError:
-        raise OutputError(EXISTS, where=str(target), code="output-exists") from None
+        raise OutputError(EXISTS, where=target, code="output-exists") from None
     os.unlink(temporary)

@@ -23,7 +23,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import is_overwriting
 from vfplan.cli.run import CommandResult, command, command_line, noted_signals
-from vfplan.display import command_of, count, in_singular, quoted, wrote
+from vfplan.display import Report, command_of, count, in_singular, quoted, wrote
 from vfplan.errors import OutputError
 from vfplan.io.writing import made_folder, move_into_place, not_written, write_whole
 
@@ -168,7 +168,7 @@ def started_part(stack: ExitStack, path: Path) -> Path:
     part = path.with_name(f"{path.name}.part")
     if part.exists():
         message = "is there, of a recording that was cut off. Replay it, and move it away"
-        raise OutputError(message, where=str(part), code="part-exists")
+        raise OutputError(message, where=part, code="part-exists")
     stack.enter_context(made_folder(path.parent))
     return part
 
@@ -176,7 +176,7 @@ def started_part(stack: ExitStack, path: Path) -> Path:
 def pass_on(
     ticks: Iterator[Any], feed: Any, writer: Any, sources: dict[str, Any], poses_file: Any,
     seconds: float | None, *, stop_when_full: bool,
-) -> tuple[dict[str, Any], list[str], str]:  # fmt: skip
+) -> tuple[Report, list[str], str]:  # fmt: skip
     """Pass every tick on until the source ends, the time is over, or a signal comes.
 
     sources: what comes, and what takes it

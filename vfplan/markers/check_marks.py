@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, doubt, note
-from vfplan.geometry.lines import Array, Flags, rms_length
+from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
 from vfplan.markers.find_marks import (
     CLEAR_MISFIT,
     MATCH_RADIUS_PX,
@@ -221,7 +221,7 @@ def offset_findings(
 def stands_apart(offset: Array) -> Flags:
     """(K,) which positions lie to their marks otherwise than the others, by (K, 2) offsets [px]."""
     # The median and the median distance from it are not moved by a single wrong position.
-    from_median = np.linalg.norm(offset - np.median(offset, axis=0), axis=1)
+    from_median = row_lengths(offset - np.median(offset, axis=0))
     return from_median > SINGLE_OFFSET_PX + 5 * 1.4826 * np.median(from_median)
 
 
@@ -315,5 +315,5 @@ def are_stamped(
         pictures.append(cv2.GaussianBlur(picture, (0, 0), 1.0).ravel())
     each = np.array(pictures)
     shape = np.median(np.vstack([each, each[:, ::-1]]), axis=0)
-    size = np.linalg.norm(each, axis=1) * np.linalg.norm(shape)
+    size = row_lengths(each) * np.linalg.norm(shape)
     return bool((each @ shape >= ALIKE_SHAPE * size).mean() >= 0.8)

@@ -52,6 +52,9 @@ RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 SLICER3_COLUMNS = "label,x,y,z,sel,vis"
 
+# Markups of 3D Slicer, or one list of points among them.
+JsonObject = dict[str, Any]
+
 MarkerFrame = Literal["image", "patient_lps", "robot_base"]
 
 
@@ -144,7 +147,7 @@ def read_markers(
         raise MarkerError(
             f"holds only {sides[0].frame} positions. Give a second file with the other side, or "
             "one table with label,u_px,v_px,x_m,y_m,z_m",
-            where=str(path), code="one-side-only",
+            where=path, code="one-side-only",
         )  # fmt: skip
     if len(sides) > 2:
         raise MarkerError(
@@ -444,7 +447,7 @@ def fiducials(text: str, where: str) -> list[tuple[str | None, Array]]:
     ]
 
 
-def markups_of(text: str, where: str) -> list[dict[str, Any]]:
+def markups_of(text: str, where: str) -> list[JsonObject]:
     """The markups of a Slicer `.mrk.json`, of whatever type; raises `MarkerError` if it is none."""
     try:
         document = json.loads(text)
@@ -466,12 +469,12 @@ def markups_of(text: str, where: str) -> list[dict[str, Any]]:
     return _objects(document, "markups", where)
 
 
-def lps_points(markup: dict[str, Any], where: str) -> Array:
+def lps_points(markup: JsonObject, where: str) -> Array:
     """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
     return np.array([position for _, position in defined_points(markup, where)]).reshape(-1, 3)
 
 
-def defined_points(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[str, Any], Array]]:
+def defined_points(markup: JsonObject, where: str) -> Iterator[tuple[JsonObject, Array]]:
     """The defined control points, and their positions in LPS [m]."""
     # A unit stands as its code, or as a list of the code, "UCUM" and its name.
     metres = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
@@ -504,7 +507,7 @@ def defined_points(markup: dict[str, Any], where: str) -> Iterator[tuple[dict[st
         yield point, np.array(xyz) * scale
 
 
-def _objects(parent: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+def _objects(parent: JsonObject, key: str, where: str) -> list[JsonObject]:
     """The list of objects under a key."""
     entries = parent.get(key)
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.display import coordinates
 from vfplan.errors import MarkerError
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 
 Shape = Literal["cross", "dot"]
 
@@ -122,18 +122,16 @@ def find_markers(
             raise MarkerError(
                 f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:z.1f}, "
                 f"{v:z.1f}) px. Correct its position, or leave --find-markers out",
-                code="no-mark-near",
-                numbers={"label": label, "u_px": float(u), "v_px": float(v)},
-            )
+                code="no-mark-near", numbers={"label": label, "u_px": float(u), "v_px": float(v)},
+            )  # fmt: skip
         for other in markers:
             if np.hypot(*np.subtract(marker.position_px, other.position_px)) < 1:
                 raise MarkerError(
                     f"{other.label!r} and {label!r} were both found at "
                     f"({coordinates(marker.position_px, 1)}) px. Give each the "
                     "position of a mark of its own",
-                    code="one-mark-two-markers",
-                    numbers={"labels": [other.label, label]},
-                )
+                    code="one-mark-two-markers", numbers={"labels": [other.label, label]},
+                )  # fmt: skip
         markers.append(marker)
     return tuple(markers)
 
@@ -211,7 +209,7 @@ def marks_around(coverage: Array, place: tuple[float, float], search_px: float) 
     marks = []
     for spot in regionprops(numbers, coverage):
         top, left, bottom, right = spot.bbox
-        distance = np.linalg.norm(spot.coords[:, ::-1] - place, axis=1).min()
+        distance = row_lengths(spot.coords[:, ::-1] - place).min()
         is_cut = min(top, left) == 0 or bottom == coverage.shape[0] or right == coverage.shape[1]
         side = max(bottom - top, right - left)
         if distance > search_px or is_cut or side > MAX_SIDE_PX or spot.area < 4:

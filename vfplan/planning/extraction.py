@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vfplan.bundle.content import max_number
+from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
@@ -63,7 +64,7 @@ class ExtractResult:
     fixture: Fixture
     image: PlannedImage | None
     extraction: Extraction | None
-    report: dict[str, Any]
+    report: Report
     findings: tuple[Finding, ...] = ()
 
 
@@ -180,7 +181,7 @@ def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
             message = f"pixel spacing is {spacing:g} mm. Give {MIN_SPACING_MM:g} to {largest:g} mm"
             if settings.pixel_spacing_mm is not None:
                 raise SettingError(message, code="pixel-spacing-range")
-            raise ImageError(message, where=str(path), code="pixel-spacing-range")
+            raise ImageError(message, where=path, code="pixel-spacing-range")
     return image
 
 
@@ -265,7 +266,7 @@ def vector_alone(
         step = 1e-3 / settings.density_per_mm
     stroke = curve.stroke(step)
     frame, points = "patient_lps", stroke.points
-    described: dict[str, Any] = {"length_mm": stroke.length * 1e3}
+    described: Report = {"length_mm": stroke.length * 1e3}
     findings = vector_findings(curve, contact_radius)
     if is_in_image:
         frame, points = "image", np.column_stack([points, np.zeros(len(points))])
@@ -310,13 +311,13 @@ def resample(
     return replace(extraction, strokes=tuple(strokes))
 
 
-def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str, Any]:
+def describe_extraction(extraction: Extraction, image: PlannedImage) -> Report:
     """What `extract --json` reports of a curve, but for the time it took."""
     spacing = image.pixel_spacing_mm
     size = {"width_px": image.width_px, "height_px": image.height_px, "pixel_spacing_mm": spacing}
     if image.orientation != 1:
         size["orientation"] = image.orientation
-    report: dict[str, Any] = {"image": size}
+    report: Report = {"image": size}
     if extraction.method != "vector":
         report["mask_pixels"] = int(extraction.mask.sum())
     strokes = extraction.strokes
@@ -340,14 +341,14 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> dict[str
     return report
 
 
-def describe_stroke(stroke: Stroke, spacing_mm: tuple[float, float] | None) -> dict[str, Any]:
+def describe_stroke(stroke: Stroke, spacing_mm: tuple[float, float] | None) -> Report:
     """One stroke as `extract --json` reports it."""
     length_mm = None
     if spacing_mm is not None and stroke.is_ordered:
         length_mm = length_of(stroke.points * spacing_mm, stroke.closed)
     elif spacing_mm is not None:
         length_mm = float(stroke.length * np.sqrt(spacing_mm[0] * spacing_mm[1]))
-    report: dict[str, Any] = {"length_px": float(stroke.length), "length_mm": length_mm}
+    report: Report = {"length_px": float(stroke.length), "length_mm": length_mm}
     if stroke.width is not None:
         report["width_px"] = float(stroke.width)
     report |= {

@@ -15,7 +15,7 @@ import numpy as np
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.geometry.lines import Array, rms_length
+from vfplan.geometry.lines import Array, rms_length, row_lengths
 from vfplan.io.files import naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -204,9 +204,8 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
         raise ImageError(
             f"The image has {size[0]} x {size[1]} px, and the slice that the curve was drawn on "
             f"had {drawn_on[0]} x {drawn_on[1]}. Give the original, not cut and not scaled.",
-            code="image-size-differs",
-            numbers={"width_px": size[0], "height_px": size[1]},
-        )
+            code="image-size-differs", numbers={"width_px": size[0], "height_px": size[1]},
+        )  # fmt: skip
 
 
 def find_drawn(
@@ -290,9 +289,8 @@ def refuse_implausible(
                 f"the {name} markers lie {radius:.3g} m (rms) from their centre; "
                 f"{MIN_LAYOUT_RADIUS_M:g} to {MAX_COORDINATE_M:g} m are allowed. Name their "
                 "unit in the header, as x_m, x_cm or x_mm",
-                code="layout-size",
-                numbers={"radius_m": radius},
-            )
+                code="layout-size", numbers={"radius_m": radius},
+            )  # fmt: skip
 
     size = image or curve.image
     if correspondences.source_frame != "image" or size is None:
@@ -345,7 +343,7 @@ def refine(
 
     # How far the surface moves, against what the markers allow.
     before, after = registration.apply(curve.points), refined.registration.apply(curve.points)
-    moved_m = np.linalg.norm(after - before, axis=1)
+    moved_m = row_lengths(after - before)
     bound_m = registration.tre95_curve_m(curve.points)
     moved_over_bound = float((moved_m / np.maximum(bound_m, 1e-12)).max())
     strays = np.flatnonzero(~refined.used) + 1
@@ -383,5 +381,5 @@ def read_points(path: str | Path) -> tuple[Array, str]:
     if not np.isfinite(points).all():
         row = 1 + int(np.argmin(np.isfinite(points).all(axis=1)))
         message = f"point {row} is not finite. Correct its row"
-        raise MarkerError(message, where=str(path), code="no-number")
+        raise MarkerError(message, where=path, code="no-number")
     return points, sha256

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vfplan.display import Report
 from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
@@ -64,7 +65,7 @@ class RegisterResult:
 
     fixture: Fixture
     registration: Registration
-    report: dict[str, Any]
+    report: Report
     findings: tuple[Finding, ...] = ()
 
 
@@ -77,7 +78,7 @@ class PlanResult:
     registered: RegisterResult
 
     @property
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """What `plan --json` reports."""
         return {"extract": self.extracted.report, "register": self.registered.report}
 
@@ -158,7 +159,7 @@ def refuse_wrong_order(
     if order is not None:
         raise InputError(
             f"the files are in the wrong order: {order}. Give the slice first and the markers "
-            "after it: IMAGE MARKERS [MARKERS2]", where=str(image), code="wrong-order",
+            "after it: IMAGE MARKERS [MARKERS2]", where=image, code="wrong-order",
         )  # fmt: skip
 
 
@@ -576,9 +577,8 @@ def clearance(fixture: Fixture, guide: Guide, record: Record) -> float:
             f"the guide leads into the forbidden region: {where}, it comes within "
             f"{1e3 * (smallest + radius):.4g} mm, and R = {1e3 * radius:g} mm is the least. "
             "Draw it further away, or give a smaller --contact-radius",
-            code="guide-forbidden",
-            numbers={"distance_m": smallest + radius, "allowed_m": radius},
-        )
+            code="guide-forbidden", numbers={"distance_m": smallest + radius, "allowed_m": radius},
+        )  # fmt: skip
     if smallest < guide.radius:
         text = (
             f"The guide's tube of {1e3 * guide.radius:g} mm reaches into the forbidden region "

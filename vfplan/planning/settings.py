@@ -353,9 +353,7 @@ class FixtureSettings:
     @property
     def max_tre_length_m(self) -> float | None:
         """The gate `max_tre_m` as a length [m]; `None`: any error is taken."""
-        if self.max_tre_m == "contact radius":
-            return self.contact_radius
-        return self.max_tre_m
+        return self.contact_radius if self.max_tre_m == "contact radius" else self.max_tre_m
 
 
 def check_ranges(settings: FixtureSettings) -> None:

@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from vfplan.engine.parameters import MAX_POINTS, number
 from vfplan.errors import SettingError
 from vfplan.fixture import Curve, Fixture, Pieces
-from vfplan.geometry.lines import Array, Spline, length_of, spline_through
+from vfplan.geometry.lines import Array, Spline, length_of, row_lengths, spline_through
 from vfplan.planning.settings import DEFAULT_ARCS_M, FixtureSettings
 
 if TYPE_CHECKING:
@@ -219,8 +219,8 @@ def dense_values(points: Array, closed: bool) -> tuple[Spline, Array, Array, Arr
     spline = spline_through(points, periodic=closed and len(points) > 3)
     t = np.linspace(0, len(points) - 1, STEPS * (len(points) - 1) + 1)
     first, second = spline(t, 1), spline(t, 2)
-    speed = np.linalg.norm(first, axis=1)
-    kappa = np.linalg.norm(np.cross(first, second), axis=1) / np.maximum(speed, 1e-12) ** 3
+    speed = row_lengths(first)
+    kappa = row_lengths(np.cross(first, second)) / np.maximum(speed, 1e-12) ** 3
     wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
     kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
     steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)
@@ -253,16 +253,13 @@ def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
         raise SettingError(
             f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "
             f"{MAX_POINTS} fit into a bundle. Give a larger tolerance",
-            code="too-many-points",
-            numbers={"points": float(count[-1])},
-        )
+            code="too-many-points", numbers={"points": float(count[-1])},
+        )  # fmt: skip
     whole = max(1, int(np.ceil(count[-1] - 1e-9)))
     if closed:
         whole = max(3, whole)
     places = np.interp(np.linspace(0, count[-1], whole + 1), count, arc)
-    if closed:
-        return places[:-1]
-    return places
+    return places[:-1] if closed else places
 
 
 # Decimals of a point [m] and of a bulge. An id must not depend on a processor's last bits; bulges
@@ -303,10 +300,7 @@ class CarriedPoints:
 
 
 def carry(
-    curve: Fixture,
-    registration: Registration,
-    settings: FixtureSettings,
-    tolerance_m: float | None,
+    curve: Fixture, registration: Registration, settings: FixtureSettings, tolerance_m: float | None
 ) -> CarriedPoints:
     """Carry a curve into the registration's target frame; sample it where it is ordered.
 

@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.display import coordinates
+from vfplan.display import Report, coordinates
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import Array, plane_normal
+from vfplan.geometry.lines import Array, plane_normal, row_lengths
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
@@ -219,7 +219,7 @@ def perspective_test(registration: Registration, fewest: int = 6) -> Perspective
     return PerspectiveTest(
         p_value=p_value,
         fle_rms_m=float(np.sqrt(3 * squares / dof)),
-        departure_m=float(np.linalg.norm(mapped - problem.x @ affine.m.T, axis=1).max()),
+        departure_m=float(row_lengths(mapped - problem.x @ affine.m.T).max()),
         is_significant=p_value < min(sure, outlier_probability),
         outlier=(worst, float(np.sqrt(3 * square))) if probability <= SURE_PERSPECTIVE else None,
     )
@@ -640,7 +640,7 @@ def side_finding(registration: Registration) -> Finding | None:
     return doubt("faces-down", "register", text)
 
 
-def describe_checks(registration: Registration) -> dict[str, Any]:
+def describe_checks(registration: Registration) -> Report:
     """The scale against the known one, and the test for perspective, as `--json` reports them."""
     report = {}
     departures = scale_departures(registration)

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
-from vfplan.geometry.lines import Array, Flags, rms_length
+from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -75,9 +75,7 @@ class Orthogonal:
     @property
     def parameters(self) -> int:
         """Number of free parameters p."""
-        if self.scale is None:
-            return 7
-        return 6
+        return 7 if self.scale is None else 6
 
     # Number of markers that determine the transform.
     minimal = 3
@@ -304,9 +302,8 @@ def make_problem(
         raise MarkerError(
             f"{len(raw)} markers are too few: the {model} model from {raw.shape[1]}-D needs at "
             f"least {needed} ({reason}). Add markers",
-            code="too-few-markers",
-            numbers={"markers": len(raw), "needed": needed},
-        )
+            code="too-few-markers", numbers={"markers": len(raw), "needed": needed},
+        )  # fmt: skip
 
     metric = raw * spacing
     centre = metric.mean(axis=0)
@@ -497,7 +494,7 @@ class Fit:
         Every fit is made again without each marker.
         """
         problem, used = self.problem, self.used
-        errors = np.linalg.norm(self.vectors, axis=1)
+        errors = row_lengths(self.vectors)
         for i in np.flatnonzero(used):
             others = np.flatnonzero(used & (np.arange(len(used)) != i))
             errors[i] = np.nan

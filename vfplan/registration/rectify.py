@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences
 from vfplan.registration.checks import (
@@ -123,7 +123,7 @@ def flattening(
     depths = 1 + problem.s @ h[9:]
     strengths = np.linalg.svd(homography_rows(h, problem), compute_uv=False)
     is_determined = strengths[-1] > DETERMINED * strengths[0]
-    residuals = np.linalg.norm(problem.y - mapped_by_homography(h, problem.s), axis=1)
+    residuals = row_lengths(problem.y - mapped_by_homography(h, problem.s))
     squares = float((problem.weights.mean(axis=1) * residuals**2).sum())
     error_m = float(np.sqrt(3 * squares / (3 * n - len(h))))
     is_off = not (depths > 0).all() or (max_error_m is not None and error_m > max_error_m)

@@ -49,7 +49,7 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE
-from vfplan.geometry.lines import Array, Flags, unit_normal
+from vfplan.geometry.lines import Array, Flags, row_lengths, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     Fit,
@@ -348,9 +348,7 @@ class Registration(Fit):
         normaliser = self.problem.normaliser
         top = self.m @ normaliser.matrix
         top[:, -1] += normaliser.target_centre
-        if top.shape[1] == 3:
-            return top
-        return np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
+        return top if top.shape[1] == 3 else np.vstack([top, [0.0, 0.0, 0.0, 1.0]])
 
     @cached_property
     def covariance(self) -> Array:
@@ -370,7 +368,7 @@ class Registration(Fit):
     @property
     def residuals_m(self) -> Array:
         """(N,) length of each marker's residual [m]."""
-        return np.linalg.norm(self.vectors, axis=1)
+        return row_lengths(self.vectors)
 
     @property
     def fre_rms_m(self) -> float:
@@ -392,9 +390,7 @@ class Registration(Fit):
     def loo_rms_m(self) -> float | None:
         """RMS of `loo_m` over the markers used; `None` where one is undetermined."""
         value = rms(self.loo_m[self.used])
-        if not np.isfinite(value):
-            return None
-        return value
+        return value if np.isfinite(value) else None
 
     @cached_property
     def outliers(self) -> tuple[str, ...] | tuple[int, ...]:
@@ -456,9 +452,7 @@ class Registration(Fit):
 
         With u to the right and v down. `None` for a source in space.
         """
-        if self.source.shape[1] == 3:
-            return None
-        return -unit_normal(self.T_target_source[:3])
+        return None if self.source.shape[1] == 3 else -unit_normal(self.T_target_source[:3])
 
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
@@ -566,9 +560,8 @@ def fit_registration(
             f"the markers are mirrored: by them the slice is seen from {describe_side(faces)}, "
             "which is not the side that --seen-from names. Look for two axes exchanged or one "
             "with the wrong sign, or correct --seen-from if it is wrong",
-            code="mirrored",
-            numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
-        )
+            code="mirrored", numbers={"faces": faces.tolist(), "seen_from": direction.tolist()},
+        )  # fmt: skip
     return registration
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
 from vfplan.registration.models import most_off, rms
 from vfplan.registration.registration import pointwise_bound
@@ -108,8 +108,7 @@ def calibrate_tip(poses: Array, max_error_m: float = np.inf) -> Tip:
             f"{worst + 1}, or record more poses that tilt the tool more",
             code="tip-error-large", numbers={"error95_m": error95_m},
         )  # fmt: skip
-    lengths = np.linalg.norm(residuals, axis=1)
-    return Tip(solution[:3], error95_m, solution[3:] + centre, lengths, turn_deg)
+    return Tip(solution[:3], error95_m, solution[3:] + centre, row_lengths(residuals), turn_deg)
 
 
 def refuse_unit(tip: Array) -> None:
@@ -138,7 +137,7 @@ def read_tip(path: str | Path) -> tuple[str, Array, str]:
         is_told = False
     if not is_told or tip.shape != (3,) or not np.isfinite(tip).all():
         message = "tells no tool and tip. Give the file that vfplan tip -o wrote"
-        raise MarkerError(message, where=str(path), code="tip-file")
+        raise MarkerError(message, where=path, code="tip-file")
     with naming_place(path):
         refuse_unit(tip)
     return tool, tip, sha256

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, row_lengths
 from vfplan.registration.models import (
     RARE_PROBABILITY,
     Orthogonal,
@@ -58,7 +58,7 @@ class NearestOnMesh:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
         a, b, c = np.moveaxis(self.points[self.triangles[rows]], 1, 0)
         normal = np.cross(b - a, c - a)
-        return normal / np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+        return normal / np.maximum(row_lengths(normal), np.finfo(float).tiny)[:, None]
 
 
 # Largest number of touched points. A tracked tip that slides for a minute gives fewer.
@@ -209,7 +209,7 @@ class _Patch:
         normals = self.mesh.normals(rows) @ turn.T
         offset = y - places
         side = np.where((offset * normals).sum(axis=1) < 0, -1.0, 1.0)
-        length = np.linalg.norm(offset, axis=1)
+        length = row_lengths(offset)
         # Beyond an edge the distance grows along the way to the nearest place, not the normal.
         is_away = length > ROUNDING_M
         normals[is_away] = side[is_away, None] * offset[is_away] / length[is_away, None]

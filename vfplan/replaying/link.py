@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vfplan.display import count, millimetres
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import arc_lengths, interpolated, runs
+from vfplan.geometry.lines import arc_lengths, interpolated, row_lengths, runs
 from vfplan.replaying.metrics import Report, row_norms
 from vfplan.session.result import TickBlock
 from vfplan.session.session import Array, LongestRun, Session
@@ -165,7 +165,7 @@ def approach_sessions(
         normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
         if fixture.ignore_axis is not None and len(points) > 1:
             normals = np.cross(fixture.ignore_axis, np.gradient(points, axis=0))
-            normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-12)[:, None]
+            normals /= np.maximum(row_lengths(normals), 1e-12)[:, None]
         if not to_ends and not stroke.closed:
             arc = arc_lengths(points, closed=False)
             clear = stop + PRESS_DEPTH_M

@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MM
+from vfplan.display import MM, Report
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
@@ -30,9 +30,6 @@ from vfplan.io.files import to_json_types
 from vfplan.robot import Robot
 from vfplan.session.result import STATES, TickBlock, concatenate_ticks
 from vfplan.session.session import Largest
-
-# All or a part of what a replay reports, as `--json` has it.
-Report = dict[str, Any]
 
 # A penetration above this is contact [m]. Below it is the rounding of p + (x - p).
 CONTACT_M = ROUNDING_M

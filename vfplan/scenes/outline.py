@@ -21,6 +21,7 @@ import numpy as np
 from vfplan import fixture as curve
 from vfplan.engine.parameters import Vector
 from vfplan.geometry import ROUNDING
+from vfplan.geometry.lines import row_lengths
 
 
 class Look(NamedTuple):
@@ -41,7 +42,7 @@ class Pieces(Protocol):
 def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
     """Distance to the nearest points; `flat` (M, k, 3): directions along which it is straight."""
     offset = x - nearest
-    distance = np.linalg.norm(offset, axis=1)
+    distance = row_lengths(offset)
     normal = offset / np.where(distance > 0, distance, 1.0)[:, None]
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     across = across - np.einsum("mki,mkj->mij", flat, flat)
@@ -148,9 +149,7 @@ class Link:
     @property
     def length(self) -> float:
         """Arc length [m]."""
-        if self.sweep:
-            return abs(self.sweep) * self.radius
-        return float(np.hypot(*(self.b - self.a)))
+        return abs(self.sweep) * self.radius if self.sweep else float(np.hypot(*(self.b - self.a)))
 
     def at(self, s: Vector) -> Vector:
         """(K, 2) positions at the arc lengths s (K,) from `a`."""
@@ -266,7 +265,7 @@ def tangents(nodes: Vector) -> Vector:
     arriving_square = (arriving**2).sum(axis=1)
     leaving_square = (leaving**2).sum(axis=1)
     tangent = arriving / arriving_square[:, None] + leaving / leaving_square[:, None]
-    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    tangent /= row_lengths(tangent)[:, None]
     # At an end the tangent is that of its neighbour, mirrored about the chord.
     for end, inner, chord in ((0, 1, leaving[0]), (-1, -2, arriving[-1])):
         unit = chord / np.linalg.norm(chord)

@@ -25,13 +25,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
 from vfplan.io.sandbox import raise_limits
-from vfplan.session.channels import (
-    CDR_LITTLE_ENDIAN,
-    Part,
-    library,
-    mcap_part,
-    opened_bag,
-)
+from vfplan.session.channels import CDR_LITTLE_ENDIAN, Part, library, mcap_part, opened_bag
 from vfplan.session.session import BLOCK, FRAMES, Array, Samples, WithPrevious, portions
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.

@@ -24,6 +24,9 @@ from vfplan.session.session import BLOCK, MAX_TIME_S, Array
 # A dataclass of arrays, a row a tick.
 Ticks = TypeVar("Ticks")
 
+# Attributes of a file of results: the name of each and its value.
+Attributes = dict[str, Any]
+
 RESULT_FORMAT = "vfplan-result"
 RESULT_VERSION = "1.0"
 ADVICE = "Give a result of vfplan replay"
@@ -88,7 +91,7 @@ def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
 
 def read_result(
     path: str | Path, fixture_sha256: str | None = None
-) -> tuple[TickBlock, dict[str, Any]]:
+) -> tuple[TickBlock, Attributes]:
     """Read a result file whole.
 
     Parameters
@@ -172,7 +175,7 @@ def check_values(ticks: TickBlock) -> None:
         raise InputError(message, code="time-not-increasing", numbers={"tick": tick})
 
 
-def require_fixture(attrs: dict[str, Any], sha256: str) -> None:
+def require_fixture(attrs: Attributes, sha256: str) -> None:
     """Refuse a result, of these root attributes, of a bundle with another digest."""
     try:
         made_with = str(json.loads(attrs.get("fixture", "{}")).get("sha256", sha256))
@@ -203,7 +206,7 @@ class ResultWriter(ExitStack):
         The file exists, or cannot be made or written.
     """
 
-    def __init__(self, path: str | Path, attrs: dict[str, Any]) -> None:
+    def __init__(self, path: str | Path, attrs: Attributes) -> None:
         super().__init__()
         with ExitStack() as stack:
             file = stack.enter_context(whole_file(Path(path), overwrite=False))
@@ -219,7 +222,7 @@ class ResultWriter(ExitStack):
                 dataset.attrs["unit"] = unit
             self.push(stack.pop_all())
 
-    def set(self, attrs: dict[str, Any]) -> None:
+    def set(self, attrs: Attributes) -> None:
         """Set root attributes; those that are `None` are omitted."""
         for name, value in attrs.items():
             if isinstance(value, (dict, list, tuple)):

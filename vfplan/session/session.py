@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MAX_LISTED
+from vfplan.display import MAX_LISTED, Report
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
-from vfplan.geometry.lines import Array, interpolated
+from vfplan.geometry.lines import Array, interpolated, row_lengths
 from vfplan.io.files import METRES
 
 # The frames in which a robot's positions can be.
@@ -140,13 +140,13 @@ class SamplingReport:
         is_repeat = (step == 0).all(axis=1)
         self._counts["repeats"] += int(np.count_nonzero(is_repeat))
         self._repeats.update(is_repeat, first)
-        speed = np.linalg.norm(step, axis=1) / dt
+        speed = row_lengths(step) / dt
         self._speed.update(speed, first + 1)
         jumps = first + 1 + np.flatnonzero(speed > JUMP_M_S)
         self._jump_count += len(jumps)
         self._jumps.extend(jumps[: MAX_LISTED - len(self._jumps)].tolist())
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """The `session` part of a replay's report."""
         jitter_squares = self._jitter_squares / max(1, self._intervals_without_gap)
         data = {

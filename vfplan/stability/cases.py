@@ -25,7 +25,7 @@ import numpy as np
 from vfplan.engine.parameters import Rule, Vector, check_axis
 from vfplan.engine.proxy import ProxyEngine, Status, Trace, best_rule
 from vfplan.fixture import Fixture, Pieces
-from vfplan.geometry.lines import flattened, length_of, plane
+from vfplan.geometry.lines import flattened, length_of, plane, row_lengths
 from vfplan.stability import contacts
 from vfplan.stability.closed_loop import engine_for
 from vfplan.stability.contacts import RADIUS, ROUNDING_M, CaseResult, Contact, outcome_of
@@ -124,9 +124,7 @@ def breach(engine: ProxyEngine, trace: Trace) -> float:
 def surface_direction(contact: Contact) -> Vector:
     """(3,) a unit vector along the surface, across an ignored axis."""
     axis = check_axis(contact.ignore_axis)
-    if axis is None:
-        return plane(contact.normals[0])[1]
-    return np.cross(contact.normals[0], axis)
+    return plane(contact.normals[0])[1] if axis is None else np.cross(contact.normals[0], axis)
 
 
 def random_path(contact: Contact, ticks: int) -> Vector:
@@ -200,7 +198,7 @@ def breach_by_denormals(contact: Contact, engine: ProxyEngine) -> float:
 
 def breach_on_points(contact: Contact, engine: ProxyEngine) -> float:
     """Breach with the HIP exactly on the nearest point, and on the next ones [m]."""
-    nearest = np.argsort(np.linalg.norm(contact.points - contact.touch, axis=1))[:50]
+    nearest = np.argsort(row_lengths(contact.points - contact.touch))[:50]
     return breach(engine, engine.run(np.repeat(contact.points[nearest], 3, axis=0)))
 
 
@@ -297,8 +295,8 @@ def energy_balance(
     movement = flattened(np.diff(hips, axis=0), axis)
     # The vector from the HIP to the proxy, without its part along an ignored axis.
     stretch = trace.force / stiffness
-    length = np.linalg.norm(stretch, axis=1)
-    length_before = np.linalg.norm(stretch[:-1] - movement, axis=1)
+    length = row_lengths(stretch)
+    length_before = row_lengths(stretch[:-1] - movement)
     stored = 0.5 * stiffness * length * length
     bound = stored[0] - stored[-1] + 0.5 * stiffness * (movement * movement).sum()
     work = (trace.force[:-1] * movement).sum()

@@ -17,7 +17,7 @@ from vfplan import scenes
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
 from vfplan.fixture import Fixture, Pieces
-from vfplan.geometry.lines import flattened
+from vfplan.geometry.lines import flattened, row_lengths
 
 # R = r_c of the scenes [m], as in the paper's experiments.
 RADIUS = 5e-3
@@ -150,10 +150,10 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
     # Each row is the point farthest from all that come before it.
     points = fixture.points
     rows = [int(np.argmin(points @ [1.0, 1e-3, 1e-6]))]
-    distance = np.linalg.norm(points - points[rows[0]], axis=1)
+    distance = row_lengths(points - points[rows[0]])
     while len(rows) < min(count, len(points)) and distance.max() > 0:
         rows.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[rows[-1]], axis=1))
+        distance = np.minimum(distance, row_lengths(points - points[rows[-1]]))
     for row in rows:
         yield from contacts_beside(points, points[row], fixture.ignore_axis, radius, shape)
 
@@ -165,7 +165,7 @@ def contacts_beside(
     """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
     axis = check_axis(ignore_axis)
     flat_points, flat_place = flattened(points, axis), flattened(place[None], axis)[0]
-    distance = np.linalg.norm(flat_points - flat_place, axis=1)
+    distance = row_lengths(flat_points - flat_place)
     normal = cloud_normal(flat_points[distance < radius], axis)
     for outward in (normal, -normal):
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)

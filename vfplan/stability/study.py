@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.display import count
+from vfplan.display import Report, count
 from vfplan.engine.parameters import RULES, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
@@ -128,9 +128,7 @@ def largest_rendered_stiffness(fixture: Fixture) -> float:
     if fixture.guidance is None:
         return region
     guide = fixture.guidance.stiffness
-    if len(fixture.forbidden) > 0:
-        return guide + region
-    return guide
+    return guide + region if len(fixture.forbidden) > 0 else guide
 
 
 def judge(
@@ -210,7 +208,7 @@ class Study:
         """How the mass came to rest after hard blows."""
         return next(row for row in self.rows if "blows" in row.values)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Report:
         """The study as `vfplan stability --json` reports it."""
         report = self.verdict.as_dict()
         # The K [N/m] that each rule bore in all scenes that were run.

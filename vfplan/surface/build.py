@@ -12,10 +12,11 @@ import numpy as np
 
 from vfplan.bundle.importing import mesh_band
 from vfplan.bundle.leak import largest_cover, open_edges
+from vfplan.display import Report
 from vfplan.errors import SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
-from vfplan.geometry.lines import Array
+from vfplan.geometry.lines import Array, row_lengths
 from vfplan.io.files import now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
@@ -86,7 +87,7 @@ class Surface:
 
     fixture: Fixture
     sliced: SlicedVolume
-    report: dict[str, Any]
+    report: Report
 
 
 def surface(
@@ -196,7 +197,7 @@ def is_thin(shape: Any, width: float) -> bool:
 
 def report_of(
     contours: Contours, sliced: SlicedVolume, fixture: Fixture, settings: SurfaceSettings
-) -> dict[str, Any]:  # fmt: skip
+) -> Report:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
     structures = [
@@ -206,13 +207,13 @@ def report_of(
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
     volume_mm3 = None if edges else 1e9 * float((np.cross(a, b) * c).sum() / 6)
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    area = float(row_lengths(np.cross(b - a, c - a)).sum() / 2)
     corners = []
     for outline in sliced.outlines:
         corners += [at_height(ring, outline.z) for ring in outline.cut_rings]
     places = every_nth(np.concatenate(corners), MAX_CHECKED_POINTS) @ sliced.R_slice_patient
     nearest, _ = NearestOnMesh(points, fixture.mesh)(places)
-    contour_error = summary_of(np.linalg.norm(places - nearest, axis=1), places)
+    contour_error = summary_of(row_lengths(places - nearest), places)
     return {
         "slices": len(sliced.outlines),
         "spacing_mm": float(np.median(gaps_mm)),
@@ -247,7 +248,7 @@ def ends_remark(sliced: SlicedVolume, settings: SurfaceSettings) -> str:
     )
 
 
-def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
+def left_out_error(sliced: SlicedVolume) -> Report | None:
     """How far each inner slice's outlines are from the surface through all others [mm].
 
     With the slices twice as far apart this is more than what the surface is off between slices,
@@ -264,7 +265,7 @@ def left_out_error(sliced: SlicedVolume) -> dict[str, Any] | None:
             checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)
             corners = at_height(checked, outlines[k].z)
             value, gradient = others.signed(corners)
-            slope = np.maximum(np.linalg.norm(gradient, axis=1), MIN_SLOPE)
+            slope = np.maximum(row_lengths(gradient), MIN_SLOPE)
             distances.append(np.abs(value) / slope)
             places.append(corners @ sliced.R_slice_patient)
     return summary_of(np.concatenate(distances), np.concatenate(places)) if distances else None
@@ -280,7 +281,7 @@ def every_nth(points: Array, count: int) -> Array:
     return points[:: max(1, len(points) // count)]
 
 
-def summary_of(distances: Array, places: Array) -> dict[str, Any]:
+def summary_of(distances: Array, places: Array) -> Report:
     """RMS and largest of distances [m] in millimetres, and the place of the largest."""
     worst = int(distances.argmax())
     return {

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import click
 
 from vfplan.cli.next_commands import register_command
@@ -18,7 +16,7 @@ from vfplan.cli.options import (
 )
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
-from vfplan.display import wrote
+from vfplan.display import Report, wrote
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
 from vfplan.settings import settings_from_options
 
@@ -69,7 +67,7 @@ def vfplan_surface(sources, output, picture_out, **options) -> CommandResult:
     )  # fmt: skip
 
 
-def surface_text(report: dict[str, Any]) -> str:
+def surface_text(report: Report) -> str:
     """The report in a few lines."""
     low, high = report["spacing_range_mm"]
     spacing = f"{low:.3g} to {high:.3g}" if high - low >= 1e-3 else f"{low:.3g}"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags
+from vfplan.geometry.lines import Array, Flags, row_lengths
 from vfplan.surface.outline import Outline, Stack
 
 Indices = NDArray[np.intp]
@@ -210,7 +210,7 @@ def moved_onto_level(
         # Near a ridge the gradient is small. The step is half a cell at most.
         square = np.maximum((gradient**2).sum(axis=1), MIN_SLOPE**2)
         move = -(value / square)[:, None] * gradient
-        length = np.linalg.norm(move, axis=1)
+        length = row_lengths(move)
         move *= np.minimum(1.0, step / 2 / np.maximum(length, 1e-15))[:, None]
         points[moving] = best_points[moving] + move
         points[moving, 2] = np.clip(points[moving, 2], *ends)

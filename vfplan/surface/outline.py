@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, InputError, requires_extra
-from vfplan.geometry.lines import Array, plane
+from vfplan.geometry.lines import Array, plane, row_lengths
 from vfplan.io.files import naming_place
 from vfplan.vectors.curve import FINE_M
 
@@ -199,7 +199,7 @@ def with_closed_channel(ring: Array) -> Array:
     """The ring with both sides of a keyhole's channel laid on each other."""
     from scipy.spatial import cKDTree
 
-    edge_lengths = np.linalg.norm(np.diff(ring, axis=0, append=ring[:1]), axis=1)
+    edge_lengths = row_lengths(np.diff(ring, axis=0, append=ring[:1]))
     # Place of each corner along the ring, counted from the second one; only differences count.
     position = np.cumsum(edge_lengths)
     pairs = cKDTree(ring).query_pairs(CHANNEL_M, output_type="ndarray")

@@ -65,7 +65,7 @@ def read_contours(
     if len(sources) > 1 and not are_curves:
         raise InputError(
             f"is one of {len(sources)} sources. Give one; several are read of .mrk.json alone.",
-            where=str(sources[1]), code="source-several", numbers={"sources": len(sources)},
+            where=sources[1], code="source-several", numbers={"sources": len(sources)},
         )  # fmt: skip
     with naming_place(first):
         if structure is not None and (are_curves or first.is_dir()):

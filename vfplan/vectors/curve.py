@@ -26,8 +26,9 @@ from vfplan.geometry.lines import (
     interpolated,
     on_segments,
     ring_of,
+    row_lengths,
     step_lengths,
-)  # fmt: skip
+)
 from vfplan.images.dicom import memory_file, open_dataset
 from vfplan.images.read import PlannedImage
 from vfplan.io.files import MAX_NUMBER
@@ -100,7 +101,7 @@ class VectorDrawing:
         ring = ring_of(self.points, self.closed)
         curve = self.at(self._parameters(PLACES_A_PIECE)).reshape(-1, ring.shape[1])[:-1]
         ends = (np.repeat(side, PLACES_A_PIECE, axis=0) for side in (ring[:-1], ring[1:]))
-        return float(np.linalg.norm(curve - on_segments(curve, *ends), axis=1).max())
+        return float(row_lengths(curve - on_segments(curve, *ends)).max())
 
     def at(self, parameters: NDArray) -> Array:
         """(K, 2|3) points at float numbers of the curve's points."""
