@@ -201,6 +201,7 @@ class Changing {
         if (failed_) return;
         for (; posed_ < poses_.size() && poses_[posed_].arrived <= t; ++posed_) {
             if (frame_->room() == 0) controller_.take_poses(t);
+            if (frame_->room() == 0) break;  // it waits, as in real time
             controller_.pose(poses_[posed_].time, poses_[posed_].pose);
         }
         while (before_.size() < events_.size() && events_[before_.size()].tick <= k) next();

@@ -125,6 +125,32 @@ void wait() {
     if (ticks < 50) fail("taken up on the way out", ticks, 0);
 }
 
+/// Around a crowded fixture a tick looks by so many steps, and at a place more. It goes on in the
+/// next, and the proxy keeps its side.
+void look_back() {
+    using vfplan::detail::make_impl;
+    const auto crowd = sheet(150, 1e-4, 0), other = sheet(20, 1e-3, 4e-3);
+    vfplan::Parameters p;
+    p.band = 5e-5;
+    const auto next = make_impl(other.data(), other.size() / 3, p);
+    p.rule = vfplan::Rule::paper;  // thins nothing
+    const auto before = make_impl(crowd.data(), crowd.size() / 3, p);
+    const Vec3 hip{0, 0, 6e-3};
+    next->continue_from(hip, before.get());
+    before->distance({}, 2 * p.R(), &next->look);
+    const auto most = next->look.total() + vfplan::detail::EngineImpl::look_steps;
+    for (long tick = 0, looked = 0; tick < 2000; ++tick) {
+        const auto had = next->look.total();
+        const vfplan::Step s = next->step(hip);
+        const auto steps = next->look.total() - had;
+        looked += steps > 0;
+        if (steps > most) fail("steps of looks", tick, double(steps));
+        if (s.status & vfplan::Status::other_side) fail("led to the other side", tick, 0);
+        if (s.status == vfplan::Status::ok && s.proxy[2] > 8.9e-3 && looked > 2) return;
+    }
+    fail("not led out, or in too few ticks", 2000, 0);
+}
+
 /// In the middle of a circle of 19,000 lines all are as near, and a tick looks at none of them.
 void look_from_the_middle() {
     vfplan::Stroke circle{{}, std::vector<double>(19000), true};
@@ -143,6 +169,7 @@ void look_from_the_middle() {
 void exchange(long n) {
     wait();
     look_from_the_middle();
+    look_back();
     vfplan::Engine engine = another(0);
     engine.reset({{5e-3, 1e-4, 10e-3}});
     std::atomic<bool> done{false};

@@ -57,6 +57,7 @@ int main(int, char** argv) {
             controller.pose(t, {{{1e-3 * std::sin(t), 1e-3 * std::cos(0.7 * t), 0}}, 1, {}});
         if (k % 977 == 0)
             controller.exchange(wall(random(-1e-3, 1e-3), random(1, 3000), random(3e-3, 7e-3)));
+        if (k % 7919 == 0) controller.request_stop();
         if (k % 613 == 0) controller.set_stiffness(random(1, 3000));
         // Presses for some time, and then draws away.
         if (t > until) {
@@ -78,6 +79,8 @@ int main(int, char** argv) {
         const Vec3 hip{{seen[0], seen[1], seen[2]}};
         const long had = allocations;
         const vfplan::Command out = controller.step(hip, t);
+        // From a side that is free: a start inside may be led out on the other one.
+        if (out.stop && !is_lost && tip[1] > 12e-3) controller.reset(tip);
         if (allocations != had) fail("allocation", k, double(allocations - had));
         if (!vfplan::is_within_range(out.force) || !vfplan::is_within_range(out.proxy))
             fail("no number", k, out.force[1]);
@@ -99,8 +102,6 @@ int main(int, char** argv) {
         last = out.force;
         stops += out.stop;
         bad += is_lost;
-        // From a side that is free: a start inside may be led out on the other one.
-        if (out.stop && !is_lost && tip[1] > 12e-3) controller.reset(tip);
     }
     std::printf("%ld ticks, %ld without a position, %ld stopped\n", ticks, bad, stops);
 }

@@ -4,8 +4,9 @@
 //
 // Processor time of the worst tick of a loop with each bundle: a tick's is the least of its
 // repeats, for what else the machine does is not the engine's. A line a bundle and rule: the bound
-// of tick_time.hpp, and the worst tick, in us.
+// of tick_time.hpp, the worst tick, and the worst one within 50 ticks of an exchange, in us.
 #include <algorithm>
+#include <array>
 #include <cstdio>
 #include <cstdlib>
 #include <ctime>
@@ -19,6 +20,8 @@ namespace {
 
 constexpr double fastest_m = 0.003;  // that HIP moves in a tick: the 3 m/s of the fastest arm here
 
+constexpr long every_exchange = 8;  // of the episodes begins with one
+
 double now_us() {
     timespec t{};
     clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
@@ -26,7 +29,8 @@ double now_us() {
 }
 
 /// A HIP that is led about the points of a fixture: the first half of the ticks as scenes::Path
-/// goes, the second half by episodes of 50 ticks, each anew from a place that may be inside.
+/// goes, the second half by episodes of 50 ticks, each anew from a place that may be inside, or in
+/// the fixture moved by up to R.
 class Hips {
   public:
     Hips(const vfplan::bundle::Fixture& f, double radius, long ticks)
@@ -65,22 +69,47 @@ class Hips {
     vfplan::Vec3 hip_, goal_;
 };
 
-double worst_us(const vfplan::bundle::Fixture& f, const vfplan::Parameters& p, long ticks,
-                int repeats) {
+/// The engine of the fixture, moved.
+vfplan::Engine moved(vfplan::bundle::Fixture f, const vfplan::Parameters& p,
+                     const vfplan::Vec3& by) {
+    const auto move = [&](std::vector<double>& xyz) {
+        for (std::size_t i = 0; i < xyz.size(); ++i) xyz[i] += by[i % 3];
+    };
+    move(f.points);
+    for (vfplan::Stroke& stroke : f.pieces) move(stroke.vertices);
+    return vfplan::Engine(f, p.rule, vfplan::Use::replay);
+}
+
+/// The worst tick, and the worst one after an exchange [us].
+std::array<double, 2> worst_us(const vfplan::bundle::Fixture& f, const vfplan::Parameters& p,
+                               long ticks, int repeats) {
     std::vector<double> least(static_cast<std::size_t>(ticks), 1e300);
     for (int k = 0; k < repeats; ++k) {
         vfplan::Engine engine(f, p.rule, vfplan::Use::replay);
         Hips hips(f, p.R(), ticks);
+        scenes::Random random{11};
         for (double& us : least) {
             bool is_start;
             const vfplan::Vec3 hip = hips(&us - least.data(), is_start);
-            if (is_start) engine.reset(hip);
+            const long episode = (&us - least.data()) / 50;
+            if (is_start && episode % every_exchange == 0) {
+                const auto by = [&] { return p.R() * random(-1, 1); };
+                engine.exchange(moved(f, p, {by(), by(), by()}));
+            } else if (is_start) {
+                engine.reset(hip);
+            }
             const double began = now_us();
             engine.step(hip);
             us = std::min(us, now_us() - began);
         }
     }
-    return *std::max_element(least.begin(), least.end());
+    std::array<double, 2> worst{};
+    for (long tick = 0; tick < ticks; ++tick) {
+        const bool is_exchanged = tick >= ticks / 2 && tick / 50 % every_exchange == 0;
+        double& most = worst[is_exchanged];
+        most = std::max(most, least[static_cast<std::size_t>(tick)]);
+    }
+    return worst;
 }
 
 double bound(const vfplan::bundle::Fixture& f, const vfplan::Parameters& p) {
@@ -95,9 +124,9 @@ void measure(const char* name, long ticks, int repeats) {
         if (rule == vfplan::Rule::exact && f.pieces.empty() && f.mesh.empty()) continue;
         try {
             const auto p = vfplan::bundle::parameters(f, rule);
-            const double us = worst_us(f, p, ticks, repeats);
-            std::printf("%s rule %d bound %.1f worst %.1f\n", name, static_cast<int>(rule),
-                        1e6 * bound(f, p), us);
+            const auto [worst, exchanged] = worst_us(f, p, ticks, repeats);
+            std::printf("%s rule %d bound %.1f worst %.1f exchanged %.1f\n", name,
+                        static_cast<int>(rule), 1e6 * bound(f, p), worst, exchanged);
         } catch (const std::exception& error) {
             std::printf("%s rule %d refused: %s\n", name, static_cast<int>(rule), error.what());
         }

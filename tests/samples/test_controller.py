@@ -250,6 +250,25 @@ def test_what_moves_and_changes_replays_bit_for_bit(
         assert "column 'events' ends with 11 and has to rise, to at most 1" in bad.stderr
 
 
+# Added to a column of so many copies of a pose; for the last the loop has no room.
+STRAY = {"too far": (1, [500.0] * 3), "late": (0, [-0.5] * 3), "doubled": (0, [0.0] * 3),
+         "ahead": (0, [1e3] * 3), "waiting": (0, np.linspace(-0.01, 0.09, 120))}  # fmt: skip
+
+
+@pytest.mark.parametrize("first", [0, 30, 57])
+@pytest.mark.parametrize("kind", STRAY)
+def test_poses_that_the_loop_refuses_replay_bit_for_bit(kind, first, repeated, tmp_path):
+    given = happens(tmp_path)["poses"]
+    poses = np.loadtxt(given[1], delimiter=",", skiprows=1)
+    column, shifts = STRAY[kind]
+    poses = np.insert(poses, first, np.tile(poses[first], (len(shifts), 1)), axis=0)
+    poses[first : first + len(shifts), column] += shifts
+    np.savetxt(given[1], poses, "%.17g", ",", comments="", header="t,x,y,z,qw,qx,qy,qz,arrived")
+    said, report, log, _ = repeated(tmp_path / "first.h5", "--seconds", 1.2, SIMULATED, both=given)
+    assert f" {report['poses_refused']} refused; {report['stale_ticks']} stale" in said
+    assert np.abs(log["force"]).max() > 1
+
+
 POSE = "t,x,y,z,qw,qx,qy,qz\n0,0,0,0,1,0,0,0\n"
 EVENT = "tick,what,x,y,z\n0,edit\n"
 HOSTILE = [
@@ -306,13 +325,6 @@ def test_what_fails_in_the_loop_is_told_after_its_log_is_written(controller, dra
     done = controller(drawn, *given, "--log", log, code=3)
     assert re.search(r"e.csv, line \d+: too much waits", done.stderr)
     assert len(logged(log)[1]) == 50
-
-
-def test_a_pose_in_millimetres_is_refused_as_the_replay_does(drawn, repeated, tmp_path):
-    both = ("--poses", tmp_path / "p.csv")
-    both[1].write_text(POSE + "0.05,500,0,0,1,0,0,0\n")
-    said, report, *_ = repeated(drawn, "--seconds", 0.2, SIMULATED, both=both)
-    assert f"poses: 1 of 2 known, 1 refused; {report['stale_ticks']} stale ticks" in said
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

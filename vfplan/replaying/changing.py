@@ -17,16 +17,12 @@ from vfplan.geometry.lines import step_lengths
 from vfplan.io.files import naming_place
 from vfplan.replaying.guiding import make_engine
 from vfplan.replaying.metrics import CONTACT_M, Report, dots, row_norms
-from vfplan.session.events import Event, Poses
+from vfplan.session.events import Event, Poses, accepted_poses, give_pose
 from vfplan.session.result import concatenate_ticks
 from vfplan.session.session import WithPrevious
 
 # Where the metrics have a fixture without a pose [m]: out of reach of any tool.
 NO_POSE_M = 1e3
-
-# Poses that are passed on before the frame takes them up; it holds 64 (`moving.hpp`).
-POSES_AT_ONCE = 32
-
 
 # A pose that is farther from the one before than this [m, rad], and faster than the frame may be,
 # has jumped: the tracker or its reference slipped.
@@ -73,6 +69,7 @@ class ChangingFixture:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
             self._found |= dict.fromkeys(names, 0)
+            self._first_pose = poses.pose[np.argmax(accepted_poses(poses))]
             jumps = jumps_of(poses, self._frame)
             self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
             if len(jumps):
@@ -123,11 +120,8 @@ class ChangingFixture:
             i = self._poses_applied
             if poses.arrived[i] > time:
                 break
-            position, quaternion = np.split(poses.pose[i], [3])
-            self._frame.native.pose(poses.time[i], position.copy(), quaternion.copy())
+            give_pose(self._frame, poses, i, time)
             self._poses_applied += 1
-            if self._poses_applied % POSES_AT_ONCE == 0:
-                self._frame.native.at(time)
         while self._events_applied < len(self._events):
             i = self._events_applied
             event, exchange = self._events[i], self._exchanges[i]
@@ -186,7 +180,7 @@ class ChangingFixture:
         missing = int(np.count_nonzero(~has_pose))
         is_stale = trace.status & Status.STALE > 0
         in_contact = row_norms(trace.proxy - hips) > CONTACT_M
-        first = np.tile(self._poses.pose[0], (missing, 1))
+        first = np.tile(self._first_pose, (missing, 1))
         places = to_frame(first, hips[~has_pose] - first[:, :3])
         touched = self._engine.distance(places) < self._engine.parameters.R
         untrue = np.count_nonzero(is_stale & in_contact) + np.count_nonzero(touched)

@@ -27,9 +27,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vfplan.engine.moving import MovingFrame
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError
 from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
+from vfplan.geometry.lines import Flags
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     OpenedFile,
@@ -237,11 +239,7 @@ def as_the_loop_saw(
     rows = np.concatenate([np.empty((0, 3)), *table.blocks(LOOP_COLUMNS)])
     time, pose_count, event_count = rows.T
 
-    accepted = np.zeros(1)
-    if poses is not None:
-        # The loop refuses a pose that is not younger than all before it.
-        youngest = np.maximum.accumulate(poses.time)
-        accepted = np.cumsum(np.diff(youngest, prepend=-np.inf) > 0)
+    accepted = np.zeros(1) if poses is None else np.cumsum(accepted_poses(poses))
     _check_counts("poses", pose_count, int(accepted.max()), str(session))
     _check_counts("events", event_count, len(events or ()), str(session))
 
@@ -257,6 +255,21 @@ def as_the_loop_saw(
         pairs = zip(events, ticks, strict=True)
         events = [replace(event, tick=tick) for event, tick in pairs if tick < len(time)]
     return poses, events
+
+
+def accepted_poses(poses: Poses) -> Flags:
+    """(n,) whether a loop that always has room for a pose takes it, or refuses it."""
+    frame = MovingFrame()
+    numbers = range(len(poses.time))
+    return np.array([give_pose(frame, poses, i, sys.float_info.max) for i in numbers])
+
+
+def give_pose(frame: MovingFrame, poses: Poses, i: int, time: float) -> bool:
+    """Hand pose `i` to a frame, which takes it up at `time` [s]; False if it refuses it."""
+    position, quaternion = np.split(poses.pose[i], [3])
+    accepted = frame.native.pose(poses.time[i], position.copy(), quaternion.copy())
+    frame.native.at(time)
+    return accepted
 
 
 def _check_counts(column: str, counts: Array, largest: int, where: str) -> None:

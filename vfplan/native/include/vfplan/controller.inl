@@ -112,6 +112,7 @@ class Rendered {
         if (!guide) return step;
         const GuideStep guided = guide->step(tip);
         if (region) {
+            if (dot(step.force, guided.force) < 0) step.status |= Status::capped;
             step.force = step.force + guided.force;
             return step;
         }
@@ -128,6 +129,7 @@ class Rendered {
     std::optional<Engine> region;
     std::optional<Guide> guide;
     Parameters parameters;
+    Vec3 force;  // of the last tick
 
   private:
     /// From the geometry to a proxy that is outside [m].
@@ -176,24 +178,24 @@ struct AllRendered {
     /// Forces and bits of all; the rest is of the one that pushes most.
     Step step(const Vec3& tip) noexcept {
         const bool jumps = gate.refuses(tip, max_hip_step);
-        const Vec3 hip = jumps ? HipGate::nowhere : tip;
-        Step all = parts[0].step(hip);
-        double most = norm(all.force);
-        for (std::size_t i = 1; i < parts.size(); ++i) {
-            const Step s = parts[i].step(hip);
-            const Vec3 force = all.force + s.force;
-            const std::uint8_t status = all.status | s.status;
-            if (norm(s.force) > most) {
-                most = norm(s.force);
-                all = s;
-            }
-            all.force = force;
-            all.status = status;
+        Step all;
+        Vec3 force;
+        std::uint8_t status = Status::ok;
+        for (Rendered& part : parts) {
+            const bool is_first = &part == parts.data();
+            const Step s = part.step(jumps ? HipGate::nowhere : tip);
+            part.force = s.force;
+            force = is_first ? s.force : force + s.force;
+            status |= s.status;
+            if (is_first || norm(s.force) > norm(all.force)) all = s;
         }
-        if (jumps)
-            all.status = Status::jumped;
-        else if (!(all.status & Status::bad_hip))
-            gate.reset(tip);
+        // Of a force less arrives where another one pushes against it, by more than rounding.
+        for (const Rendered& part : parts)
+            if (dot(force, part.force) < (1 - 1e-9) * dot(part.force, part.force))
+                status |= Status::capped;
+        all.force = force;
+        all.status = jumps ? std::uint8_t{Status::jumped} : status;
+        if (!jumps && !(status & Status::bad_hip)) gate.reset(tip);
         if (is_beyond) all.status |= Status::other_side;
         return all;
     }
@@ -215,12 +217,9 @@ struct ControllerImpl {
             check_above("max_stiffness", settings.max_stiffness, 0, infinity, " N/m");
         check_hip_step(settings.max_hip_step);
         if ((settings.stop_at & no_position) != no_position)
-            reject(
-                "stop_at lacks bad_hip or jumped. Give both: a loop that has lost the tip stops.");
+            reject("stop_at lacks bad_hip or jumped. Give both: without the tip a loop stops.");
         if (settings.stop_at & Status::capped)
-            reject(
-                "stop_at has capped. Give it without: the loop itself looks for that bit in "
-                "Command::status.");
+            reject("stop_at has capped. Give it without: look for that bit in Command::status.");
         return settings;
     }
     Parameters parameters(const bundle::Fixture& fixture) const {

@@ -238,14 +238,14 @@ class Engine {
             // comes next has gone beyond it, it goes on from where it would come out.
             if (previous_ && last_.is_placed) {
                 detail::EngineImpl& next = *change->engine;
-                WorkBudget look(detail::EngineImpl::look_steps);
+                next.look.begin(detail::EngineImpl::look_steps);
                 Vec3 from = last_.proxy;
-                if (next.is_outside(from, look)) {
+                if (next.is_outside(from)) {
                     const std::optional<Vec3> end = impl_->end_of_way();
                     if (!end) return false;
-                    if (!next.is_outside(*end, look)) from = *end;
+                    if (!next.is_outside(*end)) from = *end;
                 }
-                if (look.is_spent()) return false;
+                if (next.look.is_spent()) return false;
                 last_.proxy = from;
             }
             if (previous_)

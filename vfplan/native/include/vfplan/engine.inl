@@ -16,17 +16,16 @@ namespace detail {
 
 /// A rule in the space in which the proxy moves. It gives forces, and answers a bad HIP.
 template <class Space, class RuleOf>
-class RuleInSpace : public EngineImpl {
+class RuleInSpace : public EngineImpl, FreeBefore<Space::dimension> {
   public:
     static constexpr int D = Space::dimension;
+    /// Least distance between places along a way that are looked at, in R: no wall is passed over.
+    static constexpr double stride = 1 / 8.0;
 
     /// `of_rule`: what the rule is made of. It is made in its place, for it is large.
     template <class... OfRule>
     RuleInSpace(Space space, const Parameters& p, OfRule&&... of_rule)
-        : EngineImpl(p),
-          space_(space),
-          rule_(std::forward<OfRule>(of_rule)...),
-          stiffness_{p.stiffness} {}
+        : EngineImpl(p), space_(space), rule_(std::forward<OfRule>(of_rule)...) {}
 
     void reset(const Vec3& hip) noexcept final {
         rule_.reset();
@@ -38,16 +37,15 @@ class RuleInSpace : public EngineImpl {
     }
     void continue_from(const Vec3& proxy, EngineImpl* previous) noexcept final {
         reset(proxy);
-        previous_.from = proxy;
-        previous_.engine = previous;
-        previous_.space = &space_;
-        rule_.continue_from(previous ? &previous_ : nullptr);
+        from_ = proxy;
+        previous_ = previous;
+        seen_ = Vec3{};
+        rule_.continue_from(previous ? this : nullptr);
     }
 
     std::optional<Vec3> end_of_way() noexcept final {
         const std::optional<Vec<D>> end = rule_.end_of_way(proxy_);
-        if (!end) return std::nullopt;
-        return space_.place(*end, last_.proxy, proxy_);
+        return end ? std::optional(space_.place(*end, last_.proxy, proxy_)) : std::nullopt;
     }
     Step step(const Vec3& hip) noexcept final {
         if (!is_within_range(hip)) {
@@ -58,6 +56,7 @@ class RuleInSpace : public EngineImpl {
         if (!is_placed_) reset(hip);
         const Vec<D> h = space_.project(hip);
         const RuleAnswer<D> answer = rule_.step(proxy_, h);
+        look.begin(look_steps);
         last_.proxy = space_.place(proxy_, hip, h);
         last_.normal = space_.direction(answer.normal);
         last_.force = stiffness_.force(space_, proxy_ - h);
@@ -77,8 +76,35 @@ class RuleInSpace : public EngineImpl {
     RuleOf rule_;
 
   private:
-    Stiffness stiffness_;
-    PreviousSpace<Space> previous_;
+    /// In the space around the previous engine's geometry.
+    std::optional<bool> is_free(const Vec<D>& direction, double length,
+                                const Vec<D>& out) noexcept final {
+        const double R = previous_->parameters.R(), enough = R - 2 * previous_->parameters.band;
+        const auto distance = [&](const Vec3& x) { return previous_->distance(x, 2 * R, &look); };
+        const Vec3 way = space_.direction(direction), up = 2 * stride * R * space_.direction(out);
+        // A place for which all steps of a tick do not suffice counts as none; else it waits for
+        // the next tick.
+        bool had_all = look.is_fresh();
+        if (!(way == seen_)) {
+            const double below = distance(from_ - up), above = distance(from_ + up);
+            if (!std::exchange(had_all, false) && look.is_spent()) return std::nullopt;
+            if (above < below) return false;
+            seen_ = way, seen_to_ = 0;
+        }
+        while (!look.is_spent()) {
+            const double free = distance(from_ + seen_to_ * way) - enough;
+            if (!std::exchange(had_all, false) && look.is_spent()) return std::nullopt;
+            if (!(free >= 0) || seen_to_ >= length) return free >= 0;
+            seen_to_ = std::min(seen_to_ + std::max(free, stride * R), length);
+        }
+        return std::nullopt;
+    }
+
+    Stiffness stiffness_{parameters.stiffness};
+    EngineImpl* previous_ = nullptr;
+    Vec3 from_;           // where the proxy was when it was exchanged
+    Vec3 seen_;           // the way that was looked along last
+    double seen_to_ = 0;  // as far as that was free [m]
     Vec<D> proxy_;
     Step last_;
     bool is_placed_ = false;
@@ -123,10 +149,14 @@ class CloudEngine final : public RuleInSpace<Space, RuleOf> {
                (skin_ ? skin_->bytes() : 0);
     }
     std::size_t cells() noexcept override { return index().cells(); }
-    double distance(const Vec3& x, double reach, WorkBudget*) noexcept override {
+    double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept override {
         const Vec<D> at = this->space_.project(x);
-        if (reach < infinity) return distance_within(index(), at, reach);
-        return vfplan::distance(all_ ? *all_ : index(), at);
+        if (!(reach < infinity)) return vfplan::distance(all_ ? *all_ : index(), at);
+        if (budget && budget->is_spent()) return 0;
+        const std::int64_t before = index().budget().total();
+        const double found = distance_within(index(), at, reach);
+        if (budget) budget->spend((index().budget().total() - before) / work::triangle);
+        return found;
     }
 
   private:
@@ -200,10 +230,10 @@ VFPLAN_ONCE ImplPtr make_impl(const mesh::Surface& surface, Parameters p) {
         p);
 }
 
-/// A tick may do so many iterations, or what its budget allows, and `rest` of them beside: the one
+/// A tick may do so many iterations, or what its budget allows, and four of them beside: the one
 /// under way when the budget is spent, the check of where it ends, and the contact there.
-inline double time_of(double iterations, double budget, double rest, double an_iteration) {
-    return std::min(iterations * an_iteration, budget) + rest * an_iteration;
+inline double time_of(double iterations, double budget, double an_iteration) {
+    return std::min(iterations * an_iteration, budget) + 4 * an_iteration;
 }
 
 /// An iteration of the robust rule looks several times at the points in its list, and at those that
@@ -220,8 +250,7 @@ double robust_tick_time(const Cloud<D>& cloud, const Parameters& p) {
     // From R - band to the shell, on one surface: as far around the foot.
     const double inner = p.R() - p.band, outer = surfaces.touch_radius();
     const double touching = most_within(cloud, std::sqrt(outer * outer - inner * inner));
-    return time_of(p.max_iterations, budget, 4,
-                   an_iteration + a_point * near + a_contact * touching);
+    return time_of(p.max_iterations, budget, an_iteration + a_point * near + a_contact * touching);
 }
 
 template <class Space>
@@ -255,7 +284,7 @@ VFPLAN_ONCE double tick_time_bound(const std::vector<Stroke>& strokes, const Par
     for (std::size_t i = 0; i < curve.size(); ++i) boxes.push_back(curve[i].box);
     const double near = most_within(boxes, CurveMotion::list_reach * p.R());
     return detail::time_of(CurveMotion::max_iterations,
-                           CurveMotion::a_step * CurveMotion::max_steps, 4,
+                           CurveMotion::a_step * CurveMotion::max_steps,
                            an_iteration + a_feature * near);
 }
 

@@ -41,13 +41,14 @@ struct EngineImpl {
     /// Distance from x to the geometry, or `reach` where that is less [m]; 0 where a budget has no
     /// steps left to know it.
     virtual double distance(const Vec3& x, double reach, WorkBudget* budget) noexcept = 0;
-    bool is_outside(const Vec3& x, WorkBudget& budget) noexcept {
-        return distance(x, parameters.R(), &budget) >= parameters.R() - 2 * parameters.band;
+    bool is_outside(const Vec3& x) noexcept {
+        return distance(x, parameters.R(), &look) >= parameters.R() - 2 * parameters.band;
     }
-    /// Inner steps among triangles that one look at another engine takes at most.
+    /// Inner steps among triangles that a tick looks at other engines for.
     static constexpr std::int64_t look_steps = 4000;
 
-    Parameters parameters;  ///< of the loop: of a mesh with the band of its smooth body
+    WorkBudget look{look_steps};  ///< what is left of them
+    Parameters parameters;        ///< of the loop: of a mesh with the band of its smooth body
 };
 
 using ImplPtr = std::unique_ptr<EngineImpl>;
@@ -213,39 +214,6 @@ class PointNumbers {
     std::size_t base_ = 0;  // points that engine was made of
     std::size_t next_ = 0;  // next number of that engine
     bool is_behind_ = false;
-};
-
-/// What was free before an exchange: the space around the previous engine's geometry.
-template <class S>
-struct PreviousSpace final : FreeBefore<S::dimension> {
-    /// Places along a way that are looked at; a longer way counts as none, as does one along which
-    /// the steps of a look are spent.
-    static constexpr int max_places = 24;
-    /// Least distance between them, in R: no wall is passed over.
-    static constexpr double stride = 1 / 8.0;
-
-    const S* space = nullptr;
-    EngineImpl* engine = nullptr;
-    Vec3 from;  ///< where the proxy was
-
-    bool is_free(const Vec<S::dimension>& direction, double length,
-                 const Vec<S::dimension>& out) const noexcept override {
-        WorkBudget budget(EngineImpl::look_steps);
-        const double R = engine->parameters.R();
-        const auto distance = [&](const Vec3& x) { return engine->distance(x, 2 * R, &budget); };
-        const double enough = R - 2 * engine->parameters.band;
-        const Vec3 way = space->direction(direction);
-        const Vec3 up = 2 * stride * R * space->direction(out);
-        if (distance(from + up) < distance(from - up)) return false;
-        double t = 0;
-        for (int i = 0; i < max_places; ++i) {
-            const double free = distance(from + t * way) - enough;
-            if (!(free >= 0)) return false;
-            if (t >= length) return true;
-            t = std::min(t + std::max(free, stride * R), length);
-        }
-        return false;
-    }
 };
 
 }  // namespace vfplan::inline v1::detail

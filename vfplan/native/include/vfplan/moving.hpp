@@ -262,10 +262,9 @@ class MovingFrame : private detail::FrameState {
         const Vec3 to = goal_.out(limits_.pivot);
         const Vec3 way = fraction * (to - from);
         const double max_length = limits_.max_speed * dt;
-        const bool is_too_fast = norm(way) > max_length;
-        const double max_half_turn = std::min(0.5 * limits_.max_turn * dt, 1.0);
-        const bool has_turned = rotate_towards(fraction, max_half_turn);
-        if (fraction == 1 && !is_too_fast && has_turned) {
+        const bool has_turned =
+            rotate_towards(fraction, std::min(0.5 * limits_.max_turn * dt, 1.0));
+        if (fraction == 1 && !(norm(way) > max_length) && has_turned) {
             now_ = goal_;
             return;
         }

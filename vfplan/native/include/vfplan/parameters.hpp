@@ -166,7 +166,8 @@ struct Status {
         jumped = 64,      ///< the HIP is further than max_hip_step from the last good one: as
                           ///< bad_hip, until it is back or the engine is reset
         capped = 128      ///< of a Controller: the fixtures' force is larger than the governor's
-                          ///< force_max or torque_max lets it be
+                          ///< force_max or torque_max lets it be, or of one's force less arrives
+                          ///< because another one pushes against it
     };
 };
 inline constexpr auto jumped = Status::jumped;

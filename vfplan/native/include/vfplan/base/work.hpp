@@ -27,6 +27,7 @@ class WorkBudget {
     void spend(Integer work) noexcept {
         left_ -= static_cast<std::int64_t>(work);
     }
+    bool is_fresh() const noexcept { return left_ == begun_; }
     bool is_spent() const noexcept { return left_ <= 0 || is_overdrawn(); }
     /// Whether the tick has done enough.
     bool is_overdrawn() const noexcept { return total() >= hurry_; }

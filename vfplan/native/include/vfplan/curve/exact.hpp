@@ -73,12 +73,14 @@ class Curve {
     WorkBudget& budget() const noexcept { return budget_; }
 
     /// Distance of y from the curve, or `reach` where that is less [m].
-    double distance(const Vec2& y, double reach = infinity) const noexcept {
-        tree_.visit_nearest(y, reach, [&](std::uint32_t i) noexcept {
+    double distance(const Vec2& y, double reach = infinity,
+                    WorkBudget* budget = nullptr) const noexcept {
+        const auto look = [&](std::uint32_t i) noexcept {
             budget_.spend(steps_an_item);
             reach = std::min(reach, features_[i].distance(y));
-        });
-        return reach;
+        };
+        tree_.visit_nearest(y, reach, look, budget);
+        return budget && budget->is_spent() ? 0 : reach;
     }
 
   private:
@@ -233,8 +235,8 @@ class CurveMotion {
 
     std::size_t bytes() const noexcept { return curve_.bytes(); }
     std::size_t cells() const noexcept { return curve_.tree().size(); }
-    double distance(const Vec2& x, double reach, WorkBudget*) const noexcept {
-        return curve_.distance(x, reach);
+    double distance(const Vec2& x, double reach, WorkBudget* budget) const noexcept {
+        return curve_.distance(x, reach, budget);
     }
 
     // GuardedRule asks every motion for what follows, down to `contact`.

@@ -22,7 +22,7 @@ class PaperRule {
         neighbours_.forget();
         known_ = false;
     }
-    void continue_from(const FreeBefore<D>*) noexcept { reset(); }
+    void continue_from(FreeBefore<D>*) noexcept { reset(); }
     PaperRule& motion() noexcept { return *this; }
     Neighbours<D>& neighbours() noexcept { return neighbours_; }
     std::optional<Vec<D>> end_of_way(const Vec<D>& x) const noexcept { return x; }

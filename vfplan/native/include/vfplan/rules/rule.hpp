@@ -146,7 +146,7 @@ class GuardedRule {
         is_outside_ = is_handing_over_ = keeps_place_ = rests_ = false;
     }
     /// As a reset, but a proxy that is inside is led out from where it is.
-    void continue_from(const FreeBefore<D>* free_before) noexcept {
+    void continue_from(FreeBefore<D>* free_before) noexcept {
         reset();
         keeps_place_ = true;
         way_out_.keep_to(free_before);

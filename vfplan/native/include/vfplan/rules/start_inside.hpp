@@ -33,10 +33,10 @@ struct ForceBall {
 /// the side of -out, as the new one does. `out` points away from the new fixture where the way
 /// ends.
 template <int D>
-class FreeBefore {
-  public:
-    virtual bool is_free(const Vec<D>& direction, double length,
-                         const Vec<D>& out) const noexcept = 0;
+struct FreeBefore {
+    /// Nothing where this tick may look no further.
+    virtual std::optional<bool> is_free(const Vec<D>& direction, double length,
+                                        const Vec<D>& out) noexcept = 0;
 
   protected:
     ~FreeBefore() = default;
@@ -85,7 +85,7 @@ class WayOut {
         free_before_ = nullptr;
     }
     /// The next way out is one that was free before, where there is one.
-    void keep_to(const FreeBefore<D>* free_before) noexcept { free_before_ = free_before; }
+    void keep_to(FreeBefore<D>* free_before) noexcept { free_before_ = free_before; }
 
     /// The HIP is at `hip` and the proxy inside: the way out is looked for from the next tick on.
     template <class Geometry>
@@ -185,12 +185,14 @@ class WayOut {
                 }
             }
         }
-        if (!was_free_before(geometry, direction_, shortest_)) return reject_direction();
+        const std::optional<bool> was_free = was_free_before(geometry, direction_, shortest_);
+        is_cut_short_ |= !was_free;
+        if (was_free != true) return was_free && reject_direction();
         // From where it comes out, straight away from what is nearest there may be shorter.
         for (int i = 0; i < 2 && !geometry.is_spent(); ++i) {
             const Vec<D> d = leave_nearest(geometry, start_ + shortest_ * direction_);
             const double t = distance_to_free(geometry, start_, d, shortest_);
-            if (t < shortest_ && was_free_before(geometry, d, t)) {
+            if (t < shortest_ && was_free_before(geometry, d, t) == true) {
                 shortest_ = t;
                 direction_ = d;
             }
@@ -205,7 +207,8 @@ class WayOut {
         return norm(d) > 0 ? along(d, 1) : nearest_;
     }
     template <class Geometry>
-    bool was_free_before(Geometry& geometry, const Vec<D>& d, double length) noexcept {
+    std::optional<bool> was_free_before(Geometry& geometry, const Vec<D>& d,
+                                        double length) noexcept {
         if (!free_before_) return true;
         return free_before_->is_free(d, length, leave_nearest(geometry, start_ + length * d));
     }
@@ -264,7 +267,7 @@ class WayOut {
     double reached_[candidates] = {};  // along each candidate, from the start [m]
     double shortest_ = infinity;
     int chosen_ = 0;  // of the candidates
-    const FreeBefore<D>* free_before_ = nullptr;
+    FreeBefore<D>* free_before_ = nullptr;
     bool leads_to_other_side_ = false;
     bool is_cut_short_ = false;  // the tick ended before the side of a place was known
     bool keeps_out_ = false;     // of closed bodies, also where it began on their skin
