@@ -15,7 +15,7 @@ from vfplan.controller import ASKED
 from vfplan.engine.governor import GovernorStatus
 from vfplan.errors import SettingError, VfplanError
 from vfplan.findings import doubt
-from vfplan.fixture import Curve
+from vfplan.fixture import Curve, Guidance
 
 ANY = {"accept_unsigned": True, "accept_unreviewed": True}
 LINE = np.stack([np.linspace(-0.05, 0.05, 401), *np.zeros((2, 401))], axis=1)
@@ -223,6 +223,14 @@ def test_one_wall_twice_is_felt_once_and_two_walls_add_up(tmp_path):
     assert (controller.size, controller.stiffness) == (2, 2000)
     assert press(controller).force == pytest.approx([0, 13, 0], abs=0.2)
     assert np.linalg.norm(press(controller, DEEP - [0, 0.02, 0]).force) <= 20
+
+
+def test_a_fixture_that_takes_from_the_force_of_another_says_so(tmp_path):
+    controller = Controller(stored(tmp_path / "wall.h5"), **ANY)
+    controller.add(stored(tmp_path / "guide.h5", up=2e-3, guidance=Guidance(2e-3, 3000.0)))
+    assert press(controller, [0.02, 3e-3, 0]).status == Status.OK  # into the tube in the wall
+    out = controller.step([0.02, 4.5e-3, 0])  # 0.5 N up by the wall, 1.5 N down by the tube
+    assert (out.rendered[1], out.status) == (pytest.approx(-1, abs=0.1), Status.CAPPED)
 
 
 def test_torques_fade_as_the_force_does(tmp_path):
