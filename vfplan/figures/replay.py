@@ -207,13 +207,8 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    axes.plot(
-        *places[~pressed].T,
-        ".",
-        ms=1.2,
-        color=CLOUD,
-        label="planned curve, not pressed; pen and slice in grey",
-    )
+    look = {"ms": 1.2, "color": CLOUD, "label": "planned, not pressed; pen and slice in grey"}
+    axes.plot(*places[~pressed].T, ".", **look)
     dots = axes.scatter(
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
     )
