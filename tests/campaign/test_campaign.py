@@ -67,14 +67,14 @@ def settings(**more):
     return CampaignSettings(**({"fle_robot_m": FLE, "hand_stiffness": HAND} | more))
 
 
-def leverage():
-    """h of the middle of the line: the variance of its place over a marker's, each axis."""
+def leverage(at):
+    """h of pixels (u, v, 1): the variance of their places over a marker's, each axis."""
     x = np.column_stack([line_fixture().registration.source, np.ones(9)])
-    at = np.array([300.0, 300.0, 1.0])
-    return at @ np.linalg.inv(x.T @ x) @ at
+    return at @ np.linalg.inv(x.T @ x) @ at.T
 
 
-SPREAD = SHARE * FLE / np.sqrt(3) * np.sqrt(leverage())  # of the tool's depth [m]
+MIDDLE = np.array([300.0, 300.0, 1.0])  # of the line
+SPREAD = SHARE * FLE / np.sqrt(3) * np.sqrt(leverage(MIDDLE))  # of the tool's depth [m]
 MEAN = PRESS - R  # depth beyond the true curve of a hand that presses as recorded
 
 
@@ -121,10 +121,9 @@ def line_depths():
     The surface is moved across the line by a + b s, so that a hand that goes along it is deepest
     where it begins or where it ends.
     """
-    x = np.column_stack([line_fixture().registration.source, np.ones(9)])
     clear = (R + 5e-3) / 5e-4  # [px]
     at = np.array([[150 + clear, 300, 1], [450 - clear, 300, 1]])
-    both = FLE**2 / 3 * at @ np.linalg.inv(x.T @ x) @ at.T
+    both = FLE**2 / 3 * leverage(at)
     deepest = SHARE * np.random.default_rng(1).multivariate_normal([0, 0], both, 10**6).max(axis=1)
     return np.quantile(deepest, [0.05, 0.5, 0.95])
 

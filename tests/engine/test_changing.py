@@ -181,8 +181,7 @@ def test_where_no_free_way_is_left_it_is_told():
     room = np.concatenate([np.stack(pair, 1) for pair in pairs])
     e = engine(np.insert(room, 1, 0, axis=1), ignore_axis=[0, 1, 0])
     e.run(np.linspace([0, 0, 0], [1e-3, 0, 3e-3], 50))
-    block = np.stack([c.ravel() for c in np.meshgrid(g, 0.0, g)], axis=1)
-    e.exchange(engine(block, ignore_axis=[0, 1, 0]))
+    e.exchange(engine(grid(g, g)[:, [1, 2, 0]], ignore_axis=[0, 1, 0]))
     trace = e.run(np.tile([1e-3, 0, 3e-3], (1500, 1)))
     told = trace.status & Status.CROSSED > 0
     assert told.sum() > 100
@@ -203,10 +202,9 @@ def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
     e, h = pressed()
     before, other = e.step(h).force, engine(sheet(-1e-3))
     e.exchange(other)
-    with pytest.raises(RuntimeError, match="in exchange"):
-        other.step(h)
-    with pytest.raises(RuntimeError, match="in exchange"):
-        e.exchange(other)
+    for act, given in ((other.step, h), (e.exchange, other)):
+        with pytest.raises(RuntimeError, match="in exchange"):
+            act(given)
     bad = e.step([np.nan, 0, 0])
     assert bad.status & Status.BAD_HIP
     assert np.array_equal(bad.force, before)
@@ -218,7 +216,8 @@ def test_an_engine_given_away_is_spent_and_a_bad_hip_holds_the_force():
 def test_after_any_edits_the_answer_is_a_fresh_engines(n):
     """Within the band before the cloud is made anew, to the bit after it."""
     draw, half = np.random.default_rng(n), 0.5e-3 * np.sqrt(n)
-    points = grid(np.arange(-half, half, 1e-3), np.arange(-half, half, 1e-3))
+    side = np.arange(-half, half, 1e-3)
+    points = grid(side, side)
     points[:, 2] = 0.3e-3 * np.sin(200 * points[:, 0])
     e, start = engine(points), [0, 0, 8e-3]
     e.run(np.linspace(start, [0, 0, 2e-3], 100))

@@ -121,20 +121,20 @@ def degenerate():
     rc, point, turn = 5e-3, np.zeros((1, 3)), np.arange(12) * (np.pi / 6)
     ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
     line = np.arange(-20, 21)[:, None] * 1e-3 * np.array([[1.0, 0, 0]])
-    pair, origin = np.array([[rc, 0, 0], [-rc, 0, 0]]), np.zeros(3)
+    pair, origin, (x, y, z) = np.array([[rc, 0, 0], [-rc, 0, 0]]), np.zeros(3), rc * np.eye(3)
     yield "on the only point", point, origin
-    yield "at exactly r_c", point, np.array([rc, 0, 0])
-    yield "at exactly r3", point, np.array([2 * rc, 0, 0])
-    yield "at exactly r_c of many", np.vstack([point] * 7), np.array([0, rc, 0])
+    yield "at exactly r_c", point, x
+    yield "at exactly r3", point, 2 * x
+    yield "at exactly r_c of many", np.vstack([point] * 7), y
     yield "in the middle of a ring of contacts", ring * rc, origin
     yield "in the middle of a small ring", ring * 0.6 * rc, origin
     yield "in the middle of a free ring", ring * 1.4 * rc, origin
     yield "above a ring", ring * 3e-3, np.array([0, 0, 4e-3])
     yield "between two points", pair, origin
     yield "on a line of points", line, np.array([0.2e-3, 0, 0])
-    yield "beside a line of points", line, np.array([0, rc, 0])
-    yield "duplicates", np.repeat(line, 3, axis=0), np.array([0, 0, rc])
-    yield "nearly duplicates", np.vstack([line, line + 1e-16]), np.array([0, 0, rc])
+    yield "beside a line of points", line, y
+    yield "duplicates", np.repeat(line, 3, axis=0), z
+    yield "nearly duplicates", np.vstack([line, line + 1e-16]), z
     yield "far from everything", point, np.array([1.0, 1, 1])
     yield "a kilometre from the origin", line + 1e3, np.array([1e3, 1e3 + 4e-3, 1e3])
 

@@ -167,8 +167,8 @@ def test_a_force_that_turns_round_stays_within_the_tank_from_twice_the_passive_s
 def test_of_a_robot_file(name):
     robot = vfplan.read_robot(name)
     g = vfplan.Governor.of(robot, 1000.0, torques=True)
-    g.step([20.0, 0, 0], np.full((3, 7), 0.1))
-    assert g.step([20.0, 0, 0], np.full((3, 7), 0.1))[0] == pytest.approx(2 * 1.2)
+    for tick in (1, 2):
+        assert g.step([20.0, 0, 0], np.full((3, 7), 0.1))[0] == pytest.approx(tick * 1.2)
     turning = np.full((3, 7), 1.5)
     g.reset()
     g.step([20.0, 0, 0], turning)

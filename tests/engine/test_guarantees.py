@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from motion import even, grid
 from oracle.guarantees import SLACK, Past, Rooms, across, free_to_go, growth, never_inside
 
 import vfplan
@@ -48,8 +49,7 @@ def singular(rng):
     """Rings, duplicates, exact grids, pairs just wider or narrower than the proxy, one point."""
     turn = np.arange(24) * (np.pi / 12)
     ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
-    x, y = np.meshgrid(np.arange(-6, 7), np.arange(-6, 7))
-    sheet = np.column_stack([x.ravel(), y.ravel(), 0 * x.ravel()]) * R / 5
+    sheet = grid(even(6, 1), even(6, 1)) * R / 5
     gap = R * (1 + rng.choice([-1e-3, -1e-9, 0.0, 1e-9, 1e-3, 0.1]))
     return [
         ring * R * rng.choice([0.5, 1.0, 1 + 1e-12, 1.5, 3.0]),

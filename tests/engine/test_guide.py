@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from motion import NATIVE, K, compiled, output, sizes
 
-import vfplan
-from vfplan import Status
+from vfplan import Guide, Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
 
@@ -27,7 +26,7 @@ def circle(radius, n=200):
 
 
 def along_x(n=11):
-    return np.column_stack([np.linspace(0, 0.1, n), np.zeros(n), np.zeros(n)])
+    return np.outer(np.linspace(0, 0.1, n), [1, 0, 0])
 
 
 @pytest.mark.slow
@@ -52,7 +51,7 @@ def test_sanitizers_find_nothing(tmp_path):
 
 
 def test_force_is_zero_in_the_tube_and_a_spring_beyond():
-    guide = vfplan.Guide(along_x(), 1e-3, stiffness=K)
+    guide = Guide(along_x(), 1e-3, stiffness=K)
     inside = guide.step([0.03, 0.9e-3, 0])
     assert inside.force.tolist() == [0, 0, 0]
     assert inside.proxy == pytest.approx([0.03, 0.9e-3, 0])
@@ -66,7 +65,7 @@ def test_force_is_zero_in_the_tube_and_a_spring_beyond():
 
 
 def test_a_hand_that_crosses_to_the_other_strand_of_a_hairpin_stays_on_its_own():
-    guide, y = vfplan.Guide(hairpin(), 1e-3, stiffness=K), np.linspace(0, 0.0099, 2000)
+    guide, y = Guide(hairpin(), 1e-3, stiffness=K), np.linspace(0, 0.0099, 2000)
     hips = np.column_stack([np.full_like(y, 0.01), y, 0 * y])
     trace = guide.run(hips)
     assert trace.arc_m == pytest.approx(0.01)
@@ -77,7 +76,7 @@ def test_a_hand_that_crosses_to_the_other_strand_of_a_hairpin_stays_on_its_own()
 def test_a_crossing_is_gone_through_straight_on():
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     eight = np.column_stack([0.03 * np.sin(turn), 0.02 * np.sin(2 * turn), 0 * turn])
-    guide = vfplan.Guide(eight, 1e-3, closed=True)
+    guide = Guide(eight, 1e-3, closed=True)
     length = guide.lengths_m[0]
     arcs = np.linspace(0.2 * length, 0.8 * length, 4000)  # through the crossing at one half
     trace = guide.run(np.add(guide.at(arcs), [0, 0, 2e-3]))
@@ -91,33 +90,33 @@ def test_a_crossing_is_gone_through_straight_on():
     (hairpin(apart=4e-3), False, 6e-3, 2e-3, "beside each other|turns round")])  # fmt: skip
 def test_a_tube_that_runs_into_itself_is_refused_with_the_place(points, closed, radius, fits, why):
     with pytest.raises(SettingError, match=rf"radius .* mm fit, as .*({why}).* at arc .* mm, \["):
-        vfplan.Guide(points, radius, closed)
-    assert len(vfplan.Guide(points, 0.97 * fits, closed).lengths_m) == 1
+        Guide(points, radius, closed)
+    assert len(Guide(points, 0.97 * fits, closed).lengths_m) == 1
 
 
 def test_a_bend_tighter_than_the_tube_is_refused_or_said():
     corner = np.vstack([along_x(101), [0.1, 0, 0] + along_x(101)[1:, [1, 0, 2]]])
     with pytest.raises(SettingError, match=r"radius 2 mm: at most 0\.\d+ mm fit the bends.*arc 9"):
-        vfplan.Guide(corner, 2e-3)
+        Guide(corner, 2e-3)
     with pytest.warns(UserWarning, match="bends more tightly at arc 9"):
-        guide = vfplan.Guide(corner, 2e-3, cut_bends=True)
+        guide = Guide(corner, 2e-3, cut_bends=True)
     assert guide.tight_bend is not None
     above = corner + np.array([0, 0, 0.12])
     with pytest.raises(SettingError, match=r", 120\] mm"):
-        vfplan.Guide(above, 2e-3, ignore_axis="z")
+        Guide(above, 2e-3, ignore_axis="z")
     with pytest.warns(UserWarning, match=r", 120\] mm"):
-        guide = vfplan.Guide(above, 2e-3, cut_bends=True, ignore_axis="z")
+        guide = Guide(above, 2e-3, cut_bends=True, ignore_axis="z")
     assert guide.at(0.0)[0] == pytest.approx(above[0])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert vfplan.Guide(circle(0.02), 1e-3, closed=True).tight_bend is None
+        assert Guide(circle(0.02), 1e-3, closed=True).tight_bend is None
 
 
 def test_a_tick_searches_a_part_of_a_curve_that_is_as_near_everywhere():
     """In the middle of a ring with a dent that lies in another part; then within the tube."""
     ring = circle(0.1, 19_000)
     ring[9500:9550] *= 1 - 1e-6
-    guide = vfplan.Guide(ring, 1e-3, closed=True, hold="on_entry")
+    guide = Guide(ring, 1e-3, closed=True, hold="on_entry")
     trace = guide.run([[0, 0, 0], 0.9995 * ring[7]])
     assert trace.lateral_m == pytest.approx([0.1, 0.5e-4], rel=1e-9)
     assert (trace.held.tolist(), trace.force.any()) == ([False, True], False)
@@ -125,19 +124,19 @@ def test_a_tick_searches_a_part_of_a_curve_that_is_as_near_everywhere():
 
 def test_a_closed_curve_goes_round_and_an_open_one_stops():
     arcs = np.linspace(0, 2.5, 3000)
-    ring = vfplan.Guide(circle(0.02), 1e-3, closed=True)
+    ring = Guide(circle(0.02), 1e-3, closed=True)
     length = ring.lengths_m[0]
     assert length == pytest.approx(2 * np.pi * 0.02, rel=1e-6)
     trace = ring.run(ring.at(arcs % 1 * length))
     assert np.abs((trace.arc_m - arcs * length + length / 2) % length - length / 2).max() < 1e-6
-    line = vfplan.Guide(along_x(), 1e-3)
+    line = Guide(along_x(), 1e-3)
     past = line.run([[0.09, 0, 0], [0.1, 0, 0], [0.103, 0, 0]])
     assert past.force[-1] == pytest.approx([-2.0, 0, 0], abs=1e-9) or past.status[-1]
     assert past.remaining_m[-1] == 0
 
 
 def test_an_open_end_lets_go_without_giving_energy_and_takes_hold_again():
-    guide = vfplan.Guide(along_x(), 1e-3, ends="open", stiffness=K)
+    guide = Guide(along_x(), 1e-3, ends="open", stiffness=K)
     out = np.linspace(0.08, 0.13, 1000)
     hips = np.column_stack([out, np.full_like(out, 3e-3), 0 * out])
     hips = np.vstack([hips, np.repeat(hips[-1:], 300, axis=0)])
@@ -155,7 +154,7 @@ def test_an_open_end_lets_go_without_giving_energy_and_takes_hold_again():
 
 def test_of_several_curves_the_nearest_at_the_start_is_kept():
     one, other = along_x(), np.add(along_x(), [0, 0.01, 0])
-    guide = vfplan.Guide([one, other], 1e-3, closed=[False, False])
+    guide = Guide([one, other], 1e-3, closed=[False, False])
     y = np.linspace(0.008, 0, 500)
     trace = guide.run(np.column_stack([0.02 + 0 * y, y, 0 * y]))
     assert (trace.stroke == 1).all()
@@ -174,7 +173,7 @@ def test_lines_and_arcs_are_followed_as_they_are(tilt):
     """On the arc the lateral error is that of the circle, to a rounding; a corner stays one."""
     tilt = np.array(tilt)
     frame = np.stack([np.cross([0, 1, 0], tilt), [0, 1, 0], tilt])
-    guide = vfplan.Guide(half_circles(frame), 1e-3, ignore_axis=tilt)
+    guide = Guide(half_circles(frame), 1e-3, ignore_axis=tilt)
     assert guide.closed == (False,)
     assert guide.lengths_m == pytest.approx([0.06 + np.pi * 5e-3], rel=1e-12)
     turn = np.linspace(-np.pi / 2, np.pi / 2, 500)
@@ -191,7 +190,7 @@ def test_lines_and_arcs_are_followed_as_they_are(tilt):
 
 def test_nothing_acts_along_an_ignored_axis():
     tilt = np.array([0.6, 0.0, 0.8])
-    guide = vfplan.Guide(hairpin(), 1e-3, ignore_axis=tilt)
+    guide = Guide(hairpin(), 1e-3, ignore_axis=tilt)
     hip = np.array([0.01, 3e-3, 0.0])
     one = guide.step(hip)
     guide.reset(hip + 0.05 * tilt)
@@ -202,7 +201,7 @@ def test_nothing_acts_along_an_ignored_axis():
 
 
 def test_a_lead_pulls_along_to_its_speed_and_stops_before_the_end():
-    guide = vfplan.Guide(along_x(), 1e-3, stiffness=K, lead_force=2.0, lead_speed=0.02)
+    guide = Guide(along_x(), 1e-3, stiffness=K, lead_force=2.0, lead_speed=0.02)
     mass, damping, dt = 1.0, 20.0, 1e-3
     x, v, forces, speeds = np.zeros(3), np.zeros(3), [], []
     for _ in range(14000):
@@ -220,7 +219,7 @@ def test_a_lead_pulls_along_to_its_speed_and_stops_before_the_end():
 
 
 def test_a_bad_hip_changes_nothing():
-    guide = vfplan.Guide(along_x(), 1e-3)
+    guide = Guide(along_x(), 1e-3)
     good, bad = guide.step([0.03, 3e-3, 0]), guide.step([np.nan, 0, 0])
     assert bad.status == Status.BAD_HIP
     assert (bad.force == good.force).all()
@@ -244,9 +243,9 @@ def test_a_bad_hip_changes_nothing():
 ])  # fmt: skip
 def test_bad_settings_are_refused(error, message, change):
     with pytest.raises(error, match=message):
-        vfplan.Guide(**({"points": along_x(), "radius": 1e-3} | change))
+        Guide(**({"points": along_x(), "radius": 1e-3} | change))
 
 
 def test_a_strand_that_is_not_there_is_an_error():
     with pytest.raises(IndexError):
-        vfplan.Guide(along_x(), 1e-3).at(0.05, 1)
+        Guide(along_x(), 1e-3).at(0.05, 1)

@@ -3,7 +3,7 @@
 import subprocess
 
 import pytest
-from conftest import need_program, output
+from conftest import file_with, need_program, output
 from motion import INCLUDE, NATIVE
 
 pytestmark = pytest.mark.slow
@@ -31,9 +31,8 @@ def test_what_cannot_be_built_is_refused_with_its_reason(flag, reason, tmp_path)
 
 @pytest.mark.parametrize("header", ["engine", "guide", "moving", "telemetry", "bundle/fixture"])
 def test_an_older_standard_is_told_what_to_give_and_nothing_else(header, tmp_path):
-    (tmp_path / "main.cpp").write_text(f'#include "vfplan/{header}.hpp"\n')
-    words = [need_program("g++", "g++"), "-std=c++14", f"-I{INCLUDE}", "-fsyntax-only"]
-    words.append(tmp_path / "main.cpp")
+    file = file_with(tmp_path / "main.cpp", f'#include "vfplan/{header}.hpp"\n')
+    words = [need_program("g++", "g++"), "-std=c++14", f"-I{INCLUDE}", "-fsyntax-only", file]
     done = subprocess.run([*map(str, words)], capture_output=True, text=True, check=False)
     assert done.returncode != 0
     first, *more = [line for line in done.stderr.splitlines() if "error: " in line]

@@ -159,10 +159,9 @@ def test_one_sender_at_a_time_is_taken(name, monkeypatch):
 def test_a_recording_of_a_controller_that_began_again_is_one_session(tmp_path):
     path, ticks = tmp_path / "a.mcap", made(3000)
     with McapWriter(path) as writer:
-        for k, tick in enumerate(ticks.reshape(-1, 1)):
-            writer.write(tick, 1.7e9 + k / 1000)
-        for k, tick in enumerate(ticks[:1000].reshape(-1, 1)):
-            writer.write(tick, 1.7e9 + 10 + k / 1000)
+        for part, begun in ((ticks, 1.7e9), (ticks[:1000], 1.7e9 + 10)):
+            for k, tick in enumerate(part.reshape(-1, 1)):
+                writer.write(tick, begun + k / 1000)
     session = vfplan.read_session(path)
     assert session.ticks == 4000
     assert np.diff(session.time).max() == pytest.approx(10 - 2.999)
@@ -284,9 +283,10 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
         first = [next(coming) for _ in range(2)]
         devices = [("POLYDATA", "vfplan_cloud"), ("POLYDATA", "vfplan_contact")]
         assert [m[:2] for m in first] == devices
-        count = struct.unpack(">I", first[0][2][:4])[0]
+        body = first[0][2]
+        count = struct.unpack(">I", body[:4])[0]
         assert count == len(fixture.points)
-        sent = np.frombuffer(first[0][2], ">f4", 3 * count, 40).reshape(-1, 3)
+        sent = np.frombuffer(body, ">f4", 3 * count, 40).reshape(-1, 3)
         assert np.array_equal(sent, (igtl.TO_RAS * fixture.points).astype(">f4"))
         feed.put(made(3)[2:])
         kinds = [next(coming) for _ in range(4)]
@@ -297,7 +297,7 @@ def test_two_clients_one_that_stalls_and_one_that_comes_again(server, feed):
         force = np.frombuffer(kinds[2][2], ">f8", 3, 10)
         assert np.array_equal(force, made(3)[2]["force"] * [-1, -1, 1])
         client.sendall(igtl.message("GET_POLYDATA", "vfplan_cloud", 0.0, b""))
-        assert next(m for m in coming if m[0] == "POLYDATA")[2] == first[0][2]
+        assert next(m for m in coming if m[0] == "POLYDATA")[2] == body
         client.close()
     stalled.close()
 
@@ -364,14 +364,12 @@ def test_mcap_holds_every_tick_to_the_bit(tmp_path):
             read_ticks(path)
     # What was cut off is read as far as it is whole.
     assert open_session(file_with(tmp_path / "a.mcap.part", data[:-40])).notes["cut"]
-    for cut, fewest in (
-        (data[:-40], 5000),
-        (data[: len(data) // 2], 1500),
-        (data + bytes(9999), 5000),
-    ):
+    half = data[: len(data) // 2]
+    for cut, fewest in ((data[:-40], 5000), (half, 1500), (data + bytes(9999), 5000)):
         path.write_bytes(cut)
-        assert read_ticks(path).tobytes() == ticks[: len(read_ticks(path))].tobytes()
-        assert len(read_ticks(path)) >= fewest
+        found = read_ticks(path)
+        assert found.tobytes() == ticks[: len(found)].tobytes()
+        assert len(found) >= fewest
 
 
 @needs_mcap
@@ -607,8 +605,7 @@ def test_a_damaged_transform_is_none():
 def test_poses_go_on_after_a_volume_after_what_is_no_message_and_after_a_break():
     volume = igtl.HEADER.pack(1, b"IMAGE", b"Volume", 0, 2**26 + 5, 0) + bytes(2**26 + 5)
     with socket.create_server(("127.0.0.1", 0)) as server:
-        address = f"igtl://127.0.0.1:{server.getsockname()[1]}/Body"
-        receiver = igtl.PoseReceiver(address)
+        receiver = igtl.PoseReceiver(f"igtl://127.0.0.1:{server.getsockname()[1]}/Body")
         for k, end in enumerate((volume, b"GET / HTTP/1.1\r\n" * 10, b"")):
             with server.accept()[0] as client:
                 for more in (end, b""):
@@ -655,8 +652,9 @@ def test_recorded_poses_move_the_fixture_of_the_replay(tracker, tmp_path, monkey
     words = ["live", fixture, "udp://127.0.0.1:5", "--mcap", recorded, "--poses-out", poses,
              "--poses-from", f"igtl://127.0.0.1:{port}/Body", "--json"]  # fmt: skip
     run = CliRunner().invoke(cli, [*map(str, words)])
-    assert json.loads(run.stdout)["poses"] == 5
-    assert "no pose came for 0.2 s or longer" in json.loads(run.stdout)["warnings"]
+    report = json.loads(run.stdout)
+    assert report["poses"] == 5
+    assert "no pose came for 0.2 s or longer" in report["warnings"]
     assert run.stderr.count("no pose has come for 0.2 s") == 1
     assert told == [""] * 6 + ["no pose has come for 0.2 s"]
     status = igtl.tick_messages(np.zeros(1, sources.SHOWN)[0], told[-1])[-150:]

@@ -272,12 +272,12 @@ def dots_and_crosses_near(sheet, rng):
 
 def boxes_and_swatch_near(sheet, rng):
     curve = drawn(sheet, rng)
-    size = rng.uniform(16, 40, 2)
-    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, any_other(rng))
-    size = rng.uniform(10, 24, 2)
-    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(10, 40)), *size, sheet.red)
-    size = rng.uniform(20, 50, 2)
-    sheet.box(away_from(curve, sheet, rng, size, rng.uniform(8, 40)), *size, (120, 120, 120))
+    for low, high, least, colour in (
+        (16, 40, 8, None), (10, 24, 10, sheet.red), (20, 50, 8, (120, 120, 120)),
+    ):  # fmt: skip
+        size = rng.uniform(low, high, 2)
+        at = away_from(curve, sheet, rng, size, rng.uniform(least, 40))
+        sheet.box(at, *size, colour or any_other(rng))
     return curve, False
 
 

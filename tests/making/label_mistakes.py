@@ -64,15 +64,16 @@ def _placed(layout, n, rng):
 
 
 def _orders(n, rng):
-    exchanged = np.arange(n)
+    forward = np.arange(n)
+    exchanged = forward.copy()
     a, b = rng.choice(n, 2, replace=False)
     exchanged[[a, b]] = exchanged[[b, a]]
-    permuted = np.arange(n)
-    while (permuted == np.arange(n)).any():
+    permuted = forward
+    while (permuted == forward).any():
         permuted = rng.permutation(n)
     return {
-        "reversed": np.arange(n)[::-1],
-        "shifted": np.roll(np.arange(n), int(rng.choice([-1, 1]))),
+        "reversed": forward[::-1],
+        "shifted": np.roll(forward, int(rng.choice([-1, 1]))),
         "exchanged": exchanged,
         "permuted": permuted,
     }

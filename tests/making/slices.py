@@ -223,8 +223,7 @@ def mouse(canvas, rng):
     arc = arc_of(curve)
     steps = np.cumsum(rng.uniform(2, 5, int(arc[-1] / 2)))
     at = np.r_[0.0, steps[steps < arc[-1]]]
-    curve = np.column_stack([np.interp(at, arc, curve[:, k]) for k in (0, 1)])
-    curve = np.rint(curve)
+    curve = np.rint(np.column_stack([np.interp(at, arc, curve[:, k]) for k in (0, 1)]))
     curve = curve[np.r_[True, np.diff(curve, axis=0).any(1)]]
     canvas.line(curve, pen(rng), RED)
     return curve, False
@@ -266,8 +265,7 @@ def handles(canvas, rng):
     """An ImageJ polygon with its handles: white squares with a dark border."""
     curve = hand(rng, True)[:: 1200 // int(rng.integers(8, 14))]
     canvas.line(curve, float(rng.choice([2.0, 3.0])), RED, True)
-    for at in curve:
-        at = np.rint(at)
+    for at in np.rint(curve):
         canvas.box(at, 7, 7, BLACK)
         canvas.box(at, 5, 5, WHITE)
     return curve, True
@@ -291,9 +289,10 @@ def calliper(canvas, rng):
     length, angle = rng.uniform(40, 80), rng.uniform(0.2, 1.3)
     way = np.array([np.cos(angle), np.sin(angle)])
     at = away(curve, rng, length * way + 12)
-    canvas.line(at + length / 2 * np.array([-way, way]), 1.5, RED, cap="butt")
-    cross(canvas, at - length / 2 * way, 6, 1.5, RED)
-    cross(canvas, at + length / 2 * way, 6, 1.5, RED)
+    ends = at + length / 2 * np.array([-way, way])
+    canvas.line(ends, 1.5, RED, cap="butt")
+    for end in ends:
+        cross(canvas, end, 6, 1.5, RED)
     return curve, False
 
 
@@ -411,8 +410,8 @@ def crossed(canvas, rng):
     """Lines of other colours across the curve."""
     curve, _ = drawn(canvas, rng)
     for where in (0.3, 0.65):
-        at = curve[int(where * len(curve))]
-        normal = normal_of(curve)[int(where * len(curve))]
+        k = int(where * len(curve))
+        at, normal = curve[k], normal_of(curve)[k]
         lean = normal + rng.uniform(-0.5, 0.5) * np.array([-normal[1], normal[0]])
         colour = (*OTHERS, CYAN, GREEN)[int(rng.integers(5))]
         canvas.line(np.array([at - 40 * lean, at + 40 * lean]), rng.uniform(1.5, 4), colour)

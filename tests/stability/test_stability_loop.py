@@ -143,9 +143,8 @@ def test_press_is_the_second_order_step_response():
     found = press(patch(), ROBOT, engine_for(patch(), "robust"), 1000.0)
     # zeta = (b - K T/2) / (2 sqrt(m K)), overshoot exp(-pi zeta / sqrt(1 - zeta²))
     zeta = (5 - 0.5) / (2 * np.sqrt(1000.0))
-    assert found["overshoot"] == pytest.approx(
-        np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2)), abs=0.02
-    )
+    overshoot = np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2))
+    assert found["overshoot"] == pytest.approx(overshoot, abs=0.02)
     assert found["rest_s"] == pytest.approx(np.log(20) / (zeta * np.sqrt(1000.0)), rel=0.1)
     assert found["limit_cycle_m"] < 2e-6
 
