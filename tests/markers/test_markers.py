@@ -136,13 +136,11 @@ BAD_TABLES = {
         "label,u_px\nx1,1\n", "label,u_px,v_px,x_m,y_m\nx1,1,1,1,1\n", "who,u_px,v_px\nx1,1,1\n",
         "label,left,top\nx1,1,1\n", "x1;0.4;0.1;0.02\nx2;0.5;0.1;0.02\n",
     ],
-    "columns-ambiguous": [
-        "label,x_m,y_mm,z_m\nx1,1,1,1\n", "label,x_m,y_m,z_m,x_mm,y_mm,z_mm\nx1,1,1,1,1,1,1\n",
-    ],
+    "columns-ambiguous": ["label,x_m,y_mm,z_m\nx1,1,1,1\n",
+                          "label,x_m,y_m,z_m,x_mm,y_mm,z_mm\nx1,1,1,1,1,1,1\n"],
     "column-doubled": ["label,u_px,U_px,v_px\nx1,1,1,1\n"],
-    "column-unknown": [
-        "label,u_px,v_px,x_inch\nx1,1,1,1\n", "label,x_m,y_m,z_m,sigma_inch\nx1,1,1,1,1\n",
-    ],
+    "column-unknown": ["label,u_px,v_px,x_inch\nx1,1,1,1\n",
+                       "label,x_m,y_m,z_m,sigma_inch\nx1,1,1,1,1\n"],
     "no-number": [
         "label,u_px,v_px\nx1,1,1\nx2,nan,1\n", "label,u_px,v_px\nx1,1,inf\n",
         "label,u_px,v_px\nx1,,1\n", "label,u_px,v_px\nx1,1;2,1\n", "label,u_px,v_px\nx1,1_0,2\n",
@@ -151,20 +149,15 @@ BAD_TABLES = {
     "label-doubled": ["label,u_px,v_px\nx1,1,1\nx2,3,4\nx1,2,2\n"],
     "label-missing": ["label,u_px,v_px\nx1,1,1\n ,1,2\n"],
     "label-control-character": ["label,u_px,v_px\nx1\0,1,1\n"],
-    "row-length": [
-        "label,u_px,v_px\nx1,1\n", "label,u_px,v_px\nx1,1,5,2,5\n",
-    ],
+    "row-length": ["label,u_px,v_px\nx1,1\n", "label,u_px,v_px\nx1,1,5,2,5\n"],
     "sigma-without-positions": ["label,u_px,v_px,sigma_m\nx1,1,1,1\n"],
     "no-markers": ["label,u_px,v_px\n"],
     "table-empty": ["\n"],
-    "table-broken": [
-        'label,u_px,v_px\n"x1,1,2\nx2,1,2\n', "label,u_px,v_px\n" + "a" * 200_000 + ",1,2\n",
-    ],
+    "table-broken": ['label,u_px,v_px\n"x1,1,2\nx2,1,2\n',
+                     "label,u_px,v_px\n" + "a" * 200_000 + ",1,2\n"],
     "separator-ambiguous": ["label;u_px,v_px\nx1;1,2\n"],
-    "decimal-ambiguous": [
-        "label;u_px;v_px\nx1;1,5;2,5\nx2;1.5;2.5\n", "label;u_px;v_px\nx1;1.234,5;2\n",
-        "label;u_px;v_px\nx1;1,234,5;2\n",
-    ],
+    "decimal-ambiguous": ["label;u_px;v_px\nx1;1,5;2,5\nx2;1.5;2.5\n",
+                          "label;u_px;v_px\nx1;1.234,5;2\n", "label;u_px;v_px\nx1;1,234,5;2\n"],
     "unit-unclear": ["Name;X;Y;Z\nx1;1;2;3\nx2;2;3;1\nx3;5;1;9\n"],
 }  # fmt: skip
 
@@ -251,9 +244,8 @@ def test_names_that_a_person_gave_in_imagejs_table_stay(write):
     with refuses(MarkerError, "label-doubled"):
         read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
     with refuses(MarkerError, "column-unknown"):
-        read_markers(
-            write("i.csv", "label,X (\u0131n),Y (\u0131n)\na,1,2\n"), write("r.csv", ROBOT)
-        )
+        image = write("i.csv", "label,X (\u0131n),Y (\u0131n)\na,1,2\n")
+        read_markers(image, write("r.csv", ROBOT))
 
 
 def test_common_takes_the_labels_that_both_sides_have(write):
