@@ -249,9 +249,8 @@ def test_torques_fade_as_the_force_does(tmp_path):
 
 
 def test_the_stiffness_changes_in_small_steps_and_ramps_are_in_seconds(tmp_path):
-    uneven = replace(
-        bundles.small().rendering, stiffness=np.array([1000.0, 200.0, 1000.0]), band=5e-5
-    )
+    stiffness = np.array([1000.0, 200.0, 1000.0])
+    uneven = replace(bundles.small().rendering, stiffness=stiffness, band=5e-5)
     for name, most, changes in (("g.h5", 1000, {}), ("h.h5", 200, {"rendering": uneven})):
         least = Controller(stored(tmp_path / name, **changes), **ANY)
         least.set_stiffness(most)

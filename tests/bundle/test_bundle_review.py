@@ -34,9 +34,8 @@ def whole_guide():
 
 
 def limited_cloud():
-    return replace(
-        fixtures.cloud(), rendering=replace(fixtures.cloud().rendering, max_iterations=9)
-    )
+    cloud = fixtures.cloud()
+    return replace(cloud, rendering=replace(cloud.rendering, max_iterations=9))
 
 
 MADE = {
@@ -110,9 +109,8 @@ def test_the_marked_rows_are_what_an_engine_reads():
     """By the source of what `Engine(fixture)` is made of."""
     include = ROOT / "vfplan" / "native" / "include" / "vfplan" / "bundle"
     source = (include / "fixture.hpp").read_text()
-    source = source[
-        source.index("guidance_of(const Content") : source.rindex("Fixture read_fixture(")
-    ]
+    start, end = source.index("guidance_of(const Content"), source.rindex("Fixture read_fixture(")
+    source = source[start:end]
     content = (include / "content.hpp").read_text()
     source += content[content.index("strokes_of(const Content") :]
     read = {path for path in re.findall(r'"(/[^"]+)"', source) if re.search("[@/].", path[1:])}

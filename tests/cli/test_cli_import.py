@@ -56,7 +56,7 @@ def test_a_mesh_is_kept_as_drawn_certified_and_in_metres(options, spacing, stl, 
 
 
 def test_a_drawn_mesh_that_says_nothing_of_samples_leaks(stl, vfplan_cli, tmp_path):
-    assert vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "a.h5").code == 0
+    assert vfplan_cli("import", stl, "--units", "mm", "-o", tmp_path / "a.h5").sound
     fixture = vfplan.read_fixture(tmp_path / "a.h5")
     with pytest.raises(vfplan.errors.SceneError, match="leaks"):
         vfplan.write_fixture(bundles.replace(fixture, sample_radius=None), tmp_path / "b.h5")
@@ -161,7 +161,7 @@ def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, 
 
 def test_strokes_become_slicer_curves_in_mm(vfplan_cli, tmp_path):
     vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
-    assert vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json").code == 0
+    assert vfplan_cli("export", tmp_path / "a.h5", "-o", tmp_path / "c.mrk.json").sound
     markups = json.loads((tmp_path / "c.mrk.json").read_text())["markups"]
     assert [m["type"] for m in markups] == ["Curve", "ClosedCurve"]
     positions = [p["position"] for m in markups for p in m["controlPoints"]]
@@ -177,7 +177,7 @@ def test_the_femur_is_certified(shared_data, tmp_path):
 def test_pixels_are_no_metres(vfplan_cli, tmp_path):
     """An exported curve of the image frame says its unit."""
     vfplan.write_fixture(bundles.pixels(), tmp_path / "p.h5")
-    assert vfplan_cli("export", tmp_path / "p.h5", "-o", tmp_path / "p.csv").code == 0
+    assert vfplan_cli("export", tmp_path / "p.h5", "-o", tmp_path / "p.csv").sound
     words = ("import", tmp_path / "p.csv", "--units", "mm", "-o", tmp_path / "a.h5")
     vfplan_cli(*words).fails(3, "x_px")
     assert not (tmp_path / "a.h5").exists()

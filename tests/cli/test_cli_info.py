@@ -9,9 +9,9 @@ from unittest.mock import Mock
 import bundles
 import pytest
 from click.testing import CliRunner
-from vfplan.cli.main import cli
 
 import vfplan
+from vfplan.cli.main import cli
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_the_next_step_of_an_approved_bundle_signs_it_for_its_case(vfplan_cli, t
     sheet = vfplan_cli("review", tmp_path / "b.h5", "--sheet-out", tmp_path / "s.png")
     digest = sheet.stdout.split("digest ")[1].split()[0]
     approved = tmp_path / "approved.h5"
-    assert vfplan_cli(*words, digest, "-o", approved).code == 0
+    assert vfplan_cli(*words, digest, "-o", approved).sound
     for command in (("info",), ("stability", "--part=closed-loop", "--robot=franka")):
         assert "--key KEY --case K9 -o" in vfplan_cli(*command, approved).stdout
 

@@ -20,7 +20,7 @@ def desk(vfplan_cli, tmp_path_factory):
     folder = tmp_path_factory.mktemp("desk")
     vfplan.write_fixture(bundles.whole(), folder / "a.h5")
     for name in ("alice", "mallory"):
-        assert vfplan_cli("keygen", "-o", folder / f"{name}.key").code == 0
+        assert vfplan_cli("keygen", "-o", folder / f"{name}.key").sound
     hour_ago = (datetime.now(UTC) - timedelta(hours=1)).strftime("%Y-%m-%dT%H:%M:%SZ")
     words = ["--case", "C1", "--robot-serial", "R7", "--registered-at", hour_ago]
     words += ["--despite-findings"]
@@ -102,7 +102,7 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
     token = "c" * 700
     words = ["--key", desk / "alice.key", "--case", token, "--despite-findings"]
     words += ["-o", desk / "long.h5", "--overwrite"]
-    assert vfplan_cli("sign", desk / "a.h5", *words).code == 0
+    assert vfplan_cli("sign", desk / "a.h5", *words).sound
     assert read_bundle(desk / "long.h5")[1]["case"] == token
     with h5py.File(desk / "long.h5") as file:
         assert file.userblock_size == 0
@@ -177,7 +177,7 @@ def test_a_public_key_in_place_of_the_private_one_is_told_as_that(desk, vfplan_c
 
 
 def test_keygen_leaves_the_public_half_of_another_key(vfplan_cli, tmp_path):
-    assert vfplan_cli("keygen", "-o", tmp_path / "bob.key").code == 0
+    assert vfplan_cli("keygen", "-o", tmp_path / "bob.key").sound
     public = (tmp_path / "bob.pub").read_bytes()
     vfplan_cli("keygen", "-o", tmp_path / "bob", "--json").fails(2, error="public-key-exists")
     assert (tmp_path / "bob.pub").read_bytes() == public

@@ -145,9 +145,8 @@ def test_runs_side_by_side():
 def test_a_pressed_pen_is_measured_and_asked_about_where_it_is_wide(widths, asked):
     widths = np.interp(T, np.linspace(0, 1, len(widths)), widths)
     extraction = pressed(widths)
-    assert [(f.code, f.severity) for f in extraction.findings] == [
-        ("width-changes", "doubt")
-    ] * asked
+    found = [(f.code, f.severity) for f in extraction.findings]
+    assert found == [("width-changes", "doubt")] * asked
     for finding in extraction.findings:
         assert np.interp(finding.place_px[0], BOWED[:, 0], widths) > widths.mean()
     [stroke] = extraction.strokes

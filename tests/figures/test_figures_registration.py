@@ -9,6 +9,7 @@ import pytest
 from layouts import grid, planar, solid
 from margins import CLOCKWISE, LINE, registered
 from matplotlib.text import Text
+from numpy.testing import assert_allclose
 from refusals import refuses
 
 from vfplan import PlannedImage
@@ -51,7 +52,7 @@ def test_arrows_are_the_residuals_times_the_stated_factor(figure):
     factor = stated_factor(made, "residual (")
     linear = registration.T_target_source[:3, :2]
     expected = registration.vectors @ np.linalg.pinv(linear).T * factor
-    np.testing.assert_allclose(tips_of(made), expected, atol=1e-9)
+    assert_allclose(tips_of(made), expected, atol=1e-9)
     assert any(line.startswith("x4") and "outlier" in line for line in labels)
     assert any("mm in the slice, " in line and "mm of a residual" in line for line in labels)
 
@@ -64,7 +65,7 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
     assert len(quads) == 800  # closed: the last piece too
     widths = [np.linalg.norm(quad[1] - quad[0]) / 2 for quad in quads]
     bound = registration.tre95_curve_m(CLOCKWISE.points) / registration.scale
-    np.testing.assert_allclose(widths, bound * factor, rtol=1e-6)
+    assert_allclose(widths, bound * factor, rtol=1e-6)
 
 
 def test_left_out_markers_and_an_exact_fit(figure):
@@ -120,11 +121,11 @@ def test_markers_in_the_patient_are_projected_onto_the_slice(figure):
     # The residual in the patient's frame, without its part across the slice: least squares.
     A = registration.T_target_source[:3, :3] @ place[:3, :2]
     solved = np.linalg.lstsq(A, registration.vectors.T, rcond=None)[0].T
-    np.testing.assert_allclose(tips_of(made), factor * solved, atol=1e-9)
+    assert_allclose(tips_of(made), factor * solved, atol=1e-9)
     offset = registration.source - place[:3, 2]
     expected = np.column_stack([offset @ place[:3, 0] / 0.25e-6, offset @ place[:3, 1] / 0.36e-6])
     [markers] = [x for x in made.axes[0].lines if x.get_label() == "marker"]
-    np.testing.assert_allclose(markers.get_xydata(), expected, atol=1e-9)
+    assert_allclose(markers.get_xydata(), expected, atol=1e-9)
     assert any("mm in the slice" in text for text in texts(made))
 
 
@@ -133,7 +134,7 @@ def test_a_surface_is_shown_by_its_points(figure):
     made = figure(registration, replace(line, curve=None), image=slice_in_patient())
     points = made.axes[0].collections[0]
     assert len(points.get_offsets()) == 50
-    np.testing.assert_allclose(points.get_array(), 1e3 * registration.tre_m(line.points))
+    assert_allclose(points.get_array(), 1e3 * registration.tre_m(line.points))
     assert not any(text.startswith("95 % band") for text in texts(made))
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refuses
 from replays import fixture_of, line, probing
@@ -34,7 +35,7 @@ def test_timeline_shades_each_episode_and_shows_the_force(pressed):
     assert len(spans) == len(pressed.metrics["episodes"]) == 4
     lines = {line.get_label(): line for line in top.get_lines()}
     assert set(lines) == {"$F_y$", "|F|".join("$$")}  # a force that is always 0 is left out
-    np.testing.assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
+    assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
 
 
 def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
@@ -43,7 +44,7 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
     [drawn] = [line for line in axes.lines if line.get_label().startswith("contact circle")]
     circles = drawn.get_xydata().reshape(len(marks), -1, 2)[:, :-1]  # the last is NaN
     away = circles - 1e3 * pressed.ticks.proxy[marks, None, :2]
-    np.testing.assert_allclose(np.hypot(*away.T), 5.0, rtol=1e-6)  # mm
+    assert_allclose(np.hypot(*away.T), 5.0, rtol=1e-6)  # mm
     assert axes.get_aspect() == 1.0
 
 
@@ -74,9 +75,9 @@ def test_solid_scenes_are_drawn_too(tmp_path):
 def test_plane_basis_is_right_handed_and_not_mirrored(axis):
     axis = np.array(axis, float) / np.linalg.norm(axis)
     basis = plane_basis(axis)
-    np.testing.assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
-    np.testing.assert_allclose(basis.T @ axis, 0, atol=1e-12)
-    np.testing.assert_array_equal(plane_basis(-axis), basis)
+    assert_allclose(basis.T @ basis, np.eye(2), atol=1e-12)
+    assert_allclose(basis.T @ axis, 0, atol=1e-12)
+    assert_array_equal(plane_basis(-axis), basis)
     if abs(axis[2]) > 0.9:
         assert np.cross(*basis.T)[2] > 0  # x to the right, y up
 
@@ -106,7 +107,7 @@ def test_depth_is_carried_back_to_the_slice(pressed):
     image = PlannedImage(np.zeros((120, 200, 3), np.uint8))
     axes = pictures.slice_depth(moved, image).axes[0]
     drawn = np.vstack([axes.lines[0].get_xydata(), axes.collections[0].get_offsets()])
-    np.testing.assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
+    assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
     with refuses(InputError, "no-image-registration"):
         pictures.slice_depth(pressed, image)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from slicer_files import mrk
 
@@ -42,14 +43,14 @@ def test_one_file_and_two_files_in_any_order_are_the_same(write):
         assert found.source_frame == "image"
         assert found.target_frame == "robot_base"
         assert found.sigma is None
-        np.testing.assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
-        np.testing.assert_array_equal(found.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]])
+        assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
+        assert_array_equal(found.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]])
 
 
 def test_column_order_and_notes_do_not_matter(write):
     text = " v_px , note,label, u_px\n20,near,x1,10\n25,,x2,30\n60,far,x3,12\n"
     found = read_markers(write("i.csv", text), write("r.csv", ROBOT))
-    np.testing.assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
+    assert_array_equal(found.source, [[10, 20], [30, 25], [12, 60]])
 
 
 @pytest.mark.parametrize(
@@ -65,7 +66,7 @@ def test_column_order_and_notes_do_not_matter(write):
 def test_sigma_follows_its_label_and_unit(write, header, rows):
     found = read_markers(write("i.csv", IMAGE), write("r.csv", f"label,{header}\n{rows}"))
     last = found.sigma if found.sigma.ndim == 1 else found.sigma[:, 2]
-    np.testing.assert_allclose(last, [0.001, 0.002, 0.003], rtol=1e-15)
+    assert_allclose(last, [0.001, 0.002, 0.003], rtol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -79,8 +80,8 @@ def test_mrk_json_units_and_frames(write, units, factor, system):
     markup = {"coordinateUnits": units} | ({} if system is None else {"coordinateSystem": system})
     found = read_markers(write("p.mrk.json", mrk(points, **markup)), write("r.csv", ROBOT))
     assert found.source_frame == "patient_lps"
-    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
-    np.testing.assert_array_equal(found.target[:, 0], [0.1, 0.2, 0.3])
+    assert_allclose(found.source, LPS_M, rtol=1e-15)
+    assert_array_equal(found.target[:, 0], [0.1, 0.2, 0.3])
 
 
 def test_mrk_json_leaves_undefined_points_out(write):
@@ -100,34 +101,34 @@ def test_fcsv_of_slicer_4(write, system, sign, ending):
           for i, (label, (x, y, z), _) in enumerate(POINTS)),
     ]  # fmt: skip
     found = read_markers(write("p.fcsv", ending.join(lines) + ending), write("r.csv", ROBOT))
-    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
+    assert_allclose(found.source, LPS_M, rtol=1e-15)
 
 
 def test_fcsv_of_slicer_3_is_ras(write):
     text = "# name = a\n" + "".join(f"{k},{-x},{-y},{z},1,1\n" for k, (x, y, z), _ in POINTS)
     found = read_markers(write("p.fcsv", text), write("r.csv", ROBOT))
-    np.testing.assert_allclose(found.source, LPS_M, rtol=1e-15)
+    assert_allclose(found.source, LPS_M, rtol=1e-15)
 
 
 def test_two_slicer_files_the_first_is_the_source(write):
     moved = [(label, [x + 1, y, z], status) for label, (x, y, z), status in POINTS]
     found = read_markers(write("a.mrk.json", mrk(POINTS)), write("b.mrk.json", mrk(moved)))
     assert (found.source_frame, found.target_frame) == ("patient_lps", "patient_lps")
-    np.testing.assert_allclose(found.target - found.source, [[1e-3, 0, 0]] * 3, atol=1e-15)
+    assert_allclose(found.target - found.source, [[1e-3, 0, 0]] * 3, atol=1e-15)
 
 
 def test_real_slicer_files(shared_data):
     folder = shared_data / "markers_slicer"
     (l1,) = read_sides(folder / "L1.fcsv")
     assert l1.labels == ("L1-P1", "L1-P2")
-    np.testing.assert_allclose(l1.positions[1] * 1e3, [-49.8834, 4.33769, 0], rtol=1e-12)
+    assert_allclose(l1.positions[1] * 1e3, [-49.8834, 4.33769, 0], rtol=1e-12)
     (afid,) = read_sides(folder / "afid_sub-087.fcsv")
     assert len(afid.labels) == 32
     first = [1.7233007926589394, -29.939802490250948, -15.162710714603704]
-    np.testing.assert_allclose(afid.positions[0] * 1e3, first)
+    assert_allclose(afid.positions[0] * 1e3, first)
     (f5,) = read_sides(folder / "F_5.json")
     assert len(f5.labels) == 20  # F_5-16 was deleted in Slicer
-    np.testing.assert_allclose(f5.positions[0, 0] * 1e3, -104.41897583007813)
+    assert_allclose(f5.positions[0, 0] * 1e3, -104.41897583007813)
 
 
 BAD_TABLES = {
@@ -135,13 +136,11 @@ BAD_TABLES = {
         "label,u_px\nx1,1\n", "label,u_px,v_px,x_m,y_m\nx1,1,1,1,1\n", "who,u_px,v_px\nx1,1,1\n",
         "label,left,top\nx1,1,1\n", "x1;0.4;0.1;0.02\nx2;0.5;0.1;0.02\n",
     ],
-    "columns-ambiguous": [
-        "label,x_m,y_mm,z_m\nx1,1,1,1\n", "label,x_m,y_m,z_m,x_mm,y_mm,z_mm\nx1,1,1,1,1,1,1\n",
-    ],
+    "columns-ambiguous": ["label,x_m,y_mm,z_m\nx1,1,1,1\n",
+                          "label,x_m,y_m,z_m,x_mm,y_mm,z_mm\nx1,1,1,1,1,1,1\n"],
     "column-doubled": ["label,u_px,U_px,v_px\nx1,1,1,1\n"],
-    "column-unknown": [
-        "label,u_px,v_px,x_inch\nx1,1,1,1\n", "label,x_m,y_m,z_m,sigma_inch\nx1,1,1,1,1\n",
-    ],
+    "column-unknown": ["label,u_px,v_px,x_inch\nx1,1,1,1\n",
+                       "label,x_m,y_m,z_m,sigma_inch\nx1,1,1,1,1\n"],
     "no-number": [
         "label,u_px,v_px\nx1,1,1\nx2,nan,1\n", "label,u_px,v_px\nx1,1,inf\n",
         "label,u_px,v_px\nx1,,1\n", "label,u_px,v_px\nx1,1;2,1\n", "label,u_px,v_px\nx1,1_0,2\n",
@@ -150,20 +149,15 @@ BAD_TABLES = {
     "label-doubled": ["label,u_px,v_px\nx1,1,1\nx2,3,4\nx1,2,2\n"],
     "label-missing": ["label,u_px,v_px\nx1,1,1\n ,1,2\n"],
     "label-control-character": ["label,u_px,v_px\nx1\0,1,1\n"],
-    "row-length": [
-        "label,u_px,v_px\nx1,1\n", "label,u_px,v_px\nx1,1,5,2,5\n",
-    ],
+    "row-length": ["label,u_px,v_px\nx1,1\n", "label,u_px,v_px\nx1,1,5,2,5\n"],
     "sigma-without-positions": ["label,u_px,v_px,sigma_m\nx1,1,1,1\n"],
     "no-markers": ["label,u_px,v_px\n"],
     "table-empty": ["\n"],
-    "table-broken": [
-        'label,u_px,v_px\n"x1,1,2\nx2,1,2\n', "label,u_px,v_px\n" + "a" * 200_000 + ",1,2\n",
-    ],
+    "table-broken": ['label,u_px,v_px\n"x1,1,2\nx2,1,2\n',
+                     "label,u_px,v_px\n" + "a" * 200_000 + ",1,2\n"],
     "separator-ambiguous": ["label;u_px,v_px\nx1;1,2\n"],
-    "decimal-ambiguous": [
-        "label;u_px;v_px\nx1;1,5;2,5\nx2;1.5;2.5\n", "label;u_px;v_px\nx1;1.234,5;2\n",
-        "label;u_px;v_px\nx1;1,234,5;2\n",
-    ],
+    "decimal-ambiguous": ["label;u_px;v_px\nx1;1,5;2,5\nx2;1.5;2.5\n",
+                          "label;u_px;v_px\nx1;1.234,5;2\n", "label;u_px;v_px\nx1;1,234,5;2\n"],
     "unit-unclear": ["Name;X;Y;Z\nx1;1;2;3\nx2;2;3;1\nx3;5;1;9\n"],
 }  # fmt: skip
 
@@ -207,7 +201,7 @@ FORMS = {
 @pytest.mark.parametrize("form", FORMS)
 def test_the_files_that_people_have_are_read(write, form):
     pairs = read_markers(write("i.csv", IMAGE), write("r.csv", FORMS[form]))
-    np.testing.assert_allclose(pairs.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]], rtol=1e-15)
+    assert_allclose(pairs.target, [[0.1, 0, 0.5], [0.2, 0, 0], [0.3, 0, 0]], rtol=1e-15)
     concluded = [finding.code for finding in pairs.findings]
     assert concluded == (["unit-concluded"] if "tracker" in form else [])
 
@@ -236,7 +230,7 @@ def test_imagejs_tables_are_markers_by_the_numbers_of_their_points(write, form):
             read_markers(image, robot)
     pairs = read_markers(image, robot, spacing_mm=(0.4, 0.25))
     assert (pairs.labels, pairs.source_frame) == (("1", "2", "3"), "image")
-    np.testing.assert_allclose(pairs.source, [[10, 20], [30, 25], [12, 60]], atol=1e-12)
+    assert_allclose(pairs.source, [[10, 20], [30, 25], [12, 60]], atol=1e-12)
     found = [(finding.code, finding.severity) for finding in pairs.findings]
     unit_doubt = [] if is_calibrated else [("imagej-table", "doubt")]
     assert found == [*unit_doubt, ("points-numbered", "note")]
@@ -250,9 +244,8 @@ def test_names_that_a_person_gave_in_imagejs_table_stay(write):
     with refuses(MarkerError, "label-doubled"):
         read_markers(write("i.csv", text.replace("x3", "x1")), write("r.csv", ROBOT))
     with refuses(MarkerError, "column-unknown"):
-        read_markers(
-            write("i.csv", "label,X (\u0131n),Y (\u0131n)\na,1,2\n"), write("r.csv", ROBOT)
-        )
+        image = write("i.csv", "label,X (\u0131n),Y (\u0131n)\na,1,2\n")
+        read_markers(image, write("r.csv", ROBOT))
 
 
 def test_common_takes_the_labels_that_both_sides_have(write):
@@ -265,7 +258,7 @@ def test_common_takes_the_labels_that_both_sides_have(write):
     pairs = read_markers(image, robot, common=True)
     assert pairs.labels == ("x1", "x2", "x3")
     assert [finding.code for finding in pairs.findings] == ["markers-not-common"] * 2
-    np.testing.assert_array_equal(pairs.target[:, 0], [0.1, 0.2, 0.3])
+    assert_array_equal(pairs.target[:, 0], [0.1, 0.2, 0.3])
 
 
 HEAD = "# Markups fiducial file version = 4.11\n"

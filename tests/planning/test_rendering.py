@@ -35,9 +35,8 @@ def test_report_budgets_the_tolerance(made):
     chosen = report["chosen"]
     assert chosen["tolerance_m"] == 1e-5
     shares = chosen["error_m"]
-    assert shares["total"] == pytest.approx(
-        shares["spacing"] + shares["band"] + shares["iterations"]
-    )
+    parts = [shares[name] for name in ("spacing", "band", "iterations")]
+    assert shares["total"] == pytest.approx(sum(parts))
     assert shares["total"] <= 1e-5
     assert report["sampling_error_m"] == shares["spacing"]
     assert made.fixture.band == chosen["band_m"] >= shares["spacing"]

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 from layouts import MODELS, NAMES, PX, R, fit, grid, markers, photograph, planar, solid
+from numpy.testing import assert_allclose
 
 import vfplan
 from vfplan.errors import MarkerError, SettingError
@@ -26,12 +27,12 @@ def test_affine_is_ordinary_least_squares():
     x = np.column_stack([source, np.ones(len(source))])
     b, sse, _, _ = np.linalg.lstsq(x, target, rcond=None)
     r = fit_registration(source, target)
-    np.testing.assert_allclose(r.T_target_source, b.T, rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(r.fre_rms_m, np.sqrt(sse.sum() / 9), rtol=1e-12)
+    assert_allclose(r.T_target_source, b.T, rtol=1e-12, atol=1e-15)
+    assert_allclose(r.fre_rms_m, np.sqrt(sse.sum() / 9), rtol=1e-12)
     h = np.diag(x @ np.linalg.inv(x.T @ x) @ x.T)
-    np.testing.assert_allclose(r.leverage, h, rtol=1e-9)
-    np.testing.assert_allclose(r.covariance[:3, :3], sse.sum() / 18 * np.linalg.inv(x.T @ x))
-    np.testing.assert_allclose(r.tre_m(source), np.sqrt(3 * sse.sum() / 18 * h), rtol=1e-9)
+    assert_allclose(r.leverage, h, rtol=1e-9)
+    assert_allclose(r.covariance[:3, :3], sse.sum() / 18 * np.linalg.inv(x.T @ x))
+    assert_allclose(r.tre_m(source), np.sqrt(3 * sse.sum() / 18 * h), rtol=1e-9)
 
 
 def test_solid_rigid_and_similarity_agree_with_scipy_and_skimage():
@@ -41,10 +42,10 @@ def test_solid_rigid_and_similarity_agree_with_scipy_and_skimage():
     source, target = solid()
     r = fit_registration(source, target, model="rigid")
     found, _ = Rotation.align_vectors(target - target.mean(0), source - source.mean(0))
-    np.testing.assert_allclose(r.T_target_source[:3, :3], found.as_matrix(), atol=1e-12)
+    assert_allclose(r.T_target_source[:3, :3], found.as_matrix(), atol=1e-12)
     other = SimilarityTransform.from_estimate(source, target)
     s = fit_registration(source, target, model="similarity")
-    np.testing.assert_allclose(s.T_target_source, other.params, atol=1e-12)
+    assert_allclose(s.T_target_source, other.params, atol=1e-12)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -56,7 +57,7 @@ def test_leave_one_out_is_what_refitting_gives(model, kind):
         keep = np.arange(len(source)) != i
         other = fit_registration(source[keep], target[keep], model=model, pixel_spacing=spacing)
         error = np.linalg.norm(other.apply(source[i : i + 1]) - target[i])
-        np.testing.assert_allclose(r.loo_m[i], error, rtol=1e-9)
+        assert_allclose(r.loo_m[i], error, rtol=1e-9)
 
 
 def test_published_rigid_registration(shared_data):
@@ -67,7 +68,7 @@ def test_published_rigid_registration(shared_data):
     r = fit_registration(tracker / 1e3, ct / 1e3, model="rigid")
     assert abs(r.fre_rms_m * 1e3 - 0.428411) < 1e-6
     published[:3, 3] /= 1e3
-    np.testing.assert_allclose(r.T_target_source, published, atol=1e-12)
+    assert_allclose(r.T_target_source, published, atol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -176,12 +177,12 @@ def test_robust_names_what_it_leaves_out(model):
     assert r.used.sum() == 7
     good = np.array([i for i in range(9) if i not in (2, 7)])
     alone = fit(source[good], target[good], model)
-    np.testing.assert_allclose(r.T_target_source, alone.T_target_source, rtol=1e-9)
+    assert_allclose(r.T_target_source, alone.T_target_source, rtol=1e-9)
     assert r.residuals_m[2] > 0.003
-    np.testing.assert_allclose(r.fre_rms_m, alone.fre_rms_m, rtol=1e-9)
+    assert_allclose(r.fre_rms_m, alone.fre_rms_m, rtol=1e-9)
     # A weight that is tiny leaves a marker out as well.
     weighted = fit(source, target, model, sigma=np.where(r.used, 1e-4, 1e3))
-    np.testing.assert_allclose(weighted.apply(source), alone.apply(source), rtol=1e-9)
+    assert_allclose(weighted.apply(source), alone.apply(source), rtol=1e-9)
 
 
 def test_robust_refuses_a_search_without_end():
@@ -217,7 +218,7 @@ def test_a_mirrored_slice_is_refused_where_the_side_is_known(model):
     flat = np.column_stack([source[:, 0], -source[:, 1], np.zeros(9)]) * PX  # seen from above
     known = {"model": model, "pixel_spacing": PX, "seen_from": [0, 0, 1]}
     r = fit_registration(source, flat, **known)
-    np.testing.assert_allclose(r.image_faces, [0, 0, 1], atol=1e-9)
+    assert_allclose(r.image_faces, [0, 0, 1], atol=1e-9)
     assert describe_side(r.image_faces) == "above (robot +z)"
     assert code_of(MarkerError, source, flat * [-1, 1, 1], **known) == "mirrored"
     fit_registration(source, flat, **known | {"seen_from": "above"})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from layouts import MODELS, PX, R, fit, grid, markers, solid
+from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.special import fdtrc, fdtri
@@ -86,7 +87,7 @@ def test_the_band_covers_the_whole_curve(model, layout):
     noise = rng.normal(0, 3e-4, (2500, len(source), 3))
     fits = [fit(source, truth(source) + error, model) for error in noise]
     widths = [(r.tre95_curve_m(curve) / r.tre95_m(curve))[0] for r in fits[:3]]
-    np.testing.assert_allclose(widths, widths[0], rtol=1e-2)  # the draw does not matter
+    assert_allclose(widths, widths[0], rtol=1e-2)  # the draw does not matter
     goal = truth(curve)
     ratio = np.array(
         [(np.linalg.norm(r.apply(curve) - goal, axis=1) / r.tre95_m(curve)).max() for r in fits]
@@ -108,7 +109,7 @@ def test_rigid_tre_is_the_formula_of_fitzpatrick_west_and_maurer():
     f2 = [squared_distance(source, axes[:, k]).mean() for k in range(3)]
     d2 = [squared_distance(SOLID_TARGETS, axes[:, k]) for k in range(3)]
     expected = r.fle_rms_m**2 / 9 * (1 + sum(d / f for d, f in zip(d2, f2, strict=True)) / 3)
-    np.testing.assert_allclose(r.tre_m(SOLID_TARGETS), np.sqrt(expected), rtol=1e-9)
+    assert_allclose(r.tre_m(SOLID_TARGETS), np.sqrt(expected), rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -121,7 +122,7 @@ def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
     c = r.covariance.reshape(3, k, 3, k)
     expected = np.einsum("mi,aibj,mj->mab", x, c, x)
     squares = np.trace(expected, axis1=1, axis2=2)
-    np.testing.assert_allclose(r.tre_m(source[:3]) ** 2, squares, rtol=1e-9)
+    assert_allclose(r.tre_m(source[:3]) ** 2, squares, rtol=1e-9)
 
 
 @pytest.mark.parametrize("model", MODELS)
@@ -136,20 +137,20 @@ def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     moved = fit_registration(source, target @ turn.T + shift, model=model, pixel_spacing=spacing)
     curve = source[:4] * 0.9
     for name in ("residuals_m", "loo_m", "studentised_f"):
-        np.testing.assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
-    np.testing.assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
+        assert_allclose(getattr(moved, name), getattr(base, name), rtol=1e-8)
+    assert_allclose(moved.fre_rms_m, base.fre_rms_m, rtol=1e-9)
     for name in ("tre_m", "tre95_m"):
         moved_m, base_m = (getattr(r, name)(curve) for r in (moved, base))
-        np.testing.assert_allclose(moved_m, base_m, rtol=1e-9)
+        assert_allclose(moved_m, base_m, rtol=1e-9)
     expected = base.apply(curve) @ turn.T + shift
-    np.testing.assert_allclose(moved.apply(curve), expected, atol=1e-12 * max(1, origin))
+    assert_allclose(moved.apply(curve), expected, atol=1e-12 * max(1, origin))
     if (kind == "solid" and model != "rigid") or kind == "planar":
         self_scale = 1e3 if spacing is None else 1.0
         in_mm = {"model": model, "pixel_spacing": spacing and spacing * 1e3}
         mm = fit_registration(source * self_scale, target * 1e3, **in_mm)
-        np.testing.assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
+        assert_allclose(mm.residuals_m / 1e3, base.residuals_m, rtol=1e-9)
         bound_m = mm.tre95_m(curve * self_scale) / 1e3
-        np.testing.assert_allclose(bound_m, base.tre95_m(curve), rtol=1e-9)
+        assert_allclose(bound_m, base.tre95_m(curve), rtol=1e-9)
 
 
 def test_weights_an_axis_in_space_give_the_minimum_that_scipy_finds():
@@ -162,7 +163,7 @@ def test_weights_an_axis_in_space_give_the_minimum_that_scipy_finds():
         return ((target - source @ turn.T - T[:3, 3] - move[3:]) / sigma).ravel()
 
     best = least_squares(left, np.full(6, 1e-4), xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    np.testing.assert_allclose(best.x, 0, atol=1e-8)
+    assert_allclose(best.x, 0, atol=1e-8)
 
 
 def degrees_of_freedom(count):

@@ -13,6 +13,7 @@ import pytest
 from conftest import ROOT, output
 from meshes import sphere
 from motion import PEAK_KIB
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from replays import codes_of, fixture_of, line, meshed, probing
 
@@ -51,10 +52,10 @@ def test_metrics_are_what_numpy_finds(pressed):
     assert m["ticks"] == len(t.time) == 3000
     assert m["duration_s"] == pytest.approx(t.time[-1] - t.time[0])
     depth = norm(gap)
-    np.testing.assert_allclose(t.penetration, depth)
-    np.testing.assert_allclose(t.overlap, np.maximum(0, (t.normal * gap).sum(1) - 5e-3), atol=1e-18)
+    assert_allclose(t.penetration, depth)
+    assert_allclose(t.overlap, np.maximum(0, (t.normal * gap).sum(1) - 5e-3), atol=1e-18)
     force = norm(t.force)
-    np.testing.assert_allclose(t.force, 1000 * gap * [1, 1, 0], atol=1e-12)
+    assert_allclose(t.force, 1000 * gap * [1, 1, 0], atol=1e-12)
     step = norm(np.diff(t.force, axis=0))
     flat = t.proxy[:, None, :2] - line()[None, :, :2]
     expected = {
@@ -92,7 +93,7 @@ def test_episodes_are_what_numpy_finds(pressed):
         }  # fmt: skip
         for name, value in expected.items():
             assert episode[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
-        np.testing.assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
+        assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
         assert episode["deepest"]["tick"] == deep
         assert episode["energy_peak_j"] >= episode["energy_j"]
         along = episode["deepest_along"]
@@ -122,7 +123,7 @@ def test_blocks_do_not_change_the_numbers(pressed):
                              blocks=lambda: probing(seed=3).blocks(7))  # fmt: skip
     other = replay(fixture_of(line()), pieces, **PAPER)
     for name in ("proxy", "force", "penetration", "overlap", "state"):
-        np.testing.assert_array_equal(getattr(other.ticks, name), getattr(pressed.ticks, name))
+        assert_array_equal(getattr(other.ticks, name), getattr(pressed.ticks, name))
     episodes = zip(other.metrics["episodes"], pressed.metrics["episodes"], strict=True)
     for mine, theirs in ((other.metrics, pressed.metrics), *episodes):
         for name, value in theirs.items():
@@ -264,7 +265,7 @@ def test_the_engine_is_set_as_the_fixture_says():
                                 point_radius=1e-3, ignore_axis="z", max_iterations=3)  # fmt: skip
     engine.reset(session.hip[0])
     found = replay(fixture, session)
-    np.testing.assert_array_equal(found.ticks.force, engine.run(session.hip).force)
+    assert_array_equal(found.ticks.force, engine.run(session.hip).force)
     scene = found.metrics["scene"]
     assert (scene["max_iterations"], scene["band_m"], scene["point_radius_m"]) == (3, 7e-6, 1e-3)
 

@@ -8,6 +8,7 @@ from itertools import groupby
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from replays import codes_of, fixture_of, line, probing
 
@@ -49,18 +50,18 @@ def test_blocks_do_not_change_what_arrives(link):
     whole, report = delivered(link, session.time, session.hip, 1000)
     for size in (1, 7, 64, 333):
         parts, again = delivered(link, session.time, session.hip, size)
-        np.testing.assert_array_equal(parts, whole, err_msg=f"blocks of {size}")
+        assert_array_equal(parts, whole, err_msg=f"blocks of {size}")
         assert again == report
 
 
 def test_delay_and_quantum_are_exact():
     session = probing(1.0)
     late, _ = delivered(Link(delay_ticks=13), session.time, session.hip, 100)
-    np.testing.assert_array_equal(late[13:], session.hip[:-13])
-    np.testing.assert_array_equal(late[:13], np.repeat(session.hip[:1], 13, axis=0))
+    assert_array_equal(late[13:], session.hip[:-13])
+    assert_array_equal(late[:13], np.repeat(session.hip[:1], 13, axis=0))
     coarse, _ = delivered(Link(quantum_m=1e-4), session.time, session.hip, 100)
     assert np.abs(coarse - session.hip).max() <= 0.5e-4 + 1e-12
-    np.testing.assert_allclose(coarse / 1e-4, np.round(coarse / 1e-4), atol=1e-9)
+    assert_allclose(coarse / 1e-4, np.round(coarse / 1e-4), atol=1e-9)
 
 
 def test_jitter_only_ages_and_keeps_order():
@@ -92,7 +93,7 @@ def test_a_lost_packet_repeats_the_last_command():
     lost = ~(found.ticks.hip == session.hip).all(axis=1)
     assert lost.sum() == found.metrics["link"]["lost"] > 300
     for k in np.flatnonzero(lost):
-        np.testing.assert_array_equal(found.ticks.force[k], found.ticks.force[k - 1])
+        assert_array_equal(found.ticks.force[k], found.ticks.force[k - 1])
     # Energy goes to the hand, which moved on while the command was repeated.
     work = (found.ticks.force[:-1] * np.diff(session.hip, axis=0)).sum()
     assert found.metrics["energy_j"] == pytest.approx(work, rel=1e-9)
@@ -142,7 +143,7 @@ def test_both_rules_and_where_they_part():
     assert (both.metrics["rule"], both.record["rule"]) == ("both", "robust")
     assert both.metrics["force_max_n"] == robust.metrics["force_max_n"]
     assert both.metrics["paper"]["force_max_n"] == paper.metrics["force_max_n"]
-    np.testing.assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
+    assert_array_equal(both.other.ticks.proxy, paper.ticks.proxy)
     gap = row_lengths(robust.ticks.proxy - paper.ticks.proxy)
     apart = both.metrics["apart"]
     assert apart["spans"][0]["start_tick"] == np.flatnonzero(gap > 5e-5)[0]

@@ -66,19 +66,21 @@ def run(tmp_path):
 
 @pytest.fixture
 def opened(run, browser):
-    """Begin a review of files, and open its page: the program, and a hand at the page."""
+    """Begin a review of files: a hand at its page, which knows the program."""
 
     def begin(*words):
         program = run(*words)
-        return program, Hand(browser, program.address)
+        hand = Hand(browser, program.address)
+        hand.program = program
+        return hand
 
     return begin
 
 
 def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfplan_cli):
-    assert vfplan_cli("keygen", "-o", tmp_path / "surgeon.key").code == 0
+    assert vfplan_cli("keygen", "-o", tmp_path / "surgeon.key").sound
     signing = ("--key", tmp_path / "surgeon.key", "--case", "case-7")
-    program, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5, *signing)
+    hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5, *signing)
     output = tmp_path / "o.h5"
     assert browser.run("document.getElementById('approve').textContent") == "Approve and sign"
     # The wheel zooms at the pointer: the place below it stays.
@@ -88,8 +90,8 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     assert np.allclose(hand.at((400, 300)), before, atol=1.0)
     browser.key("f")
     hand.finish()
-    said = program.communicate(timeout=30)
-    assert (program.returncode, output.exists()) == (0, True), said
+    said = hand.program.communicate(timeout=30)
+    assert (hand.program.returncode, output.exists()) == (0, True), said
     assert vfplan_cli("verify", output, "--keys", tmp_path / "surgeon.pub", "--json").sound
     fixture = vfplan.read_fixture(output)
     assert fixture.reviewed.by == "A. Planner"
@@ -100,7 +102,7 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
 @pytest.mark.slow
 def test_the_view_that_the_page_opens_with_is_no_look_at_the_line(browser, opened, tmp_path):
     """A small slice is shown larger than one to one at once, and perhaps to nobody."""
-    _, hand = opened(blue(tmp_path / "small.png")[0], "--colour", "blue")
+    hand = opened(blue(tmp_path / "small.png")[0], "--colour", "blue")
     assert hand.state("review.view.zoom") > 1
     time.sleep(1.0)
     assert hand.state("review.state.unseen.map((runs) => runs.length)") == [1]
@@ -112,7 +114,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
     browser, opened, tmp_path
 ):
     path, truth = fork(tmp_path / "slice.png")
-    _, hand = opened(path)
+    hand = opened(path)
     browser.key("f")
     # Several ways lie at the line's first part: a click takes the longest.
     longest = max(way["length_px"] for way in hand.state("review.state.candidates"))
@@ -143,7 +145,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
 
 def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
     """A line that was drawn twice in part, and five markers of a photograph."""
-    program, hand = opened(half_double(tmp_path / "twice.png")[0])
+    hand = opened(half_double(tmp_path / "twice.png")[0])
     words = browser.run("document.getElementById('refusal-text').textContent")
     assert "two runs" in words
     assert "accept" not in words
@@ -165,12 +167,12 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
         ("Made for others. Run vfplan campaign, --margin.",) * 2,
     ):  # fmt: skip
         assert browser.run(f"window.words({json.dumps(text)})") == shown
-    program.kill()
+    hand.program.kill()
     photo, places, _ = photographed(tmp_path)
     files = [tmp_path / "image.csv", tmp_path / "robot.csv"]
     for file, known in zip(files, (places, MARKERS[1]), strict=True):
         file.write_text("\n".join(known.read_text().split()[:6]))
-    _, hand = opened(photo, *files)
+    hand = opened(photo, *files)
     assert "--" not in browser.run("document.getElementById('refusal-text').textContent")
     hand.press("Make the picture flat")
     browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
@@ -187,7 +189,7 @@ def test_finer_arcs_are_offered_in_place_of_typed_ones_only(arcs, offers, browse
 @pytest.mark.slow
 def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     path, truth, box = hidden_end(tmp_path / "slice.png")
-    program, hand = opened(path)
+    hand = opened(path)
     browser.run("document.getElementById('stage').focus()")
     browser.key("d")
     end = hand.state("review.state.curve_px[0].at(-1)")
@@ -207,7 +209,7 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
     browser.key("Enter")
     browser.until("review.state.edited[0].length > 0")
     hand.finish()
-    assert program.wait(timeout=30) == 0
+    assert hand.program.wait(timeout=30) == 0
     fixture = vfplan.read_fixture(tmp_path / "o.h5")
     assert miss(fixture.points[~fixture.curve.edited, :2], truth) < 0.3
     assert np.hypot(*(fixture.points[-1, :2] - truth[-1])) < 1.5
@@ -216,7 +218,7 @@ def test_a_hidden_end_by_the_keyboard_alone(browser, opened, tmp_path):
 def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opened, tmp_path):
     """The bound on the screen follows the drag within 150 ms, as the page itself measures."""
     wrong, home = shifted(tmp_path / "wrong.csv", 4)
-    _, hand = opened(SLICE, wrong, MARKERS[1], "--pixel-spacing", 0.5)
+    hand = opened(SLICE, wrong, MARKERS[1], "--pixel-spacing", 0.5)
     before = hand.state("review.state.tre95_m")
     browser.run(
         "window.waits = []; window.sent = 0; const send = review.send.bind(review);"
@@ -262,7 +264,7 @@ def grey_at(browser, u, v):
 
 
 def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, opened, tmp_path):
-    _, hand = opened(deep_slice(tmp_path / "deep.png"))
+    hand = opened(deep_slice(tmp_path / "deep.png"))
     browser.until("document.getElementById('slice').complete")
     assert grey_at(browser, 120, 120) == grey_at(browser, 10, 10) == round(20_000 / 257)
     hand.fill("#low", 20_000, "input")
@@ -292,7 +294,7 @@ def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, opened
 def test_presets_set_the_window_of_a_ct(button, window, browser, opened, tmp_path):
     stored = np.linspace(0, 4000, 120_000).reshape(300, 400, 1).astype(np.uint16)
     scale = {"Modality": "CT", "RescaleIntercept": -1000, "RescaleSlope": 1}
-    _, hand = opened(capture(tmp_path, stored, "MONOCHROME2", **scale))
+    hand = opened(capture(tmp_path, stored, "MONOCHROME2", **scale))
     assert not browser.run(f"document.getElementById('{button}').hidden")
     browser.run(f"document.getElementById('{button}').click()")
     wanted = (np.array(window) + 1000) / 4000 * hand.state("review.state.image.grey_max")
@@ -306,7 +308,7 @@ def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path
     pairs = read_markers(*MARKERS)
     beside = pairs.source + np.array([1.5, 0.0])
     markers = marker_table(tmp_path / "m.csv", beside, pairs.target, pairs.labels)
-    _, hand = opened(SLICE, markers, "--pixel-spacing", 0.5)
+    hand = opened(SLICE, markers, "--pixel-spacing", 0.5)
     # The marks on the slice are found, a pixel and a half beside.
     hand.press("find-marks")
     browser.until("review.state.steps.length === 1", seconds=60)
@@ -336,7 +338,7 @@ def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path
 
 @pytest.mark.slow
 def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
-    _, hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
+    hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
     for _ in range(4):
         browser.key("k")
     count = hand.state("review.state.knots_px[0].length")
@@ -381,7 +383,7 @@ PREVIEW = "document.getElementById('preview').getAttribute('points')"
 
 def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
     """Ink that was taken or left out, and the line that was chosen."""
-    _, hand = opened(two_candidates(tmp_path / "slice.png")[0])
+    hand = opened(two_candidates(tmp_path / "slice.png")[0])
     for chosen, other in ("12", "21", "12"):
         hand.press(f"{chosen}Take this line")
         browser.until(f"document.getElementById('others').textContent.startsWith('{other}Take')")
@@ -397,7 +399,7 @@ def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
 
 
 def test_a_field_that_holds_no_length_is_told_and_changes_nothing(browser, opened):
-    _, hand = opened(SLICE, *MARKERS)
+    hand = opened(SLICE, *MARKERS)
     hand.fill("#plan-distance", "wide")
     told = browser.until("document.getElementById('toast').textContent")
     assert told == "“wide” is no length. Write a number of millimetres above 0."
@@ -418,7 +420,7 @@ def press_while_the_page_is_renewed(browser, hand, button):
 
 
 def test_a_press_counts_though_a_state_arrives_before_its_release(browser, opened, tmp_path):
-    _, hand = opened(two_candidates(tmp_path / "slice.png")[0])
+    hand = opened(two_candidates(tmp_path / "slice.png")[0])
     press_while_the_page_is_renewed(browser, hand, "1Take this line")
     hand.until_steps(1)
     browser.key("k")
@@ -429,7 +431,7 @@ def test_a_press_counts_though_a_state_arrives_before_its_release(browser, opene
 
 
 def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(browser, opened):
-    _, hand = opened(SLICE)
+    hand = opened(SLICE)
     knot = hand.state("review.state.knots_px[0][12]")
     home = (knot[0] + 30, knot[1] + 50)
     browser.drag(hand.at(knot), hand.at(home), release=False)
@@ -443,7 +445,7 @@ def test_a_knot_follows_the_pointer_though_a_state_arrives_during_the_drag(brows
 
 
 def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, opened):
-    _, hand = opened(SLICE, *MARKERS)
+    hand = opened(SLICE, *MARKERS)
     label = hand.state("review.state.markers[0].label")
     browser.run("document.querySelector('#marker-table input[maxlength]').focus()")
     browser.type("left ")
@@ -462,7 +464,7 @@ def test_what_stands_in_a_field_and_the_focus_outlive_a_new_state(browser, opene
 def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, opened, tmp_path):
     place = {"ImagePositionPatient": [10, 20, 30], "ImageOrientationPatient": [1, 0, 0, 0, 1, 0]}
     path = capture(tmp_path, vfplan.read_image(SLICE).rgb, PixelSpacing=[0.5, 0.5], **place)
-    _, hand = opened(path, *MARKERS, "--margin", "tre95")
+    hand = opened(path, *MARKERS, "--margin", "tre95")
     letters = "[...document.querySelectorAll('#letters span')].map((n) => n.textContent).join('')"
     assert sorted(browser.run(letters)) == ["A", "L", "P", "R"]
     assert browser.run("document.getElementById('bar-text').textContent") == "50 mm"
@@ -508,7 +510,7 @@ def test_the_view_of_a_dicom_slice_moves_zooms_and_says_where_one_is(browser, op
 
 
 def test_reload_and_killed_server(browser, opened, run):
-    program, hand = opened(SLICE, *MARKERS)
+    hand = opened(SLICE, *MARKERS)
     knot = hand.state("review.state.knots_px[0][5]")
     hand.drag(knot, (knot[0] - 40, knot[1]))
     hand.until_steps(1)
@@ -517,8 +519,8 @@ def test_reload_and_killed_server(browser, opened, run):
     browser.loaded(2)
     browser.until(f"{READY} && review.state.steps.length === 1")
     assert hand.state("review.state.curve_px") == moved
-    program.kill()
-    program.wait()
+    hand.program.kill()
+    hand.program.wait()
     browser.until("document.getElementById('status').textContent === 'connection lost'")
     assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
     again = run(SLICE, *MARKERS)
@@ -607,7 +609,7 @@ def frames(browser, hand, place):
 def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
     browser, opened, tmp_path
 ):
-    _, hand = opened(SLICE, MARKERS[1])
+    hand = opened(SLICE, MARKERS[1])
     truth = np.loadtxt(MARKERS[0], delimiter=",", skiprows=1, usecols=(1, 2))
     for place in truth + np.random.default_rng(2).uniform(-3, 3, truth.shape):
         hand.click(place)
@@ -649,7 +651,7 @@ def test_marks_are_clicked_in_order_where_the_robots_places_alone_are_known(
 
 def test_push_feels_what_the_robot_will_render(browser, opened):
     """Each tick of a given way to the bit, and a hand that presses is told the force."""
-    _, hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
+    hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
     browser.until("review.state.digest")
     browser.key("u")
     browser.until("review.push.engine !== null")
@@ -695,7 +697,7 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
 
 @pytest.mark.slow
 def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened, tmp_path):
-    program, hand = opened(ct_series(tmp_path / "ct"))
+    hand = opened(ct_series(tmp_path / "ct"))
     stack = hand.state("review.state.image")
     assert (stack["series"], stack["position"]) == (["CT 1"] * 6 + ["CT 2"] * 5, 3)
     # A window stays at its values, also behind slices that do not hold them.
@@ -720,7 +722,7 @@ def test_a_slice_of_a_folder_is_chosen_by_scrolling_and_drawn_on(browser, opened
     browser.key("Enter")
     browser.until("review.state.curve_px.length === 1")
     hand.finish()
-    assert program.wait(timeout=30) == 0
+    assert hand.program.wait(timeout=30) == 0
     chosen = next((tmp_path / "ct").glob("2-*-2.dcm"))
     known = vfplan.read_fixture(tmp_path / "o.h5").provenance
     image = vfplan.read_image(chosen)

@@ -9,6 +9,7 @@ from types import SimpleNamespace as as_is
 import h5py
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from replays import write_session
 
@@ -38,8 +39,8 @@ def test_every_format_gives_the_same_bits(tmp_path, ticks):
     time, hip = recording(ticks)
     for path in write_all(tmp_path, time, hip):
         session = read_session(path)
-        np.testing.assert_array_equal(session.time, time, err_msg=path.name)
-        np.testing.assert_array_equal(session.hip, hip, err_msg=path.name)
+        assert_array_equal(session.time, time, err_msg=path.name)
+        assert_array_equal(session.hip, hip, err_msg=path.name)
         assert len(session.sha256) == 64
         assert session.frame == "robot_base"
         sizes = [len(block) for block, _ in open_session(path).blocks()]
@@ -49,7 +50,7 @@ def test_every_format_gives_the_same_bits(tmp_path, ticks):
 def test_csv_is_read_by_its_columns_and_units(tmp_path):
     (tmp_path / "s.csv").write_text("force,z,y,x,t\n9,3,2,1,0\n9,6,5,4,0.001\n")
     session = read_session(tmp_path / "s.csv", units="mm")
-    np.testing.assert_allclose(session.hip, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]], rtol=1e-15)
+    assert_allclose(session.hip, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3]], rtol=1e-15)
     assert session.notes["ignored_columns"] == ["force"]
     (tmp_path / "s.csv").write_text("t,x_cm,y_cm,z_cm\n0,1,2,3\n0.001,4,5,6\n")
     assert read_session(tmp_path / "s.csv", units="cm").hip[0].tolist() == [0.01, 0.02, 0.03]
@@ -279,9 +280,9 @@ def test_resampling_is_linear_and_does_not_depend_on_blocks(rate):
     time, hip = recording(2 * BLOCK + 100)
     session = resampled(Session(time, hip), rate).load()
     ticks = int(np.floor((time[-1] - time[0]) * rate + 1e-9)) + 1
-    np.testing.assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
+    assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
     for i in range(3):
-        np.testing.assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
+        assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
     for impossible in (1e12, 0.0):
         with refuses(SettingError, "rate-out-of-range"):
             resampled(session, impossible)
@@ -315,7 +316,7 @@ def test_result_file_reads_back(tmp_path):
     for name in shapes:
         once = getattr(block, name)
         again = once + once[-1] + 1 if name == "time" else once
-        np.testing.assert_array_equal(getattr(found, name), np.concatenate((once, again)))
+        assert_array_equal(getattr(found, name), np.concatenate((once, again)))
 
 
 SPOILED = {
@@ -379,7 +380,7 @@ def test_csv_of_ticks_reads_back_to_the_same_bits(tmp_path):
     with CsvWriter(tmp_path / "r.csv") as writer:
         writer.append(block)
     rows = np.loadtxt(tmp_path / "r.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(rows[:, 0], block.time)
-    np.testing.assert_array_equal(rows[:, 10:13], block.force)
-    np.testing.assert_array_equal(rows[:, 13], block.state)
-    np.testing.assert_array_equal(rows[:, 15], block.overlap)
+    assert_array_equal(rows[:, 0], block.time)
+    assert_array_equal(rows[:, 10:13], block.force)
+    assert_array_equal(rows[:, 13], block.state)
+    assert_array_equal(rows[:, 15], block.overlap)

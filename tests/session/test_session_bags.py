@@ -12,6 +12,7 @@ from itertools import product
 import numpy as np
 import pytest
 from motion import turned
+from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 
 from vfplan.errors import SessionError, SettingError
@@ -255,18 +256,18 @@ def write_poses(path, topics=("/measured_cp",), length=1.0, unstamped=0):
 def test_pose_with_and_without_a_tip(tmp_path):
     time, places, turns = write_poses(tmp_path / "bag")
     session = read_session(tmp_path / "bag")
-    np.testing.assert_allclose(session.time, time, atol=1e-12)
+    assert_allclose(session.time, time, atol=1e-12)
     told = [session.notes[name] for name in ("topic", "ros_frame_id", "stamp")]
     assert told == ["/measured_cp", "panda_link0", "header"]
     tipped = read_session(tmp_path / "bag", ros=RosOptions(tool_tip=TIP))
-    np.testing.assert_allclose(tipped.hip, places + turns @ TIP, atol=1e-12)
+    assert_allclose(tipped.hip, places + turns @ TIP, atol=1e-12)
     assert tipped.notes["poses_rounded"] == 0
     write_poses(tmp_path / "rounded", length=1.0014)
     rounded = read_session(tmp_path / "rounded", ros=RosOptions(tool_tip=TIP))
-    np.testing.assert_allclose(rounded.hip, tipped.hip, atol=1e-12)
+    assert_allclose(rounded.hip, tipped.hip, atol=1e-12)
     assert rounded.notes["poses_rounded"] == rounded.ticks
     by_name = RosOptions("/measured_cp", "pose.position")
-    np.testing.assert_array_equal(read_session(tmp_path / "bag", ros=by_name).hip, session.hip)
+    assert_array_equal(read_session(tmp_path / "bag", ros=by_name).hip, session.hip)
 
 
 @pytest.mark.parametrize("unstamped", [0, 1, 50])
@@ -275,7 +276,7 @@ def test_a_clock_that_some_messages_lack_is_named(unstamped, tmp_path):
     session = read_session(tmp_path / "bag")
     assert session.notes.get("unstamped", 0) == unstamped % 50
     assert session.notes["stamp"] == ("bag" if unstamped else "header")
-    np.testing.assert_allclose(session.time, time, atol=1e-12)
+    assert_allclose(session.time, time, atol=1e-12)
     assert "unstamped" not in read_session(tmp_path / "bag", ros=RosOptions(time="log")).notes
 
 
@@ -348,7 +349,7 @@ def test_franka_state_in_a_ros1_bag(tmp_path):
         rows.append((0, stamp, store.types[name](header, np.zeros(6), pose.T.ravel())))
     bag_of(tmp_path / "arm.bag", store, name, rows)
     session = read_session(tmp_path / "arm.bag", ros=RosOptions(tool_tip=TIP))
-    np.testing.assert_allclose(session.hip, places + turns @ TIP, atol=1e-12)
+    assert_allclose(session.hip, places + turns @ TIP, atol=1e-12)
     assert session.notes["field"] == "O_T_EE"
     assert len(session.sha256) == 64
 
@@ -358,7 +359,7 @@ def test_a_row_major_matrix_is_refused():
     pose[:3, 3] = 0.3, 0.1, 0.5
     for row_major in (False, True):
         ros, sent = RosOptions(row_major=row_major), pose if row_major else pose.T
-        np.testing.assert_array_equal(tip_position(sent.ravel(), ros)[0], pose[:3, 3])
+        assert_array_equal(tip_position(sent.ravel(), ros)[0], pose[:3, 3])
         with refuses(SessionError, "not-a-transform") as refused:
             tip_position(sent.T.ravel(), ros)
         assert "last row is [0.3, 0.1, 0.5, 1.0]" in str(refused.value)

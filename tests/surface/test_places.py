@@ -17,6 +17,7 @@ from vfplan.surface.volumes import read_nrrd
 
 COARSE = SurfaceSettings(tolerance_m=1e-3)
 GAP = 5
+GRID = bones.grid_round(BENT, GAP, pixel=1.0)
 
 
 def turned(points):
@@ -31,6 +32,15 @@ def struct(tmp_path, rings, **more):
 
 def rings(gap=GAP):
     return bones.outlines(BENT, gap)
+
+
+def coarse(tmp_path, drawn, **more):
+    """The surface of outlines, to a millimetre."""
+    return surface(struct(tmp_path, drawn, **more), settings=COARSE)
+
+
+def told(made):
+    return " | ".join(finding.text for finding in made.fixture.findings)
 
 
 def test_outlines_of_a_leaning_gantry_give_the_bone_itself(tmp_path):
@@ -78,11 +88,10 @@ def outline_places(made):
 @pytest.mark.parametrize("series", ["oblique", "tilted"])
 def test_a_label_map_lies_where_its_file_says(series, tmp_path):
     """The same voxels written in another order, or carried, to within a micrometre."""
-    grid = bones.grid_round(BENT, GAP, pixel=1.0)
-    labels = grid.labels(BENT)
-    plain = surface(bones.write_nifti(tmp_path / "p.nii", labels, grid), settings=COARSE)
+    labels = GRID.labels(BENT)
+    plain = surface(bones.write_nifti(tmp_path / "p.nii", labels, GRID), settings=COARSE)
     wanted = outline_places(plain)
-    corner, axes = grid.corner, grid.axes
+    corner, axes = GRID.corner, GRID.axes
     if series == "oblique":
         corner, axes = turned(corner), (turned(axes.T) - turned(np.zeros((1, 3)))).T
         wanted = turned(wanted)
@@ -90,7 +99,7 @@ def test_a_label_map_lies_where_its_file_says(series, tmp_path):
         shear = np.array([[1, 0, 0], [0, 1, 0.2], [0, 0, 1]])
         corner, axes = shear @ corner, shear @ axes
         wanted = wanted @ shear.T
-    there = bones.Grid(corner, axes, grid.size)
+    there = bones.Grid(corner, axes, GRID.size)
     files = label_maps(tmp_path, there, np.ascontiguousarray(labels))
     for path in files if series == "oblique" else files[:1]:
         found = outline_places(surface(path, settings=COARSE))
@@ -108,7 +117,7 @@ def test_uneven_slices_keep_their_places(tmp_path):
     inside = (points[:, 2] > places[0]) & (points[:, 2] < places[-1])
     assert np.abs(BENT.distance(points[inside])).max() < 0.05
     assert made.report["spacing_range_mm"] == pytest.approx([2, 4], abs=1e-6)
-    assert any("2 to 4 mm apart" in one.text for one in made.fixture.findings)
+    assert "2 to 4 mm apart" in told(made)
 
 
 EIGHT = np.c_[10 * np.sin(bones.EVEN[::4]), 6 * np.sin(2 * bones.EVEN[::4])]
@@ -129,15 +138,14 @@ REFUSED = {
 def test_outlines_that_make_no_surface_are_refused(code, tmp_path):
     drawn, where, numbers = REFUSED[code]
     with refuses(CurveError, code) as refused:
-        surface(struct(tmp_path, drawn), settings=COARSE)
+        coarse(tmp_path, drawn)
     assert refused.value.where == where
     assert not numbers or refused.value.numbers == pytest.approx(numbers, abs=1e-6)
 
 
 def test_doubled_frames_are_refused(tmp_path):
-    grid = bones.grid_round(BENT, GAP, pixel=1.0)
-    flat = bones.Grid(grid.corner, grid.axes * [1, 1, 0], grid.size)
-    path = bones.write_seg(tmp_path / "g.dcm", grid.labels(BENT), flat)
+    flat = bones.Grid(GRID.corner, GRID.axes * [1, 1, 0], GRID.size)
+    path = bones.write_seg(tmp_path / "g.dcm", GRID.labels(BENT), flat)
     with refuses(InputError, "slices-doubled"):
         surface(path, settings=COARSE)
 
@@ -147,14 +155,13 @@ def test_slices_that_are_not_parallel_are_refused(tmp_path):
         return points + np.c_[np.zeros((len(points), 2)), points[:, 0] * points[:, 2] * 1e-2]
 
     with refuses(CurveError, "outline-not-flat"):
-        surface(struct(tmp_path, rings(), place=wedge), settings=COARSE)
+        coarse(tmp_path, rings(), place=wedge)
 
 
 def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
-    grid = bones.grid_round(BENT, GAP, pixel=1.0)
-    labels = grid.labels(BENT)
+    labels = GRID.labels(BENT)
     labels[:, :, 7] = 0
-    made = surface(bones.write_seg(tmp_path / "g.dcm", labels, grid), settings=COARSE)
+    made = surface(bones.write_seg(tmp_path / "g.dcm", labels, GRID), settings=COARSE)
     assert len(made.sliced.stacks) == 2
     gap = 1e3 * made.fixture.points[:, 2]
     assert not ((gap > -3 - 2.4) & (gap < -3 + 2.4)).any()
@@ -185,7 +192,7 @@ def keyhole(width):
 @pytest.mark.parametrize("width", [0.0, 0.02])
 def test_a_keyhole_is_a_hole(width, tmp_path):
     drawn = [(keyhole(width), z) for z in (0.0, 2.0, 4.0, 6.0)]
-    made = surface(struct(tmp_path, drawn), settings=COARSE)
+    made = coarse(tmp_path, drawn)
     assert [len(o.rings) for o in made.sliced.stacks[0].outlines] == [2] * 4
     assert made.report["volume_mm3"] == pytest.approx(np.pi * (15**2 - 5**2) * 8, rel=5e-3)
     assert made.report["open_edges"] == 0
@@ -195,18 +202,16 @@ def test_forks_and_ends_between_slices_are_told_with_their_place(tmp_path):
     one = [(bones.ring((0, 0), (20, 9)), z) for z in (0.0, 2.0, 4.0)]
     two = [(bones.ring((x, 0), (8, 8)), z) for z in (6.0, 8.0, 10.0) for x in (-10, 10)]
     last = [(bones.ring((10, 0), (8, 8)), z) for z in (12.0, 14.0)]
-    made = surface(struct(tmp_path, one + two + last), settings=COARSE)
-    told = " | ".join(finding.text for finding in made.fixture.findings)
-    assert "slice at z = 4.00 mm to 6.00 mm: a part forks" in told
-    assert "slice at z = 10.00 mm to 12.00 mm: a part begins or ends" in told
+    made = coarse(tmp_path, one + two + last)
+    assert "slice at z = 4.00 mm to 6.00 mm: a part forks" in told(made)
+    assert "slice at z = 10.00 mm to 12.00 mm: a part begins or ends" in told(made)
     assert made.report["open_edges"] == 0
 
 
 def test_a_place_of_no_patient_is_refused(tmp_path):
     import nibabel
 
-    labels = bones.grid_round(BENT, GAP, pixel=1.0).labels(BENT)
-    image = nibabel.Nifti1Image(labels, np.diag([1.0, 1, 5, 1]))
+    image = nibabel.Nifti1Image(GRID.labels(BENT), np.diag([1.0, 1, 5, 1]))
     image.set_sform(None, code=0)
     image.set_qform(None, code=0)
     nibabel.save(image, tmp_path / "n.nii")
@@ -251,9 +256,8 @@ def test_a_label_map_lies_where_its_space_and_units_say(tmp_path, monkeypatch):
         for units in (None, *UNITS):
             data = nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes()
             assert np.abs(read_nrrd(data)[2][:3] - T).max() < 1e-12
-    for space, units, code in (
-        ("LPS", "inch", "unit-unknown"), ("LRS", "mm", "volume-without-place"),
-    ):  # fmt: skip
+    unplaced = ("LRS", "mm", "volume-without-place")
+    for space, units, code in (("LPS", "inch", "unit-unknown"), unplaced):
         with refuses(InputError, code):
             read_nrrd(nrrd(tmp_path / "a.nrrd", labels, T, space, units).read_bytes())
 
@@ -265,29 +269,24 @@ def plate(thickness):
 def test_thin_walls_stay_or_are_refused_with_their_thickness(tmp_path):
     drawn = [(plate(0.5), float(z)) for z in range(8)]
     made = surface(struct(tmp_path, drawn))
-    assert made.report["extent_m"][1][0] - made.report["extent_m"][0][0] == pytest.approx(
-        5e-4, abs=2e-5
-    )
+    low, high = made.report["extent_m"]
+    assert high[0] - low[0] == pytest.approx(5e-4, abs=2e-5)
     assert made.report["grid_mm"] < 0.5
     with refuses(CurveError, "structure-thin") as refused:
-        surface(struct(tmp_path, [(plate(0.15), float(z)) for z in range(8)]), settings=COARSE)
+        coarse(tmp_path, [(plate(0.15), float(z)) for z in range(8)])
     assert refused.value.numbers["thickness_mm"] == pytest.approx(0.15, rel=0.01)
     with refuses(CurveError, "outline-empty"):
         surface(struct(tmp_path, [(plate(0.03), float(z)) for z in range(8)]))
     island = [(plate(0.2) + np.array([30, 0]), z) for _, z in drawn]
     thick = [(plate(20.0), z) for _, z in drawn]
-    made = surface(struct(tmp_path, thick + island), settings=SurfaceSettings(tolerance_m=1e-3))
-    assert any(
-        "8 parts or holes of outlines are thinner" in one.text for one in made.fixture.findings
-    )
+    made = coarse(tmp_path, thick + island)
+    assert "8 parts or holes of outlines are thinner" in told(made)
 
 
 def test_a_contour_of_two_points_is_left_out_with_a_doubt(tmp_path):
-    made = surface(
-        struct(tmp_path, [*rings(), (np.array([[0, 0], [3.0, 0]]), 0.0)]), settings=COARSE
-    )
+    made = coarse(tmp_path, [*rings(), (np.array([[0, 0], [3.0, 0]]), 0.0)])
     assert made.report["outlines"] == len(rings())
-    assert any("1 contours are closed, of two points" in one.text for one in made.fixture.findings)
+    assert "1 contours are closed, of two points" in told(made)
 
 
 def test_a_structure_is_chosen_by_name_or_number(tmp_path):
