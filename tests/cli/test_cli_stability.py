@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from bundles import PROVENANCE, whole
 from conftest import ELBOW, names_in
+from vfplan.cli.stability import MAX_STIFFNESS
 
 from vfplan.bundle.content import max_number
 from vfplan.bundle.read import read_fixture
 from vfplan.bundle.write import write_fixture
-from vfplan.cli.stability import MAX_STIFFNESS
 from vfplan.fixture import Fixture
 
 KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out", "elapsed_s"}
