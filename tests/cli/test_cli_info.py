@@ -9,9 +9,9 @@ from unittest.mock import Mock
 import bundles
 import pytest
 from click.testing import CliRunner
+from vfplan.cli.main import cli
 
 import vfplan
-from vfplan.cli.main import cli
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ IMAGE, PIXELS, ROBOT = ELBOW
 @pytest.fixture(scope="module")
 def curve(vfplan_cli, tmp_path_factory):
     path = tmp_path_factory.mktemp("curve") / "c.h5"
-    assert vfplan_cli("extract", IMAGE, "-o", path, "--pixel-spacing", 0.5).code == 0
+    assert vfplan_cli("extract", IMAGE, "-o", path, "--pixel-spacing", 0.5).sound
     return path
 
 
@@ -79,7 +79,7 @@ def test_gate(vfplan_cli, curve, tmp_path):
     assert error["kind"] == "CheckFailed"
     assert error["numbers"]["max_tre_m"] == pytest.approx(1e-4)
     vfplan_cli(*common, "--contact-radius", 0.1).fails(1, "0.1 mm (the contact radius)")
-    assert vfplan_cli(*common, "--max-tre", 5).code == 0
+    assert vfplan_cli(*common, "--max-tre", 5).sound
     assert names_in(tmp_path) == ["f.h5", "p.png"]
     assert vfplan_cli("register", curve, PIXELS, ROBOT, "-o", out, "--max-tre", 0).code == 2
 
@@ -121,7 +121,7 @@ def test_a_fixture_larger_than_a_patient_is_doubted(vfplan_cli, tmp_path):
     """An affine registration fits any scale; without a known spacing the size alone tells."""
     bad = scaled(tmp_path, 20)
     drawn, out = tmp_path / "c.h5", tmp_path / "f.h5"
-    assert vfplan_cli("extract", IMAGE, "-o", drawn).code == 0
+    assert vfplan_cli("extract", IMAGE, "-o", drawn).sound
     words = ["--density", "0.5", "--contact-radius", "100", "--max-residual", "none"]
     run = vfplan_cli("register", drawn, PIXELS, bad, "-o", out, *words).sound
     assert "Is a unit wrong?" in run.stderr
@@ -145,7 +145,7 @@ def test_slicer_target_markers_lead_into_the_patients_frame(vfplan_cli, curve, t
         assert (fixture.frame, fixture.image, fixture.registration) == ("patient_lps", None, None)
         same = vfplan.read_fixture(tmp_path / "r.h5").points
         np.testing.assert_allclose(fixture.points, same, atol=1e-12)
-        assert vfplan_cli("validate", out).code == 0
+        assert vfplan_cli("validate", out).sound
         vfplan_cli("stability", out, "--part", "closed-loop").fails(3, "robot_base")
 
 
@@ -179,7 +179,7 @@ def test_a_photograph_is_made_flat_and_planned_by_the_next_step(vfplan_cli, tmp_
         assert planned["output"] == f"my photo {seed}-flat-plan.h5"
         assert abs(planned["register"]["spacing_departure"][0]) < 2e-3
         assert "picture-made-flat" in [finding["code"] for finding in planned["findings"]]
-        assert vfplan_cli("extract", out, "-o", tmp_path / f"c{seed}.h5").code == 0
+        assert vfplan_cli("extract", out, "-o", tmp_path / f"c{seed}.h5").sound
         measured = vfplan.read_fixture(tmp_path / f"c{seed}.h5").points[:, :2]
         seen = cv2.perspectiveTransform(np.array([truth]), made["homography"] @ seen_by)[0]
         assert miss(measured, seen) < 0.3
@@ -195,7 +195,7 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     page, here = refused.error_line.split("on a page (")[1].split(") or with two commands: ")
     assert page.endswith("--case K1 --colour red --max-residual 0.9 --key KEY -o x.h5")
     for command in here.split(" && "):
-        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).code == 0
+        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).sound
     fixture = vfplan.read_fixture(tmp_path / "x.h5")
     assert (fixture.contact_radius, fixture.guidance.radius, fixture.case) == (4e-3, 1e-3, "K1")
     assert (tmp_path / "seen.png").exists()
@@ -213,7 +213,7 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     assert '"common": true' in here[0]
     (tmp_path / "s.json").unlink()
     for command in here:
-        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).code == 0, command
+        assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).sound, command
     known = recalled(FixtureSettings, vfplan.read_fixture(tmp_path / "y.h5").provenance.settings)
     settings |= {"contact_radius": 3e-3, "common": False}
     for name in vars(known).keys() & settings.keys():
@@ -244,9 +244,8 @@ def test_a_strong_angle_is_told_and_a_spoilt_word_of_it_is_refused(vfplan_cli, t
         path.write_bytes(with_made_flat(IMAGE.read_bytes(), text))
         assert [finding.code for finding in read_image(path).findings] == codes
     path.write_bytes(with_made_flat(IMAGE.read_bytes(), "nan"))
-    vfplan_cli("extract", path, "-o", tmp_path / "c.h5", "--json").fails(
-        3, error="made-flat-invalid"
-    )
+    run = vfplan_cli("extract", path, "-o", tmp_path / "c.h5", "--json")
+    run.fails(3, error="made-flat-invalid")
 
 
 def test_a_photograph_is_not_made_flat_by_markers_that_do_not_determine_it(vfplan_cli, tmp_path):

@@ -98,7 +98,7 @@ def test_report_folder(vfplan_cli, files, tmp_path):
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--json").sound
     assert names_in(tmp_path / "out") == ["index.html"]
     assert vfplan_cli("replay", *files, "--report", tmp_path / "out").code == 2
-    assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").code == 0
+    assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").sound
     assert vfplan_cli("replay", *files, "--image", tmp_path / "no.png").code == 2
 
 

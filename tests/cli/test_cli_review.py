@@ -89,7 +89,7 @@ def test_settings_of_extraction_are_refused_for_a_bundle_unless_it_has_them(vfpl
     run = vfplan_cli(*command, "--max-gap", "5", "--method", "mask",
                      "--json").fails(2, error="extracted-already")  # fmt: skip
     assert run.json["error"]["numbers"]["settings"] == ["method", "max_gap_px"]
-    assert vfplan_cli(*command, "--colour", "red", "--max-gap", "20").code == 0
+    assert vfplan_cli(*command, "--colour", "red", "--max-gap", "20").sound
 
 
 def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folder, tmp_path):

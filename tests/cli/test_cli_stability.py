@@ -69,9 +69,9 @@ def test_the_step_that_is_open_after_a_stable_bundle(vfplan_cli, dot, tmp_path):
     words = ("--damping", 5, "--part", "closed-loop", "--json")
     assert vfplan_cli("stability", dot, *words).json["next"].startswith("vfplan review")
     key, signed = tmp_path / "k.key", tmp_path / "signed.h5"
-    assert vfplan_cli("keygen", "-o", key).code == 0
+    assert vfplan_cli("keygen", "-o", key).sound
     case = ("--case", "C 1", "--despite-findings")
-    assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).code == 0
+    assert vfplan_cli("sign", dot, "--key", key, *case, "-o", signed).sound
     following = vfplan_cli("stability", signed, *words).json["next"]
     assert following == f"vfplan verify {signed} --keys {key.with_suffix('.pub')} --case 'C 1'"
 

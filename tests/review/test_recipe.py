@@ -200,8 +200,7 @@ def test_no_step_reads_a_file_again(planned, files, tmp_path, kind):
         session.state()
         used = session.current.outcome.fixture.provenance.inputs
         assert used["image"] == known["image"]
-        assert (used.get("markers") == known["markers"]) == (
-            session.current.fit is session.source.fit
-        )
+        is_same_fit = session.current.fit is session.source.fit
+        assert (used.get("markers") == known["markers"]) == is_same_fit
     done = {step["do"] for step in steps} - {"viewed"}
     assert done in ({"choose"}, STEPS.keys() - {"choose", "choose_slice", "rectify"})

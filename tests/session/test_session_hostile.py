@@ -157,9 +157,8 @@ def test_what_would_fill_memory_is_refused_at_once(name, tmp_path):
         (tmp_path / name).write_text(TEXTS[name]())
     else:
         BOMBS[name](tmp_path / name)
-    found, seconds, peak = json.loads(
-        output(sys.executable, "-c", MEASURED, tmp_path / name, cwd=tmp_path)
-    )
+    told = output(sys.executable, "-c", MEASURED, tmp_path / name, cwd=tmp_path)
+    found, seconds, peak = json.loads(told)
     assert found, "was read"
     assert found[0] == 3
     assert seconds < 10
