@@ -45,6 +45,11 @@ def two_candidates(path):
     return _write(path, _drawn(wave(), truth)), truth
 
 
+def lifted(path):
+    """A line in two pieces, farther apart than extraction bridges."""
+    return _write(path, _drawn(wave(40, 160), wave(200, 330)))
+
+
 def fork(path):
     """A line with a branch; the line from the left to the right is meant."""
     truth = wave()

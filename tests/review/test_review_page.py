@@ -22,6 +22,7 @@ from review_slices import (
     fork,
     half_double,
     hidden_end,
+    lifted,
     marker_table,
     miss,
     photographed,
@@ -338,7 +339,7 @@ def test_markers_are_found_renamed_placed_and_left_out(browser, opened, tmp_path
 
 @pytest.mark.slow
 def test_buttons_insert_cut_turn_and_join(browser, opened, tmp_path):
-    hand = opened(two_candidates(tmp_path / "slice.png")[0], "--stroke", "all")
+    hand = opened(lifted(tmp_path / "slice.png"), "--stroke", "all")
     for _ in range(4):
         browser.key("k")
     count = hand.state("review.state.knots_px[0].length")
