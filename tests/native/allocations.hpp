@@ -32,3 +32,6 @@ static thread_local long allocations = 0;
 }
 [[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept { operator delete(p); }
 [[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { operator delete(p); }
+[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept {
+    operator delete(p);
+}
