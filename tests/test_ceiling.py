@@ -8,7 +8,7 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (30_941, 338_018, 167),
+    ("vfplan", "cli"): (30_935, 337_980, 167),
     ("tests",): (26_486, 337_570, 215),
 }
 NO_CODE = {

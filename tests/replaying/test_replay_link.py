@@ -175,7 +175,7 @@ def test_limits_hold_or_do_not():
     rounding = {"name": "clearance_min_m", "value": -6.9e-16}
     for bound, told in ((1e-3, "is 0 m, "), (-1e-3, "is 0 m, "), (0.0, "is -6.9e-16 m, ")):
         assert told in check_text(rounding | {"at_least": bound})
-    assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "-7e-10"
+    assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "0.00"
     with refuses(SettingError, "no-such-number") as refused:
         replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
     assert "Give one of penetration_max_m, " in str(refused.value)

@@ -196,14 +196,7 @@ class Number(NamedTuple):
 
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none."""
-        if value is None:
-            return ""
-        scaled = FACTORS.get(self.unit, 1) * value
-        text = f"{scaled:z.{self.decimals}f}"
-        # A clearance below 0 says so.
-        if self.key == "clearance_min_m" and scaled < 0 == float(text):
-            return f"{scaled:.1g}"
-        return text
+        return "" if value is None else f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
 
 
 # How many of a unit are in the SI unit.

@@ -435,7 +435,7 @@ def with_drawn_ends(line: Stroke, path: NDArray, is_drawn: NDArray[np.bool_]) ->
         return line
     stroke, ends = MendedStroke.of(line), line.points[known[[0, -1]]]
     start, stop = _core.nearest(path, ends)[1] + (-ONTO_PATH_POINTS, ONTO_PATH_POINTS)
-    is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= 1.0)
+    is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= HAND_SIGMA_PX)
     if is_drawn[1]:
         drawn = np.vstack([ends[1], path[min(stop, len(path) - 1) :]])
         stroke = stroke._with_stretch(known[-1], len(line.points) - 1, drawn, None)
