@@ -17,7 +17,7 @@
 
 #include "vfplan/curve/pieces.hpp"
 #include "vfplan/exchange.hpp"
-#include "vfplan/mesh/triangles.hpp"
+#include "vfplan/mesh/surface.hpp"
 
 namespace vfplan::inline v1 {
 
@@ -148,7 +148,7 @@ class Engine {
         auto& c = changes();
         const bool fits = parameters_.rule == Rule::robust && numbers_->fits_in_place(m);
         const std::vector<detail::PendingChange> all =
-            numbers_->edit(remove, n, add, m, parameters_, tick_time_bound);
+            numbers_->edit(remove, n, add, m, parameters_);
         if (fits && all.size() <= max_edit_in_place && c.queue.push(all.data(), all.size()))
             return true;
         return remake();

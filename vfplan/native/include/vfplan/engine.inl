@@ -309,4 +309,46 @@ VFPLAN_ONCE double tick_time_bound(const mesh::Surface& surface, const Parameter
     return MeshMotion::a_step * std::max(once, twice);
 }
 
+namespace detail {
+
+VFPLAN_ONCE bool PointNumbers::fits_in_place(std::size_t m) const noexcept {
+    if (is_behind_ || base_ < min_to_edit) return false;
+    return next_ - base_ + m <= PointIndex<3>::max_added(base_);
+}
+
+VFPLAN_ONCE std::vector<PendingChange> PointNumbers::edit(const std::uint32_t* remove,
+                                                          std::size_t n, const double* add,
+                                                          std::size_t m, const Parameters& p) {
+    check_coordinates(add, m);
+    check_resolved(p, add, m);
+    const std::size_t added = next_ - base_;
+    if ((added + m) / points_a_check > added / points_a_check) {
+        std::vector<double> all_added = points_left(local_.size() - added);
+        all_added.insert(all_added.end(), add, add + 3 * m);
+        if (!(tick_time_bound(all_added.data(), all_added.size() / 3, p) <= max_tick_time))
+            reject("add: so many points in one place that a tick would take longer than 0.3 ms");
+    }
+    std::vector<PendingChange> all;
+    all.reserve(n + m);
+    for (std::size_t i = 0; i < n; ++i) {
+        const bool is_there = remove[i] < local_.size() && local_[remove[i]] != gone;
+        if (!is_there || left_ + m <= n) {
+            for (; i-- > 0; all.pop_back()) local_[remove[i]] = all.back().id;
+            reject(is_there ? "a cloud needs at least one point"
+                            : "remove: each a point that is there, once");
+        }
+        const std::size_t id = std::exchange(local_[remove[i]], gone);
+        all.push_back({PendingChange::remove, nullptr, id, {}});
+    }
+    for (std::size_t i = 0; i < m; ++i) {
+        all.push_back({PendingChange::add, nullptr, 0, point_at(add, i)});
+        local_.push_back(next_++);
+    }
+    xyz_.insert(xyz_.end(), add, add + 3 * m);
+    left_ = left_ + m - n;
+    return all;
+}
+
+}  // namespace detail
+
 }  // namespace vfplan::inline v1

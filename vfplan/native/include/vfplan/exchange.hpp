@@ -7,7 +7,9 @@
 #pragma once
 
 #include "vfplan/base/queue.hpp"
-#include "vfplan/rules/start_inside.hpp"
+#include "vfplan/base/work.hpp"
+#include "vfplan/mesh/surface.hpp"
+#include "vfplan/parameters.hpp"
 
 namespace vfplan::inline v1::detail {
 
@@ -159,49 +161,14 @@ class PointNumbers {
     /// No engine has the last edit.
     void mark_behind() noexcept { is_behind_ = true; }
     /// Whether the engine made last takes m more points as it is.
-    bool fits_in_place(std::size_t m) const noexcept {
-        if (is_behind_ || base_ < min_to_edit) return false;
-        return next_ - base_ + m <= PointIndex<3>::max_added(base_);
-    }
+    VFPLAN_ONCE bool fits_in_place(std::size_t m) const noexcept;
 
     /// The edit, in the numbers of that engine. Throws std::invalid_argument, and changes nothing,
     /// for a number that is no point's or no longer, for coordinates out of range, and where no
     /// point would be left.
-    /// `tick_time`: what a tick among n points takes at most [s].
-    std::vector<PendingChange> edit(const std::uint32_t* remove, std::size_t n, const double* add,
-                                    std::size_t m, const Parameters& p,
-                                    double (*tick_time)(const double*, std::size_t,
-                                                        const Parameters&)) {
-        check_coordinates(add, m);
-        check_resolved(p, add, m);
-        const std::size_t added = next_ - base_;
-        if ((added + m) / points_a_check > added / points_a_check) {
-            std::vector<double> all_added = points_left(local_.size() - added);
-            all_added.insert(all_added.end(), add, add + 3 * m);
-            if (!(tick_time(all_added.data(), all_added.size() / 3, p) <= max_tick_time))
-                reject(
-                    "add: so many points in one place that a tick would take longer than 0.3 ms");
-        }
-        std::vector<PendingChange> all;
-        all.reserve(n + m);
-        for (std::size_t i = 0; i < n; ++i) {
-            const bool is_there = remove[i] < local_.size() && local_[remove[i]] != gone;
-            if (!is_there || left_ + m <= n) {
-                for (; i-- > 0; all.pop_back()) local_[remove[i]] = all.back().id;
-                reject(is_there ? "a cloud needs at least one point"
-                                : "remove: each a point that is there, once");
-            }
-            const std::size_t id = std::exchange(local_[remove[i]], gone);
-            all.push_back({PendingChange::remove, nullptr, id, {}});
-        }
-        for (std::size_t i = 0; i < m; ++i) {
-            all.push_back({PendingChange::add, nullptr, 0, point_at(add, i)});
-            local_.push_back(next_++);
-        }
-        xyz_.insert(xyz_.end(), add, add + 3 * m);
-        left_ = left_ + m - n;
-        return all;
-    }
+    VFPLAN_ONCE std::vector<PendingChange> edit(const std::uint32_t* remove, std::size_t n,
+                                                const double* add, std::size_t m,
+                                                const Parameters& p);
 
   private:
     static constexpr std::size_t gone = ~std::size_t{0};

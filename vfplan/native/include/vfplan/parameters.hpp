@@ -190,4 +190,29 @@ struct Step {
     std::uint8_t status = Status::ok;
 };
 
+/// What an open curve's ends do.
+enum class Ends {
+    stop,  ///< a cap closes the tube
+    open   ///< the tip goes free there; the force that was left dies down without giving energy
+};
+/// When the guide takes hold of the tip.
+enum class Hold {
+    at_once,  ///< at the first tick, with whatever force that takes
+    on_entry  ///< once the tip is within the tube; there is no force before
+};
+
+struct GuideParameters {
+    double radius = 1e-3;     ///< rho, of the tube [m]
+    double stiffness = 1000;  ///< K beyond it [N/m]
+    Ends ends = Ends::stop;
+    Hold hold = Hold::at_once;
+    bool cut_bends = false;           ///< takes bends that are tighter than the tube is wide
+    std::optional<Vec3> ignore_axis;  ///< unit vector along which curve and tube are infinite
+    double lead_force = 0;            ///< pull along the curve [N]; below 0: towards its beginning
+    double lead_speed = 0.02;         ///< at which the pull has fallen to 0 [m/s]
+    double period = 1e-3;             ///< of a tick, for that speed [s]
+
+    bool operator==(const GuideParameters&) const = default;
+};
+
 }  // namespace vfplan::inline v1

@@ -3,11 +3,10 @@
 // The content of a bundle: every value, by its path in the format.
 #pragma once
 
-#include <functional>
 #include <map>
 
 #include "vfplan/bundle/schema.hpp"
-#include "vfplan/curve/pieces.hpp"
+#include "vfplan/bundle/types.hpp"
 
 namespace vfplan::bundle {
 
@@ -92,12 +91,6 @@ class Content : std::map<std::string, Value, std::less<>> {
     }
     /// Moves a value out; throws Absent if there is none.
     Value take(std::string_view path) { return std::move(const_cast<Value&>(at(path))); }
-};
-
-/// A stroke of the drawn curve: `count` points from the `first` on.
-struct StrokeRange {
-    std::size_t first = 0, count = 0;
-    bool closed = false;
 };
 
 /// How many doubts of a checked content nobody has answered.

@@ -6,10 +6,13 @@
 //     vfplan::Guide guide = vfplan::bundle::make_guide(vfplan::bundle::read_fixture("guided.h5"));
 #pragma once
 
-#include "vfplan/bundle/fixture.hpp"
+#include "vfplan/bundle/types.hpp"
 #include "vfplan/engine.hpp"
 #include "vfplan/guide.hpp"
 #include "vfplan/tick_time.hpp"
+#if !defined(VFPLAN_COMPILED) || defined(VFPLAN_COMPILING)
+#include "vfplan/bundle/fixture.hpp"
+#endif
 
 namespace vfplan::inline v1 {
 

@@ -7,12 +7,11 @@
 #include <fstream>
 
 #include "vfplan/bundle/schema.hpp"
+#include "vfplan/bundle/types.hpp"
 
 namespace vfplan::bundle {
 
 // SHA-256 (FIPS 180-4).
-
-using Digest = std::array<unsigned char, 32>;
 
 namespace detail {
 
@@ -98,19 +97,6 @@ inline std::string to_hex(View data) {
 }
 
 // The seal behind every bundle (docs/format.md, section 4): checked before anything else.
-
-/// What the seal behind a bundle's payload, its HDF5 file, says.
-struct Seal {
-    Digest digest{};  // SHA-256 of the payload
-    bool is_signed = false;
-    bool despite_findings = false;  // signed with open findings, or without a review
-    std::array<unsigned char, 16> key_id{};
-    std::array<unsigned char, 64> signature{};
-    std::string case_token;       // empty: not given
-    std::string robot_serial;     // empty: not given
-    std::uint64_t signed_at = 0;  // seconds since 1970 UTC; 0: not given
-    Bytes signed_message;         // what the signature covers
-};
 
 namespace detail {
 
