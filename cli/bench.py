@@ -41,7 +41,7 @@ def vfplan_bench(stage, output, peers, quick) -> CommandResult:
     """Measure error and run time of a step, by default of every step, against a known truth.
 
     For each scene the table has every method with its error and its time, which is that of one
-    call or of one tick. The last sentences compare the chosen setting with other methods.
+    call or of one tick. The last sentences compare the default settings with others.
     `summary` measures the engines, and prints the last sentence alone.
     """
     from vfplan.bench.record import table_lines

@@ -20,17 +20,16 @@ HEAD = """# Formats
 
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
-Reference. vfplan obeys what a file says of itself, or refuses the file. What the file leaves open
-and no default settles, you give as an option, or answer as a *doubt* before `vfplan sign`. A *note*
-only informs ([glossary](glossary.md#findings-and-approval)).
+Reference. vfplan obeys what a file says of itself, reports what it ignores, or refuses the file.
+*Asked*, if the file leaves it open: give the option, or answer the *doubt* before `vfplan sign`. A
+*note* only informs ([glossary](glossary.md#findings-and-approval)).
 *Tried with*: the software or data behind our tests.
 """
 COLUMNS = ("format", "read", "obeyed", "asked", "refused", "tried with")
 SPACES = " or ".join(f"`SPACE={name}`" for name in SIGNS_OF_SPACE)
 UNITS = ", ".join(METRES)
-SLICES = (
-    "a contour or slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
-)
+SLICES = "slice that is there twice; a missing slice, unless `--max-spacing` allows the gap"
+NAMED_IMAGES = "the images that it names: your slice must be one of them"
 IMPORTED = ", ".join(f"`{suffix}`" for suffix in SUFFIXES)
 SURFACES = f"""`vfplan import` reads {IMPORTED}, and `vfplan surface` reads the
 other formats.
@@ -42,7 +41,7 @@ TABLES = {
          "8 bits, PNG also 16; palettes; transparent pixels are laid over black; bytes after the "
          "end of the picture are ignored, with a note",
          "EXIF's orientation",
-         "`--pixels`: whether markers and curve are in pixels before or after EXIF's turn",
+         "`--pixels`: whether markers and curve are in pixels before or after EXIF's rotation",
          "animations; files that are cut short", "Pillow, OpenCV"),
         ("TIFF",
          "8 and 16 bits, strips and tiles, one page by `--frame`; a further channel of unknown "
@@ -59,7 +58,7 @@ TABLES = {
          "PixelAspectRatio other than 1:1, if neither the file nor `--pixel-spacing` gives the "
          "size of a pixel",
          "pydicom"),
-        ("NRRD, NIfTI", "grey volumes, one slice across the third axis by `--frame`",
+        ("NRRD, NIfTI", "grey volumes, one slice perpendicular to the third axis by `--frame`",
          "origin, patient axes, units (without any: mm)", "",
          "several volumes in a file; sform and qform that differ; voxels that are not finite",
          "pynrrd, nibabel"),
@@ -71,8 +70,8 @@ TABLES = {
          "[contact radius](glossary.md#the-fixture)",
          "several curves; a curve off the slice's plane", "VTK's vtkCardinalSpline"),
         ("ImageJ `.roi`, CSV `X,Y`", "lines and areas",
-         "`.roi`: its version (counts from a pixel's centre or corner); CSV: a unit in the header",
-         "`--curve-origin`: CSV, and lines of an old `.roi`",
+         "`.roi`: pixel centre or corner, by its version; CSV: a unit in the header",
+         "`--curve-origin` for CSV, and for lines of a `.roi` from before ImageJ 1.52u",
          "fitted splines, composite selections; tables with other columns",
          "roifile"),
         ("CSV `u_px,v_px`", "any separator, decimal comma, UTF-8 or UTF-16, comments",
@@ -80,11 +79,11 @@ TABLES = {
          "one table in 120 variants"),
         ("DICOM presentation state",
          "POLYLINE; INTERPOLATED as a spline, with a note: compare it with the original drawing",
-         "the images that it names", "`--stroke`, if there are several lines",
+         NAMED_IMAGES, "`--stroke`, if there are several lines",
          "units other than PIXEL", "pydicom"),
         ("DICOM SR (TID 1500)", "SCOORD and SCOORD3D lines, open and closed",
-         "the images that it names", "`--stroke`", "ellipses, points", "pydicom"),
-        ("RTSTRUCT", "OPEN_PLANAR and closed contours", "the images that it names", "`--stroke`",
+         NAMED_IMAGES, "`--stroke`", "ellipses, points", "pydicom"),
+        ("RTSTRUCT", "OPEN_PLANAR and closed contours", NAMED_IMAGES, "`--stroke`",
          "contours of the type POINT", "pydicom"),
     ],
     "Markers, poses, sessions": [
@@ -94,12 +93,13 @@ TABLES = {
          "`t,x,y,z,qw,qx,qy,qz`; any separator, decimal comma, UTF-8 or UTF-16, comments, empty "
          "cells at the end",
          "units in the header",
-         "poses and sessions without a unit: m unless `--units`; markers without a unit: m or mm, "
-         "by the size of their layout (a note), or a doubt if no pixel size checks it",
+         "poses and sessions without a unit: m unless `--units`; markers without a unit: vfplan "
+         "takes m or mm by the size of their layout, with a note (a doubt if no pixel size checks "
+         "it)",
          "decimal commas and points in one table", "one table in 120 variants"),
         ("ImageJ's `X,Y`", "a table of results, a list of points",
-         "a unit in the header; the number of a point, which becomes its label; an area's X,Y "
-         "count from the corner of a pixel",
+         "a unit in the header; the number of a point, which becomes its label; with a "
+         "column `Area` above one pixel in each row: X,Y count from the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt",
          "a table with a unit, if neither the slice nor `--pixel-spacing` gives the size of a "
          "pixel",
@@ -134,11 +134,32 @@ TABLES = {
         ("NIfTI", "label maps", "sform, qform, units (without any: mm)", "`--structure`",
          "sform and qform that differ", "nibabel, SimpleITK"),
         ("RTSTRUCT", "closed contours; open or broken contours are left out, with a doubt",
-         "names and numbers of the structures", "`--structure`", SLICES, "pydicom"),
+         "names and numbers of the structures", "`--structure`", f"a contour or {SLICES}",
+         "pydicom"),
         ("DICOM SEG", "BINARY, FRACTIONAL, LABELMAP (segment 0 is the background)",
-         "position of each frame", "`--structure`", SLICES, "pydicom"),
+         "position of each frame", "`--structure`", f"a {SLICES}", "pydicom"),
+        ("Slicer `.mrk.json`", "closed curves, in one file or several", "LPS or RAS, units",
+         "`--curve-type`, if spline and straight lines differ", f"open curves; a curve or {SLICES}",
+         "`samples/make_bone.py`"),
+        ("folder of DICOM slices", "a closed curve drawn on each slice, with a pen of `--colour`",
+         "position and orientation of each slice", "", f"open curves; a curve or {SLICES}",
+         "pydicom"),
     ],
 }  # fmt: skip
+
+
+OWN_FRAME = "the [bundle's](glossary.md#the-fixture)"
+PATIENT_OR_OWN = "LPS if the registration knows the patient's axes, otherwise the bundle's"
+# Ending -> unit and frame of what `vfplan export` writes.
+WRITTEN = {
+    ".rtstruct.dcm": ("mm", "LPS, of the study that `--study` names"),
+    ".seg.dcm": ("mm", "LPS, of the study that `--study` names"),
+    ".ply": ("m; px before the registration", OWN_FRAME),
+    ".stl": ("mm", PATIENT_OR_OWN),
+    ".csv": ("m; px before the registration", OWN_FRAME),
+    ".mrk.json": ("mm", f"{PATIENT_OR_OWN}; the file says LPS all the same"),
+    ".dxf": ("mm", OWN_FRAME),
+}
 
 
 def main(arguments: list[str]) -> int:
@@ -150,11 +171,8 @@ def main(arguments: list[str]) -> int:
             text += SURFACES
         text += f"| {' | '.join(COLUMNS)} |\n|{'---|' * len(COLUMNS)}\n"
         text += "".join(f"| {' | '.join(row)} |\n" for row in rows)
-    listed = ", ".join(f"`{suffix}`" for suffix in FORMS)
-    text += f"\n## Written\n\n`vfplan export` writes {listed}. "
-    text += "STL and `.mrk.json` are in\nLPS if the registration knows the patient's axes; "
-    text += "otherwise they are, like PLY, CSV and DXF, in the\n"
-    text += "[bundle's](glossary.md#the-fixture) frame.\n"
+    text += f"\n## Written\n\n`vfplan export` writes:\n\n| format | unit | frame |\n{'|---' * 3}|\n"
+    text += "".join(f"| `{suffix}` | {' | '.join(WRITTEN[suffix])} |\n" for suffix in FORMS)
     if "--check" in arguments:
         return int(PAGE.read_text() != text)
     PAGE.write_text(text)

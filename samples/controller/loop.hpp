@@ -164,8 +164,8 @@ class Log {
         const auto at = [&us](double share) {
             return us[std::min(us.size() - 1, std::size_t(share * double(us.size())))];
         };
-        std::printf("ticks %zu, in contact %zu, force up to %.3f N, by %.3f N a tick\n", us.size(),
-                    contact, strongest, jerk);
+        std::printf("ticks %zu, in contact %zu, force up to %.3f N, in steps of up to %.3f N\n",
+                    us.size(), contact, strongest, jerk);
         std::printf("step [us]: p50 %.3f  p99 %.3f  p99.9 %.3f  max %.3f\n", at(0.5), at(0.99),
                     at(0.999), us.back());
         std::printf("missed deadlines: %zu of %zu\n", missed, us.size());

@@ -122,10 +122,10 @@ def test_the_summary_is_one_sentence_and_stands_alone(document, monkeypatch):
     rows = of(document, stage="proxy", chosen=True)
     median = duration(1e-6 * np.median([r["time_us_median"] for r in rows]))
     tail = duration(1e-6 * max(r["time_us_p999"] for r in rows))  # in the unit that suits it
-    of_setting = f"a tick of the chosen setting takes {median} (p99.9 at most {tail})"
-    assert sentence.startswith(f"Over 8 scenes, {of_setting} and errs by ")
+    of_setting = f"a tick at default settings takes a median of {median} (p99.9 at most {tail})"
+    assert sentence.startswith(f"Over 8 scenes, {of_setting}, with a median RMS error of ")
     for peer in ("paper", "nanoflann_peer", "nearest-point penalty"):
-        assert f"; {peer} takes " in sentence
+        assert f"; {peer} takes a median of " in sentence
 
 
 def test_meshes_and_noise_are_among_the_scenes(document):

@@ -205,9 +205,7 @@ def stage_sentence(stage: str, results: list[Record]) -> str:
     """Time and error of the chosen setting over all scenes, and of each peer."""
     (_, chosen), *peers = clouds(stage, results).items()
     part = LOOKS[stage].part
-    sentence = (
-        f"Over {len(chosen)} scenes, a {part} of the chosen setting {cost_text(part, chosen)}"
-    )
+    sentence = f"Over {len(chosen)} scenes, a {part} at default settings {cost_text(part, chosen)}"
     for method, best in peers:
         sentence += f"; {method} {cost_text(part, best)}"
         if len(best) < len(chosen):
@@ -233,8 +231,8 @@ def cost_text(part: str, records: list[Record]) -> str:
         time += f" (p99.9 at most {duration(1e-6 * max(r['time_us_p999'] for r in records))})"
     typical = records[0] | {"error_rms": float(np.median([r["error_rms"] for r in records]))}
     worst = max(records, key=itemgetter("error_rms"))
-    errors = f"{error_text(typical)} RMS in the median (at most {error_text(worst)})"
-    return f"takes {time} and errs by {errors}"
+    errors = f"{error_text(typical)} (at most {error_text(worst)})"
+    return f"takes a median of {time}, with a median RMS error of {errors}"
 
 
 def table_lines(document: Report) -> list[str]:
