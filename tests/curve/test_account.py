@@ -77,8 +77,8 @@ ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
 @pytest.mark.parametrize(
     ("image", "found", "place", "within"),
     [
-        (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[580], 4),
-        (BOXED, ["ink-at-end"], (256, 161), 3),
+        (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[560], 4),
+        (BOXED, ["ink-at-end"], (231, 169), 3),
         (picture((CURVE[200:212], 6.0)), ["width-changes"], CURVE[206], 2.8),
         (picture((SLOWLY, 3.0)), ["width-changes"], CURVE[300], 60),
         (painted((ALONG_BORDER, 3.0)), ["curve-on-border", "corner-near-end", "leaves-picture"],
@@ -97,6 +97,18 @@ def test_a_finding_lies_where_its_cause_is_seen(image, found, place, within):
     assert codes(extraction) == found
     assert extraction.findings[0].place_px == pytest.approx(place, abs=within)
     assert {(f.severity, f.stage) for f in extraction.findings} == {("doubt", "extract")}
+
+
+def test_no_line_that_is_taken_is_asked_about_but_the_gap_between_two():
+    image = painted((CURVE[:200], 3.0), (CURVE[400:], 3.0))
+    (finding,) = extract_curve(image, stroke="all").findings
+    assert (finding.code, "begins here" in finding.text) == ("ink-at-end", False)
+    assert finding.place_px == pytest.approx((CURVE[200] + CURVE[400]) / 2, abs=4)
+    # Of the same line, if it is left out, the end at the gap is named.
+    asked = {f.code: f for f in extract_curve(image, stroke=1).findings}["ink-at-end"]
+    assert "begins here, beyond a gap" in asked.text
+    ends = np.hypot(*(CURVE[[200, 400]] - asked.place_px).T)
+    assert ends.min() < 4
 
 
 def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():

@@ -45,6 +45,14 @@ def two_candidates(path):
     return _write(path, _drawn(wave(), truth)), truth
 
 
+def several(path):
+    """A ring, an open line and one that forks."""
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = np.column_stack([90 + 40 * np.cos(turn), 255 + 40 * np.sin(turn)])
+    branch = wave()[300] + np.linspace(0, 1, 100)[:, None] * np.array([30.0, 50.0])
+    return (_write(path, _drawn(wave(), branch, ring, wave(160, 340, 260))),)
+
+
 def lifted(path):
     """A line in two pieces, farther apart than extraction bridges."""
     return _write(path, _drawn(wave(40, 160), wave(200, 330)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -129,6 +130,22 @@ def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
     assert min(misses) < 0.3
 
 
+@pytest.mark.parametrize("kind", [review_slices.several, double])
+def test_a_candidate_is_the_line_of_its_number_in_the_terminal(kind, tmp_path):
+    session, *_ = opened(kind, tmp_path)
+    with pytest.raises(CurveError) as refused:
+        vfplan.extract(tmp_path / "slice.png")
+    told = re.findall(r"(\d+): (\w+, [^;]*?long, .*?\)(?: to .*?\))?)(, forked)?", refused.value.message)
+    ways = {way["number"]: way["words"] for way in session.state()["candidates"]}
+    assert len(ways) > len(told) - 1 > 0
+    for number, words, forks in told:
+        assert ways.get(int(number)) == (None if forks else words)
+        if not forks:
+            taken = session.apply({"do": "choose", "candidate": int(number)})
+            meant = Session.open(tmp_path / "slice.png", stroke=int(number))
+            assert curve_of(taken) == curve_of(meant)
+
+
 @pytest.mark.parametrize("kind", [half_double, review_slices.smooth])
 def test_a_line_that_was_refused_as_two_runs_is_asked_about_however_it_is_taken(kind, tmp_path):
     session, truth = opened(kind, tmp_path)
@@ -191,7 +208,7 @@ def test_a_ring_is_whole_without_its_overshooting_ends_which_are_asked_about(tmp
 
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
     session, truth = opened(review_slices.loops, tmp_path)
-    ways = [way.points for way in session.current.geometry.candidates]
+    ways = [way.points for way in session.current.geometry.candidates.values()]
     away = np.min([cKDTree(points).query(truth)[0] for points in ways], axis=0)
     at = truth[away.argmax()].tolist()
     taken = session.apply({"do": "choose", "at": at})

@@ -183,7 +183,7 @@ class Session:
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
         steps = self.steps_on_slice
         account = [
-            {key: getattr(entry, key) for key in ("number", "u", "v", "pixels", "what")}
+            {key: getattr(entry, key) for key in ("number", "u", "v", "size_px", "pixels", "what")}
             | {
                 "outline": [] if entry.piece is None else entry.piece.outline,
                 "left_out": entry.middle in geometry.excluded_ink,
@@ -198,7 +198,7 @@ class Session:
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
-            "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
+            "candidates": [describe_candidate(*row) for row in sorted(geometry.candidates.items())],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
             "can_undo": bool(steps), "can_redo": bool(self.undone),

@@ -221,9 +221,6 @@ export class Curve {
   }
 
   candidateRow(way) {
-    const [first, last] = [way.points_px[0], way.points_px[way.points_px.length - 1]];
-    let words = `${way.closed ? "closed" : "open"}, ${way.length_px.toFixed(0)} px long`;
-    if (!way.closed) words += `, from ${pixelOf(first)} to ${pixelOf(last)}`;
     const button = make(
       "button",
       {
@@ -236,7 +233,7 @@ export class Curve {
         onblur: () => this.heat(way, false),
       },
       make("span", { class: "badge way-badge" }, String(way.number)),
-      `Take this line: ${words}`,
+      `Take this line: ${way.words}`,
     );
     return make("li", {}, button);
   }
@@ -285,7 +282,7 @@ export class Curve {
       this.app.select({ kind: "ink", key: ink.number });
       this.view.goTo([ink.u, ink.v]);
     };
-    let words = `${ink.pixels} pixels at ${pixelOf([ink.u, ink.v])}`;
+    let words = `ink of ${fixed(ink.size_px, 0)} px at ${pixelOf([ink.u, ink.v])}`;
     if (ink.left_out) words += ", left out";
     const kind = ink.left_out ? "answered" : "ink";
     const badge = make("span", { class: `badge ${kind}` }, String(ink.number));
