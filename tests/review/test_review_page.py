@@ -33,6 +33,7 @@ from review_slices import (
 import vfplan
 from vfplan.errors import ImageError
 from vfplan.findings import doubt
+from vfplan.geometry.lines import normals
 from vfplan.markers.correspondences import read_markers
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
@@ -241,6 +242,21 @@ def test_a_misplaced_marker_is_dragged_home_and_the_bound_follows(browser, opene
     assert len(waits) >= 2
     assert np.median(waits) < 150
     assert hand.state("review.state.steps.length") == 1
+
+
+def test_the_band_is_as_wide_along_the_line_as_on_the_sheet(browser, opened):
+    opened(SLICE, *MARKERS, "--pixel-spacing", 0.5)
+    browser.until("review.state.bound_px?.length")
+    plan = Session.open(SLICE, *MARKERS, pixel_spacing_mm=0.5).current
+    ((stroke, bound_m),) = plan.bounds
+    half_px = bound_m / plan.metres_per_px
+    assert half_px.max() > 1.5 * half_px.min()
+    for k in (half_px.argmin(), half_px.argmax()):
+        for share in (0.9, 1.1):
+            u, v = stroke.points[k] + share * half_px[k] * normals(stroke.points, False)[k]
+            band = "document.querySelector('#bands path')"
+            is_within = browser.run(f"{band}.isPointInFill(new DOMPoint({u}, {v}))")
+            assert is_within == (share < 1)
 
 
 def deep_slice(path):

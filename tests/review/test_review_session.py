@@ -204,6 +204,10 @@ def test_a_ring_is_whole_without_its_overshooting_ends_which_are_asked_about(tmp
     assert cKDTree(curve_of(taken)).query(truth)[0].max() < 0.6
     assert miss(curve_of(taken), truth) < 0.3
     assert codes_of(taken) == ["ink-joins", "ink-joins"]
+    # The list of other ink names each by the same place and size.
+    asked = [finding.text.partition(" px joins")[0] for finding in taken.current.findings]
+    entries = taken.state()["account"]
+    assert {f"At ({e['u']:.0f}, {e['v']:.0f}): ink of {e['size_px']:.0f}" for e in entries} == {*asked}
 
 
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):

@@ -155,7 +155,7 @@ class Session:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
         why_not = self.why_not(by)
-        state |= {"rendered": None, "described": [], "outline_px": []}
+        state |= {"rendered": None, "described": [], "outline_px": [], "bound_px": []}
         if plan.fixture is not None:
             lines = [line for outline in plan.outlines for line in outline.lines]
             if plan.bound95_m is not None:
@@ -163,6 +163,9 @@ class Session:
             state["rendered"] = rendered_in_json(plan.fixture)
             state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
+            state["bound_px"] = [
+                (bound_m / plan.metres_per_px).round(3).tolist() for _, bound_m in plan.bounds
+            ]
         return state | {
             "at_angle": plan.is_to_be_flat,
             "findings": [finding.as_dict() for finding in plan.findings],
