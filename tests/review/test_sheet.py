@@ -32,6 +32,7 @@ from vfplan.review.paper import (
     BAND_COLOUR,
     BODY,
     BRIDGE_COLOUR,
+    CONTENT_WIDTH,
     DPI,
     FOOT,
     GUIDE_COLOUR,
@@ -252,6 +253,21 @@ def test_no_line_stands_alone_on_a_page(count, pieces):
             assert box.page == after.page, box.words
     for page in range(len(sheet.page_pngs())):
         assert sum(box.page == page for box in lines) != 1
+
+
+@pytest.mark.parametrize("size", [(3000, 120), (300, 2400), (500, 400)])
+@pytest.mark.parametrize("count", [8, 80])
+def test_each_marker_is_named_and_a_wide_slice_is_as_wide_as_the_page(size, count):
+    along = np.linspace(0.1, 0.9, 400)[:, None] * size
+    line = line_of(np.where(np.arange(2) == np.argmax(size), along, np.array(size) / 2))
+    places = np.random.default_rng(2).uniform(0.02, 0.98, (count, 2)) * size
+    markers = tuple(Marker(f"M{k}", tuple(place), residual_m=1e-4 * k, residual_px=(0.1, 0.1))
+                    for k, place in enumerate(places))  # fmt: skip
+    blank = np.full((*size[::-1], 3), 90, np.uint8)
+    sheet = checked(drawn_ends.shown_of(blank, line, markers=markers))
+    words = " ".join(words_of(sheet))
+    assert all(f"M{k} {k / 10:.2f} mm" in words for k in range(count))
+    assert (size[0] < 3000) or picture_of(sheet).width == CONTENT_WIDTH
 
 
 def test_an_arrow_near_the_border_begins_at_its_marker():
