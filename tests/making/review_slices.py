@@ -22,6 +22,9 @@ def wave(first=40, last=330, height=80):
     return np.column_stack([u, height + 30 * np.sin((u - 40) / 58)])
 
 
+BRANCH = wave()[300] + np.linspace(0, 1, 100)[:, None] * (80.0, 110.0)
+
+
 def _drawn(*lines):
     canvas = Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
     for line in lines:
@@ -45,14 +48,6 @@ def two_candidates(path):
     return _write(path, _drawn(wave(), truth)), truth
 
 
-def several(path):
-    """A ring, an open line and one that forks."""
-    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
-    ring = np.column_stack([90 + 40 * np.cos(turn), 255 + 40 * np.sin(turn)])
-    branch = wave()[300] + np.linspace(0, 1, 100)[:, None] * np.array([30.0, 50.0])
-    return (_write(path, _drawn(wave(), branch, ring, wave(160, 340, 260))),)
-
-
 def lifted(path):
     """A line in two pieces, farther apart than extraction bridges."""
     return _write(path, _drawn(wave(40, 160), wave(200, 330)))
@@ -60,9 +55,12 @@ def lifted(path):
 
 def fork(path):
     """A line with a branch; the line from the left to the right is meant."""
-    truth = wave()
-    branch = truth[300] + np.linspace(0, 1, 100)[:, None] * np.array([80.0, 110.0])
-    return _write(path, _drawn(truth, branch)), truth
+    return _write(path, _drawn(wave(), BRANCH)), wave()
+
+
+def several(path):
+    """An open line, and one that forks."""
+    return _write(path, _drawn(wave(), BRANCH, wave(60, 250, 260))), wave()
 
 
 def double(path, gap=8.0):

@@ -402,8 +402,9 @@ def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
 def gap_ahead(line: Candidate, other: Candidate) -> tuple[float, Array, Array]:
     """The gap over which another line goes on from a line; infinite where it does not [px].
 
-    Also returns the ends, (u, v), of this line and the other one there. It may be too long to be bridged. A part of the line counts that is long beside the gap, or that
-    has a direction of its own beyond a gap which is short beside the line.
+    It may be too long to be bridged. A part of the line counts that is long beside the gap, or that
+    has a direction of its own beyond a gap which is short beside the line. Also returns the ends
+    (u, v) of the line and of the other one at the gap.
     """
     nearest = np.inf, line.path[-1], other.path[0]
     if not (line.may_go_on and other.may_go_on and _same_pen(line, other)):

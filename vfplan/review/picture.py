@@ -152,8 +152,8 @@ PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 # whole page, and what stands beside others stands below it.
 LONG = 2
 
-# Paper [px of the page] on either side of a long slice, on its long sides, for captions.
-CAPTION_PAPER = {"wide": np.array([0, 4 * BODY.line_height]), "tall": np.array([240, 0])}
+# Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
+CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
 
 # Radius [px of the page] around an end that no blue outline, arrow or caption enters.
 FREE_RADIUS = 20
@@ -179,11 +179,11 @@ class Panel:
     """The picture of the slice: where it stands, its pixels on the page, and its scale.
 
     Those pixels are the slice's, and of a long one the paper around it. `corner` is where the slice
-    begins in them, `zoom` is how many pixels of the page one of the slice takes, and `rendered_distance` is from a
-    line to where the robot begins to push [px of the page]; infinite where it does not.
+    begins in them, `zoom` how many pixels of the page one of the slice takes, and
+    `rendered_distance` from a line to where the robot begins to push [px of the page]; infinite
+    where it does not.
     """
 
-    box: paper.Box
     canvas: paper.Pixels
     corner: paper.Array
     zoom: float
@@ -206,29 +206,29 @@ class Panel:
 
 def draw_picture(
     sheet: paper.Paper, plan: Plan, rgb: paper.Pixels, y: float
-) -> tuple[float, float]:
+) -> tuple[float, float, list[str]]:
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
 
     Below a wide slice the legend stands on the left. Returns where the next thing below begins, in
-    the left part and in the column.
+    the left part and in the column, and the markers for whose captions there is no room.
     """
     height, width = rgb.shape[:2]
-    is_wide = width > LONG * height
-    shape = "tall" if height > LONG * width else "wide" if is_wide else ""
-    corner = CAPTION_PAPER.get(shape, np.zeros(2, int))
+    is_tall, is_wide = height > LONG * width, width > LONG * height
+    corner = CAPTION_PAPER * (is_tall, is_wide)
     # A row of insets fits below a picture of this height.
     zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
-    left, top = corner + (MARGIN, round(y))
-    box = sheet.picture(left, top, cv2.resize(rgb, size, interpolation=method))
-    bottom, right = corner[1] + box.bottom, corner[0] + box.right
-    canvas = sheet.canvas[top - corner[1] : bottom, left - corner[0] : right]
+    y = round(y)
+    drawn = cv2.resize(rgb, size, interpolation=method)
+    box = sheet.picture(MARGIN + corner[0], y + corner[1], drawn)
+    bottom = box.bottom + corner[1]
+    canvas = sheet.canvas[y:bottom, MARGIN : box.right + corner[0]]
     lines = [line for outline in plan.outlines for line in outline.lines]
     rendered = np.vstack([[(np.inf, np.inf)], *lines])
     to_rendered = nearest_point(rendered, plan.strokes[0].points[0])[1] * zoom
-    panel = Panel(box, canvas, corner, zoom, to_rendered)
+    panel = Panel(canvas, corner, zoom, to_rendered)
     spread = np.ptp(canvas, axis=2)
     coloured = (spread > np.median(spread) + COLOURED).astype(np.uint8)
 
@@ -258,7 +258,7 @@ def draw_picture(
     keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 254
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
-    unnamed = draw_captions(sheet, plan, panel, keep)
+    unnamed = draw_captions(sheet, plan, panel, keep, y)
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
@@ -266,8 +266,8 @@ def draw_picture(
     draw_scale_bar(sheet, box.x + 2, bottom + 8, 0.2 * box.width, unit_px, unit)
     bottom += 8.0 + BODY.line_height
     column = (MARGIN, bottom + 10, PICTURE_WIDTH) if is_wide else (COLUMN_X, y, COLUMN_WIDTH)
-    end = draw_legend(sheet, plan, enlargement, has_band, unnamed, column)
-    return (end, bottom) if is_wide else (bottom, end)
+    end = draw_legend(sheet, plan, enlargement, has_band, *column)
+    return *((end, bottom) if is_wide else (bottom, end)), unnamed
 
 
 def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
@@ -406,7 +406,9 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
         paper.draw_line(keep, tick, 254, 8)
 
 
-def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> list[str]:
+def draw_captions(
+    sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels, top: int
+) -> list[str]:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
     None covers what is `taken`. Returns the captions of markers that have no place; the lists name
@@ -428,8 +430,7 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
         plate[:] = BLACK
         plate[2:-2, 2:-2] = ground
         letters = BLACK if ground == WHITE else WHITE
-        left, top = (panel.box.x, panel.box.y) - panel.corner + (x, y)
-        sheet.text(left + 6, top + 1, words, STRONG, letters)
+        sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 
     for number, stroke in enumerate(plan.strokes, 1):
@@ -456,14 +457,10 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
 
 
 def draw_legend(
-    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool, unnamed: list[str],
-    column: tuple[float, float, float],
+    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool,
+    x: float, y: float, width: float,
 ) -> float:  # fmt: skip
-    """What the lines on the picture mean, those alone that are drawn there.
-
-    unnamed: markers that have no caption there
-    column: the corner (x, y) and the width of where it stands
-    """
+    """What the lines on the picture mean, those alone that are drawn there."""
     rows = [("Blue outline: beside the line that was taken", LINE_COLOUR)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
@@ -477,12 +474,9 @@ def draw_legend(
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
         rows.append((f"{words}in the slice, {length}", BLACK))
-    x, y, width = column
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
     if plan.other_ink:
         y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
-    if unnamed:
-        y = sheet.paragraph(x, y, f"Markers without room there: {'; '.join(unnamed)}.", width)
     return y + 10
 
 
