@@ -598,10 +598,8 @@ def with_candidates_of(error: CurveError, geometry: Geometry) -> Geometry:
             if max(entry.box[2:]) >= MIN_LINE_PX:
                 routes += routes_over(entry)
         routes.sort(key=lambda route: -route.length)
-    for line in lines_of(ink, account.JOINED_GAPS * geometry.max_gap_px):
-        is_new = not any(np.array_equal(line.path, route.points) for route in routes)
-        if is_new and line.bridged.any():
-            routes.append(route_of(line))
+    joined = lines_of(ink, account.JOINED_GAPS * geometry.max_gap_px)
+    routes += [route_of(line) for line in joined if line.bridged.any()]
     with suppress(CurveError):  # Too many pieces.
         dotted = dotted_line(ink.found, find_groups(ink.found))
         if dotted is not None:

@@ -222,7 +222,7 @@ def draw_picture(
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
     y = round(y)
     drawn = cv2.resize(rgb, size, interpolation=method)
-    box = sheet.picture(MARGIN + corner[0], y + corner[1], drawn)
+    box = sheet.picture(*np.add(corner, (MARGIN, y)).tolist(), drawn)
     bottom = box.bottom + corner[1]
     canvas = sheet.canvas[y:bottom, MARGIN : box.right + corner[0]]
     lines = [line for outline in plan.outlines for line in outline.lines]
