@@ -22,6 +22,9 @@ def wave(first=40, last=330, height=80):
     return np.column_stack([u, height + 30 * np.sin((u - 40) / 58)])
 
 
+BRANCH = wave()[300] + np.linspace(0, 1, 100)[:, None] * (80.0, 110.0)
+
+
 def _drawn(*lines):
     canvas = Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
     for line in lines:
@@ -52,9 +55,12 @@ def lifted(path):
 
 def fork(path):
     """A line with a branch; the line from the left to the right is meant."""
-    truth = wave()
-    branch = truth[300] + np.linspace(0, 1, 100)[:, None] * np.array([80.0, 110.0])
-    return _write(path, _drawn(truth, branch)), truth
+    return _write(path, _drawn(wave(), BRANCH)), wave()
+
+
+def several(path):
+    """An open line, and one that forks."""
+    return _write(path, _drawn(wave(), BRANCH, wave(60, 250, 260))), wave()
 
 
 def double(path, gap=8.0):

@@ -33,6 +33,7 @@ from review_slices import (
 import vfplan
 from vfplan.errors import ImageError
 from vfplan.findings import doubt
+from vfplan.geometry.lines import normals
 from vfplan.markers.correspondences import read_markers
 from vfplan.review.server import Draft, ReviewServer
 from vfplan.review.session import Session
@@ -84,6 +85,13 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     hand = opened(SLICE, *MARKERS, "--pixel-spacing", 0.5, *signing)
     output = tmp_path / "o.h5"
     assert browser.run("document.getElementById('approve').textContent") == "Approve and sign"
+    # The band is as wide along the line as on the sheet.
+    [(line, bound_m)] = (plan := Session.open(SLICE, *MARKERS, pixel_spacing_mm=0.5).current).bounds
+    reach = (bound_m / plan.metres_per_px)[:, None] * normals(line.points, False)
+    for k in (bound_m.argmin(), bound_m.argmax()):
+        places = [(line.points[k] + share * reach[k]).tolist() for share in (0.9, 1.1)]
+        is_filled = "document.querySelector('#bands path').isPointInFill(new DOMPoint(...{}))"
+        assert [browser.run(is_filled.format(place)) for place in places] == [True, False]
     # The wheel zooms at the pointer: the place below it stays.
     before = hand.at((400, 300))
     browser.wheel(*before, -400)

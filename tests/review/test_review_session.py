@@ -129,6 +129,18 @@ def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
     assert min(misses) < 0.3
 
 
+@pytest.mark.parametrize(("kind", "count"), [(review_slices.several, 1), (double, 2)])
+def test_a_candidate_is_the_line_of_its_number_in_the_terminal(kind, count, tmp_path):
+    session, *_ = opened(kind, tmp_path)
+    state = session.state()
+    told, ways = state["refusal"]["text"], state["candidates"]
+    for way in ways[:count]:
+        assert "{number}: {words}".format(**way) in told
+        taken = session.apply({"do": "choose", "candidate": way["number"]})
+        assert curve_of(taken) == curve_of(Session.open(session.source.path, stroke=way["number"]))
+    assert not any(f"{way['number']}: " in told for way in ways[count:])
+
+
 @pytest.mark.parametrize("kind", [half_double, review_slices.smooth])
 def test_a_line_that_was_refused_as_two_runs_is_asked_about_however_it_is_taken(kind, tmp_path):
     session, truth = opened(kind, tmp_path)
@@ -187,11 +199,17 @@ def test_a_ring_is_whole_without_its_overshooting_ends_which_are_asked_about(tmp
     assert cKDTree(curve_of(taken)).query(truth)[0].max() < 0.6
     assert miss(curve_of(taken), truth) < 0.3
     assert codes_of(taken) == ["ink-joins", "ink-joins"]
+    # The list of other ink names each by the same place and size.
+    asked = [finding.text.partition(" px joins")[0] for finding in taken.current.findings]
+    entries = taken.state()["account"]
+    assert {f"At ({e['u']:.0f}, {e['v']:.0f}): ink of {e['size_px']:.0f}" for e in entries} == {
+        *asked
+    }
 
 
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
     session, truth = opened(review_slices.loops, tmp_path)
-    ways = [way.points for way in session.current.geometry.candidates]
+    ways = [way.points for way in session.current.geometry.candidates.values()]
     away = np.min([cKDTree(points).query(truth)[0] for points in ways], axis=0)
     at = truth[away.argmax()].tolist()
     taken = session.apply({"do": "choose", "at": at})

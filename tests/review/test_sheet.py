@@ -32,6 +32,7 @@ from vfplan.review.paper import (
     BAND_COLOUR,
     BODY,
     BRIDGE_COLOUR,
+    CONTENT_WIDTH,
     DPI,
     FOOT,
     GUIDE_COLOUR,
@@ -363,6 +364,8 @@ def test_any_size_of_slice_fits(size):
     sheet = checked(drawn_ends.shown_of(image, line, markers=markers, **more))
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
+    assert size != (60, 3000) or picture_of(sheet).width == CONTENT_WIDTH
+    assert all(f"M{k} " in " ".join(words_of(sheet)) for k in range(6))
     # The picture's legend names the band where it is drawn there; the last inset always has it.
     *_, last = insets(sheet, "")
     purple = [(np.abs(drawn_part(sheet, box).astype(int) - BAND_COLOUR).sum(axis=2) < 60).any()
@@ -386,6 +389,7 @@ def test_a_hundred_findings_and_forty_markers_are_all_named():
     words = " ".join(on_sheet)
     for number in range(1, 101):
         assert f"#{number}  wants an answer" in words
+    assert all(f"M{k} " in words for k in range(40))
     assert "100" in verdict_of(shown)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -16,7 +17,7 @@ from vfplan.curve.candidates import (
     box_of,
     connected,
     find_pieces,
-    gap_ahead_px,
+    gap_ahead,
     gap_px,
     half_covered,
     is_open_ring,
@@ -78,7 +79,8 @@ class Leftover:
     places
         (N, 2) its pixels (u, v).
     middle
-        (2,) (u, v) [px].
+        (2,) its pixel that is closest to the middle of the box around it; the place that findings
+        and lists name.
     nearest
         (2,) its pixel that is closest to a curve.
     size
@@ -96,7 +98,7 @@ class Leftover:
     """
 
     places: NDArray[np.int64]
-    middle: Array
+    middle: NDArray[np.int64]
     nearest: NDArray[np.int64]
     size: float
     edge_distance: float
@@ -191,13 +193,14 @@ def find_leftover(ink: Ink, curves: Sequence[Stroke]) -> list[Leftover]:
     pieces = []
     for members in connected(pixels):
         if len(members) >= tuned.SPECK_PX:
-            end_distance, is_ahead, is_onward = _to_end(ink, pixels[members], curves)
-            low, high = pixels[members].min(0), pixels[members].max(0)
+            places = pixels[members]
+            end_distance, is_ahead, is_onward = _to_end(ink, places, curves)
+            low, high = places.min(0), places.max(0)
             size = float((high - low).max() + 1)
             piece = Leftover(
-                places=pixels[members],
-                middle=(low + high) / 2,
-                nearest=pixels[members[edge_distance[members].argmin()]],
+                places=places,
+                middle=places[np.hypot(*(places - (low + high) / 2).T).argmin()],
+                nearest=places[edge_distance[members].argmin()],
                 size=size,
                 edge_distance=float(edge_distance[members].min()),
                 end_distance=end_distance,
@@ -422,20 +425,28 @@ def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) ->
 
 
 def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
-    """Other lines in the direction of an end, farther away than ink at an end is looked for.
-
-    Lines of the curve itself are none of that ink: `max_gap_px` is 0 among them.
-    """
+    """Lines that were left out, beyond a gap that is too long for ink at an end."""
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
     findings = []
     for other in others:
-        gap = gap_ahead_px(line, other)
+        gap, _, place = gap_ahead(line, other)
         if nearest < gap < np.inf:
             text = (
-                f"a line of {other.length:.0f} px lies in the direction of the end of the curve, "
-                f"beyond a gap of {gap:.0f} px. Does the curve go on there?"
+                f"a line of {other.length:.0f} px begins here, beyond a gap of {gap:.0f} px from "
+                "the end of the curve. Does the curve go on there?"
             )
-            findings.append(finding_at(other.middle, "ink-at-end", text))
+            findings.append(finding_at(place, "ink-at-end", text))
+    return findings
+
+
+def gap_findings(strokes: Sequence[Candidate]) -> list[Finding]:
+    """A doubt for each two strokes of the curve of which one goes on in the other's direction."""
+    findings = []
+    for earlier, later in combinations(strokes, 2):
+        gap, end, place = gap_ahead(later, earlier)
+        if gap < np.inf:
+            text = f"between two strokes of the curve is a gap of {gap:.0f} px. Is it meant?"
+            findings.append(finding_at((end + place) / 2, "ink-at-end", text))
     return findings
 
 
@@ -461,17 +472,12 @@ def join_findings(
 ) -> list[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
-    There is none for a piece that a known finding speaks of: one of ink that touches has its place
-    in the middle of the piece, any other one there or somewhere on it.
+    There is none for a piece that a known finding on it speaks of.
     """
+    known_places = np.reshape([f.place_px for f in known if f.place_px], (-1, 2)).astype(float)
     findings = []
     for piece in leftover:
-        places = np.vstack([piece.middle, piece.places])
-        known_at = {"ink-touches": places[:1]}
-        away = [
-            np.abs(known_at.get(finding.code, places) - finding.place_px).max(1).min()
-            for finding in known if finding.place_px
-        ]  # fmt: skip
+        away, _ = _core.nearest(piece.places.astype(float), known_places)
         if min(away, default=np.inf) < 0.6:
             continue
         if piece.touches:
@@ -481,7 +487,7 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
-        findings.append(finding_at(piece.nearest, "ink-joins", text))
+        findings.append(finding_at(piece.middle, "ink-joins", text))
     return findings
 
 
@@ -501,7 +507,7 @@ def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink, max_gap_px: 
     if piece.size <= tuned.TANGENT_PX or not lines:
         return False
     others = find_pieces(ink, [piece.places])
-    return any(gap_ahead_px(line, other) < np.inf for line in lines for other in others)
+    return any(gap_ahead(line, other)[0] < np.inf for line in lines for other in others)
 
 
 def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:

@@ -399,23 +399,24 @@ def gap_px(one: Candidate, end: int, other: Candidate, other_end: int) -> float:
     return float(np.hypot(*across) - (one.width + other.width) / 2)
 
 
-def gap_ahead_px(line: Candidate, other: Candidate) -> float:
+def gap_ahead(line: Candidate, other: Candidate) -> tuple[float, Array, Array]:
     """The gap over which another line goes on from a line; infinite where it does not [px].
 
     It may be too long to be bridged. A part of the line counts that is long beside the gap, or that
-    has a direction of its own beyond a gap which is short beside the line.
+    has a direction of its own beyond a gap which is short beside the line. Also returns the ends
+    (u, v) of the line and of the other one at the gap.
     """
+    nearest = np.inf, line.path[-1], other.path[0]
     if not (line.may_go_on and other.may_go_on and _same_pen(line, other)):
-        return np.inf
+        return nearest
     longest = tuned.AHEAD_LENGTHS * min(line.length, other.length)
     if other.length > tuned.TANGENT_PX:
         longest = max(longest, tuned.AHEAD_SHARE * line.length)
-    nearest = np.inf
     for end, other_end in product((0, -1), repeat=2):
         gap = gap_px(line, end, other, other_end)
         turn = max(_turns_deg(line, end, other, other_end))
-        if gap <= longest and turn <= tuned.MAX_TURN_DEG:
-            nearest = min(nearest, gap)
+        if gap <= longest and turn <= tuned.MAX_TURN_DEG and gap < nearest[0]:
+            nearest = gap, line.path[end], other.path[other_end]
     return nearest
 
 

@@ -113,24 +113,27 @@ def is_level(line: Candidate) -> bool:
     return (np.min(spans, axis=0) <= 1).mean() >= tuned.FRAME_SHARE
 
 
-def describe(line: Candidate) -> str:
-    """One line in words: its shape, its length, and where it is."""
-    (u, v), (last_u, last_v) = line.path[[0, -1]]
-    if line.closed:
-        return f"closed, {line.length:.0f} px long, through ({u:z.0f}, {v:z.0f})"
-    ends = f"from ({u:z.0f}, {v:z.0f}) to ({last_u:z.0f}, {last_v:z.0f})"
-    forks = ", forked: only the page takes it" if len(line.junctions) else ""
-    return f"open, {line.length:.0f} px long, {ends}{forks}"
+def describe(path: NDArray, closed: bool, length: float) -> str:
+    """A line in words: its shape, its length, and where it is."""
+    (u, v), (last_u, last_v) = path[[0, -1]]
+    if closed:
+        return f"closed, {length:.0f} px long, through ({u:z.0f}, {v:z.0f})"
+    return (
+        f"open, {length:.0f} px long, from ({u:z.0f}, {v:z.0f}) to ({last_u:z.0f}, {last_v:z.0f})"
+    )
 
 
 def _several_error(
     candidates: list[Candidate], numbered: list[Candidate], max_gap_px: float
 ) -> CurveError:
-    told = {numbered.index(line) + 1: describe(line) for line in candidates[:DESCRIBED]}
-    listed = "; ".join(f"{number}: {words}" for number, words in told.items())
+    told = []
+    for line in candidates[:DESCRIBED]:
+        words = describe(line.path, line.closed, line.length)
+        forks = ", forked: only the page takes it" if len(line.junctions) else ""
+        told.append(f"{numbered.index(line) + 1}: {words}{forks}")
     message = (
         f"There are {len(candidates)} candidates. Choose one with --stroke N, or look in a part "
-        f"of the picture with --roi: {listed}"
+        f"of the picture with --roi: {'; '.join(told)}"
     )
     numbers: dict[str, Any] = {"candidates": len(candidates)}
     open_lines = [line for line in candidates[:DESCRIBED] if line.may_go_on]

@@ -240,15 +240,14 @@ def extract_curve(
         findings += account.shorter_findings(unchosen, lines, ink)
     if len(chosen) == 1:
         findings = account.doubts_of_line(chosen[0], lines, ink, pen) + findings
-    for number, (curve, line) in enumerate(zip(curves, chosen, strict=True)):
+    for curve, line in zip(curves, chosen, strict=True):
         findings += account.end_findings(ink, curve, leftover)
         findings += account.ahead_findings(line, unchosen, max_gap_px)
-        # Of two chosen lines the later one tells that it goes on from the earlier one.
-        findings += account.ahead_findings(line, chosen[:number], 0.0)
         findings += account.ring_findings(line, max_gap_px)
         findings += account.stretch_findings(curve)
         if curve.profiles is not None:
             findings += account.width_findings(ink, curve)
+    findings += account.gap_findings(chosen)
     findings += account.join_findings(leftover, (), ink, max_gap_px, findings)
     if method != "mask":
         findings += account.fold_findings(curves)

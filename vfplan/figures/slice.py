@@ -211,9 +211,9 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
     for entry in account[:MAX_NUMBERED]:
         if entry.what != "ink":
             continue
-        half = entry.size_px / 2 + 3
-        corner = entry.u - half, entry.v - half
+        left, top, width, height = entry.box
+        corner = left - 3.5, top - 3.5
         look = {"fill": False, "ec": PROXY, "lw": 1.2, "ls": "--", "label": "other ink"}
-        axes.add_patch(Rectangle(corner, 2 * half, 2 * half, path_effects=HALO, **look))
+        axes.add_patch(Rectangle(corner, width + 6, height + 6, path_effects=HALO, **look))
         words = {"color": PROXY, "fontsize": "small", "va": "bottom", "clip_on": True}
         axes.text(*corner, str(entry.number), path_effects=HALO, **words)

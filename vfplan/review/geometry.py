@@ -11,6 +11,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from itertools import chain
 from typing import Any
 
 import cv2
@@ -31,7 +32,7 @@ from vfplan.curve.candidates import (
     walked_back,
 )
 from vfplan.curve.centreline import drawn_length
-from vfplan.curve.choose import in_number_order, two_runs_finding
+from vfplan.curve.choose import describe, in_number_order, two_runs_finding
 from vfplan.curve.coverage import Pen
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
@@ -78,6 +79,11 @@ MAX_FREE_ENDS = 12
 
 # Length [px] of the way around a hole from which that is no letter's.
 MIN_RING_PX = 60
+
+
+def route_of(line: Candidate) -> Stroke:
+    """The route along a line of extraction, as long as that says."""
+    return Stroke(line.path, line.closed, known_length=line.length)
 
 
 def route_along(pixels: NDArray, closed: bool) -> Stroke:
@@ -200,7 +206,8 @@ class Geometry:
         Why extraction gave no curve, as the page shows it: code, words, place and, where another
         pen drew the longest line, its colour; `None` if it did, or if a person gave one.
     candidates
-        Routes that the curve may take, from which a person can choose.
+        Routes that the curve may take, from which a person can choose, by number. A line of
+        extraction has the number that `--stroke` takes; any other route has one beyond those.
     excluded_ink
         Middles of the ink that a person left out of the curve.
     max_gap_px
@@ -214,7 +221,7 @@ class Geometry:
     findings: tuple[Finding, ...] = ()
     taken: tuple[MendedStroke, ...] = ()
     refusal: dict[str, Any] | None = None
-    candidates: tuple[Stroke, ...] = ()
+    candidates: dict[int, Stroke] = field(default_factory=dict)
     excluded_ink: frozenset[tuple[float, float]] = field(default_factory=frozenset)
     max_gap_px: float = ExtractSettings.max_gap_px
     is_as_found: bool = True
@@ -240,6 +247,12 @@ class Geometry:
         return self.ink.width_along(stroke.points, stroke.closed)
 
     @cached_property
+    def numbered(self) -> dict[int, Candidate]:
+        """The lines that extraction takes by number; one that forks has a number that none has."""
+        lines = in_number_order(lines_of(self.ink, self.max_gap_px), self.ink and self.ink.found)
+        return dict(enumerate(lines, 1))
+
+    @cached_property
     def leftover(self) -> list[Leftover]:
         """The pen's ink that is not the curve, piece by piece."""
         return find_leftover(self.ink.found, self.lines)
@@ -256,7 +269,7 @@ class Geometry:
         """The findings of extraction, less what was mended, with those of lines that were taken."""
         findings = list(self.findings)
         for stroke in self.taken:
-            for number in numbers_of(self, stroke):
+            for number in numbers_of(stroke, self.numbered):
                 findings += findings_of_line(self.ink, self.max_gap_px, number)
         return tuple(dict.fromkeys(findings))
 
@@ -311,8 +324,7 @@ class Geometry:
         findings += account.join_findings(
             self.leftover, lines, self.ink.found, self.max_gap_px, findings
         )
-        for number, line in enumerate(lines):
-            findings += account.ahead_findings(line, lines[:number], 0.0)
+        findings += account.gap_findings(lines)
         for line in self.lines:
             findings += account.border_findings(line, self.ink.found.size)
             findings += account.stretch_findings(line) + account.corner_findings(line)
@@ -326,7 +338,7 @@ class Geometry:
         [stroke] = self.lines
         pen = Pen.of_colour(self.ink.colour)
         for line in lines:
-            if is_whole(line, stroke):
+            if apart_px(line, stroke) <= JOIN_PX:
                 return account.doubts_of_line(line.in_order(), lines, self.ink.found, pen)
         # Another line counts with the ink that it runs along, or else with that of a pen along it.
         pieces = [line.pieces for line in lines if runs_along(stroke, np.concatenate(line.pieces))]
@@ -394,11 +406,11 @@ def stated(finding: Finding) -> tuple[str, str]:
 
 
 def away_from(piece: Leftover, finding: Finding) -> float:
-    """How far a finding is from a piece of ink [px], or from the middle of the piece.
+    """How far a finding is from a piece of ink [px].
 
     The pen's width in a bundle differs a little, and so do the edges of its pieces.
     """
-    return nearest_point(np.vstack([piece.middle, piece.places]), finding.place_px)[1]
+    return nearest_point(piece.places, finding.place_px)[1]
 
 
 def ink_of(image: PlannedImage, settings: ExtractSettings) -> SliceInk:
@@ -419,7 +431,7 @@ def geometry_of_slice(image: PlannedImage, settings: ExtractSettings) -> Geometr
         place = (float(told["u_px"]), float(told["v_px"])) if "u_px" in told else None
         refusal = {"code": error.code, "text": error.message, "place_px": place, "stage": "extract",
                    "other_pen": told.get("other_colour", "")}  # fmt: skip
-        return replace(geometry, refusal=refusal, candidates=candidates_of(error, ink, settings))
+        return replace(with_candidates_of(error, geometry), refusal=refusal)
 
 
 def geometry_of_extraction(
@@ -455,20 +467,19 @@ def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> tuple[Fin
         return (two_runs_finding((error.numbers["u_px"], error.numbers["v_px"])),)
 
 
-def numbers_of(geometry: Geometry, stroke: Stroke) -> list[int]:
-    """The number of the line of extraction that a stroke is, if it is one."""
-    lines = lines_of(geometry.ink, geometry.max_gap_px)
-    if lines:
-        lines = in_number_order(lines, geometry.ink.found)
-    return [number for number, line in enumerate(lines, 1) if is_whole(line, stroke)]
+def numbers_of(stroke: Stroke, lines: dict[int, Candidate]) -> list[int]:
+    """The numbers of the lines that a stroke may be, by how well it is them; none that forks."""
+    apart = {number: apart_px(line, stroke) for number, line in lines.items()}
+    is_whole = [n for n, px in apart.items() if px <= JOIN_PX and not len(lines[n].junctions)]
+    return sorted(is_whole, key=apart.__getitem__)
 
 
-def is_whole(line: Candidate, stroke: Stroke) -> bool:
-    """Whether a stroke is one of the ink's lines, and not a part of it."""
+def apart_px(line: Candidate, stroke: Stroke) -> float:
+    """How far a stroke and one of the ink's lines lie apart at most, both as a whole [px]."""
     if line.closed != stroke.closed:
-        return False
+        return np.inf
     ways = (line.path, stroke.points), (stroke.points, line.path)
-    return all(_core.nearest(*way)[0].max() <= JOIN_PX for way in ways)
+    return max(_core.nearest(*way)[0].max() for way in ways)
 
 
 def runs_along(stroke: Stroke, places: NDArray) -> bool:
@@ -482,27 +493,41 @@ def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
     return [one for one in entries if nearest_point(one.piece.places, place)[1] <= CLOSE_PX]
 
 
+def with_route(geometry: Geometry, route: Stroke) -> tuple[Geometry, int]:
+    """The geometry with a route as a candidate, and its number.
+
+    The route that is a line of extraction becomes that line. A dotted line is none.
+    """
+    lines = geometry.numbered
+    numbers = numbers_of(route, lines) if route.sigma is None else []
+    number = max([len(lines), *geometry.candidates]) + 1
+    if numbers:
+        number, route = numbers[0], route_of(lines[numbers[0]])
+    return replace(geometry, candidates=geometry.candidates | {number: route}), number
+
+
 def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     """The number of the longest candidate at a place on the slice, and the candidates with it.
 
     Where no candidate lies there, the lines of extraction become candidates, with the routes over
     the ink there; of ink that none of them follows, the line that goes straight on at its forks.
     """
-    candidates = list(geometry.candidates)
 
-    def distances() -> list[float]:
-        return [nearest_point(route.points, place)[1] for route in candidates]
+    def distances() -> dict[int, float]:
+        routes = geometry.candidates.items()
+        return {number: nearest_point(route.points, place)[1] for number, route in routes}
 
-    if min(distances(), default=np.inf) > JOIN_PX:
+    if min(distances().values(), default=np.inf) > JOIN_PX:
+        lines = {n: route_of(one) for n, one in geometry.numbered.items() if not len(one.junctions)}
+        geometry = replace(geometry, candidates=geometry.candidates | lines)
         entries = ink_at(geometry.ink, place)
-        for line in lines_of(geometry.ink, geometry.max_gap_px):
-            if not len(line.junctions):
-                candidates.append(route_along(line.path, line.closed))
-        for entry in entries:
-            candidates += routes_over(entry)
-        if min(distances(), default=np.inf) > JOIN_PX:
-            candidates += filter(None, [straight_on(entry, place) for entry in entries])
-    nearest = min(distances(), default=np.inf)
+        for route in chain.from_iterable(map(routes_over, entries)):
+            geometry, _ = with_route(geometry, route)
+        if min(distances().values(), default=np.inf) > JOIN_PX:
+            for route in filter(None, [straight_on(entry, place) for entry in entries]):
+                geometry, _ = with_route(geometry, route)
+    away = distances()
+    nearest = min(away.values(), default=np.inf)
     if nearest > JOIN_PX:
         text = (
             f"No line of the pen lies at ({place[0]:z.0f}, {place[1]:z.0f}). Click on a line, or "
@@ -510,9 +535,8 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
         )
         raise SettingError(text, code="no-line-there")
     # A click misses by a little, and lines that meet lie at one place.
-    there = [k for k, away in enumerate(distances()) if away <= nearest + CLOSE_PX]
-    longest = max(there, key=lambda k: candidates[k].length)
-    return replace(geometry, candidates=tuple(candidates)), longest + 1
+    there = [number for number in away if away[number] <= nearest + CLOSE_PX]
+    return geometry, max(there, key=lambda number: geometry.candidates[number].length)
 
 
 def with_chosen(
@@ -520,21 +544,21 @@ def with_chosen(
 ) -> Geometry:
     """The geometry with one of its candidates as the curve.
 
-    `vfplan extract` measures the candidate if it can. If it refuses the line, because it forks or
-    something lies beside it, the line is measured along the candidate itself.
+    `vfplan extract` measures a line that it can. A route of another number, and a line that it
+    refuses because something lies beside it, is measured along the candidate itself.
     """
-    candidates = geometry.candidates
-    if not 1 <= number <= len(candidates):
-        text = f"There is no candidate {number}. There are {len(candidates)}, from 1."
+    route = geometry.candidates.get(number)
+    if route is None:
+        known = ", ".join(map(str, sorted(geometry.candidates))) or "none"
+        text = f"There is no candidate {number}. The candidates are: {known}."
         raise SettingError(text, code="no-such-candidate")
-    route = candidates[number - 1]
     if route.sigma is not None:
         # A dotted line is measured already.
         settled = geometry.with_strokes((MendedStroke.of(route),))
         return replace(settled, findings=(*settled.findings, account.dotted_finding(route)))
-    for of_line in numbers_of(geometry, route):
+    if number in geometry.numbered:
         with suppress(CurveError):
-            return geometry_of_extraction(image, replace(settings, stroke=of_line), geometry)
+            return geometry_of_extraction(image, replace(settings, stroke=number), geometry)
     return geometry.with_strokes((MendedStroke.of(geometry.ink.trace(route.points, route.closed)),))
 
 
@@ -555,39 +579,36 @@ def route_over(entry: AccountEntry) -> Stroke:
     return routes[0]
 
 
-def candidates_of(
-    error: CurveError, ink: SliceInk, settings: ExtractSettings
-) -> tuple[Stroke, ...]:
-    """The candidates that extraction names, or every route through the lines of the ink.
+def with_candidates_of(error: CurveError, geometry: Geometry) -> Geometry:
+    """The geometry with the candidates that extraction names, or every route through the lines.
 
     Of a candidate that forks every branch is one.
     Behind them, lines joined over longer pen lifts, and a dotted line.
     """
-    routes = []
-    for line in lines_of(ink, settings.max_gap_px):
-        is_named = any(np.array_equal(line.path, path) for path in error.candidates)
-        if is_named and len(line.junctions):
+    ink, routes, paths = geometry.ink, [], [*map(np.ndarray.tolist, error.candidates)]
+    named = [line for line in geometry.numbered.values() if line.path.tolist() in paths]
+    for line in named:
+        if len(line.junctions):
             for entry in ink_at(ink, line.middle):
                 routes += routes_over(entry)
-        elif is_named:
-            routes.append(route_along(line.path, line.closed))
-    is_named = len(routes) > 0
-    if not is_named:
+        else:
+            routes.append(route_of(line))
+    if not named:
         for entry in Geometry(ink=ink).account:
             if max(entry.box[2:]) >= MIN_LINE_PX:
                 routes += routes_over(entry)
         routes.sort(key=lambda route: -route.length)
-    for line in lines_of(ink, account.JOINED_GAPS * settings.max_gap_px):
-        is_new = not any(np.array_equal(line.path, route.points) for route in routes)
-        if is_new and line.bridged.any():
-            routes.append(route_along(line.path, line.closed))
+    joined = lines_of(ink, account.JOINED_GAPS * geometry.max_gap_px)
+    routes += [route_of(line) for line in joined if line.bridged.any()]
     with suppress(CurveError):  # Too many pieces.
         dotted = dotted_line(ink.found, find_groups(ink.found))
         if dotted is not None:
             routes.append(dotted)
-    if is_named:
-        return tuple(routes)
-    return tuple(route for route in routes if route.length >= MIN_LINE_PX)[:MAX_ROUTES]
+    if not named:
+        routes = [route for route in routes if route.length >= MIN_LINE_PX][:MAX_ROUTES]
+    for route in routes:
+        geometry, _ = with_route(geometry, route)
+    return geometry
 
 
 def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Finding, ...]:
@@ -609,4 +630,5 @@ def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:
         "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
         "closed": route.closed,
         "length_px": route.length,
+        "words": describe(route.points, route.closed, route.length),
     }

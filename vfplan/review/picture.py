@@ -13,7 +13,15 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vfplan.display import MAX_NUMBERED, MM, finding_name, isolated, millimetres, nice_length
+from vfplan.display import (
+    MAX_NUMBERED,
+    MM,
+    coordinates,
+    finding_name,
+    isolated,
+    millimetres,
+    nice_length,
+)
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
 from vfplan.review import paper
@@ -140,6 +148,13 @@ COLUMN_X = paper.PAGE_WIDTH - MARGIN - COLUMN_WIDTH
 # Width [px of the page] of the slice at most.
 PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 
+# Times that a slice's one side is as long as the other, from which it is long. A wide one takes the
+# whole page, and what stands beside others stands below it.
+LONG = 2
+
+# Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
+CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
+
 # Radius [px of the page] around an end that no blue outline, arrow or caption enters.
 FREE_RADIUS = 20
 
@@ -163,18 +178,20 @@ NAME_WIDTHS = range(500, 90, -60)
 class Panel:
     """The picture of the slice: where it stands, its pixels on the page, and its scale.
 
-    `zoom` is how many pixels of the page one of the slice takes, and `rendered_distance` is from a
-    line to where the robot begins to push [px of the page]; infinite where it does not.
+    Those pixels are the slice's, and of a long one the paper around it. `corner` is where the slice
+    begins in them, `zoom` how many pixels of the page one of the slice takes, and
+    `rendered_distance` from a line to where the robot begins to push [px of the page]; infinite
+    where it does not.
     """
 
-    box: paper.Box
     canvas: paper.Pixels
+    corner: paper.Array
     zoom: float
     rendered_distance: float
 
     def place(self, points_px: Any) -> paper.Array:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
-        return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5
+        return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5 + self.corner
 
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
@@ -189,22 +206,29 @@ class Panel:
 
 def draw_picture(
     sheet: paper.Paper, plan: Plan, rgb: paper.Pixels, y: float
-) -> tuple[float, float]:
+) -> tuple[float, float, list[str]]:
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
 
-    Returns where the next thing below begins, in the left part and in the column.
+    Below a wide slice the legend stands on the left. Returns where the next thing below begins, in
+    the left part and in the column, and the markers for whose captions there is no room.
     """
     height, width = rgb.shape[:2]
+    is_tall, is_wide = height > LONG * width, width > LONG * height
+    corner = CAPTION_PAPER * (is_tall, is_wide)
     # A row of insets fits below a picture of this height.
-    zoom = min(PICTURE_WIDTH / width, 980 / height)
+    zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
-    box = sheet.picture(MARGIN, round(y), cv2.resize(rgb, size, interpolation=method))
-    canvas = sheet.canvas[box.y : box.bottom, box.x : box.right]
+    y = round(y)
+    drawn = cv2.resize(rgb, size, interpolation=method)
+    box = sheet.picture(*np.add(corner, (MARGIN, y)).tolist(), drawn)
+    bottom = box.bottom + corner[1]
+    canvas = sheet.canvas[y:bottom, MARGIN : box.right + corner[0]]
     lines = [line for outline in plan.outlines for line in outline.lines]
     rendered = np.vstack([[(np.inf, np.inf)], *lines])
-    panel = Panel(box, canvas, zoom, nearest_point(rendered, plan.strokes[0].points[0])[1] * zoom)
+    to_rendered = nearest_point(rendered, plan.strokes[0].points[0])[1] * zoom
+    panel = Panel(canvas, corner, zoom, to_rendered)
     spread = np.ptp(canvas, axis=2)
     coloured = (spread > np.median(spread) + COLOURED).astype(np.uint8)
 
@@ -222,6 +246,9 @@ def draw_picture(
     # No caption covers what has a colour, what lies ahead of an end, markers and residuals; no
     # leader crosses the line or an end either.
     keep = cv2.dilate(coloured, np.ones((9, 9), np.uint8))
+    if corner.any():
+        # Nor does one cover the frame of a slice that has paper around it.
+        cv2.rectangle(keep, corner.tolist(), (corner + size).tolist(), 1, 4)
     for stroke in plan.strokes:
         for _, end, direction in ends_of(stroke):
             place = panel.place(end)
@@ -231,13 +258,16 @@ def draw_picture(
     keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 254
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
-    draw_captions(sheet, plan, panel, keep)
+    unnamed = draw_captions(sheet, plan, panel, keep, y)
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
         unit_px, unit = zoom / (MM * plan.metres_per_px), "mm"
-    draw_scale_bar(sheet, box.x + 2, box.bottom + 8, 0.2 * box.width, unit_px, unit)
-    return box.bottom + 8.0 + BODY.line_height, draw_legend(sheet, plan, enlargement, has_band, y)
+    draw_scale_bar(sheet, box.x + 2, bottom + 8, 0.2 * box.width, unit_px, unit)
+    bottom += 8.0 + BODY.line_height
+    column = (MARGIN, bottom + 10, PICTURE_WIDTH) if is_wide else (COLUMN_X, y, COLUMN_WIDTH)
+    end = draw_legend(sheet, plan, enlargement, has_band, *column)
+    return *((end, bottom) if is_wide else (bottom, end)), unnamed
 
 
 def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
@@ -376,13 +406,16 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
         paper.draw_line(keep, tick, 254, 8)
 
 
-def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels) -> None:
+def draw_captions(
+    sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels, top: int
+) -> list[str]:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
-    None covers what is `taken`. The lists name those that have no place.
+    None covers what is `taken`. Returns the captions of markers that have no place; the lists name
+    all else that has none.
     """
 
-    def tag(place: Any, *choices: str, ground: paper.Colour = WHITE) -> None:
+    def tag(place: Any, *choices: str, ground: paper.Colour = WHITE) -> bool:
         """Write the first caption that has room close to its place in a small plate of a colour."""
         for words, may_cross in (*product(choices, [False]), (choices[-1], True)):
             width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
@@ -390,14 +423,15 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
             if found is not None:
                 break
         else:
-            return
+            return False
         x, y, leader = found
         paper.draw_cased(panel.canvas, leader, BLACK, 1)
         plate = panel.canvas[y : y + height, x : x + width]
         plate[:] = BLACK
         plate[2:-2, 2:-2] = ground
         letters = BLACK if ground == WHITE else WHITE
-        sheet.text(panel.box.x + x + 6, panel.box.y + y + 1, words, STRONG, letters)
+        sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
+        return True
 
     for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
@@ -410,18 +444,22 @@ def draw_captions(sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pix
     for number, finding in enumerate(plan.findings, 1):
         if finding.place_px is not None and finding_name(number) not in named:
             tag(finding.place_px, finding_name(number), ground=BLACK)
+    unnamed = []
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
         # The name is shortened, and the number is not.
         names = [paper.shortened(marker.label, width, STRONG) for width in NAME_WIDTHS]
-        tag(marker.place, *(f"{isolated(name)} {residual}" for name in names))
+        if not tag(marker.place, *(f"{isolated(name)} {residual}" for name in names)):
+            unnamed.append(f"{isolated(names[0])} {residual} at ({coordinates(marker.place)})")
     for entry in plan.other_ink[:MAX_NUMBERED]:
         tag(entry.middle, str(entry.number))
+    return unnamed
 
 
 def draw_legend(
-    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool, y: float
-) -> float:
+    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool,
+    x: float, y: float, width: float,
+) -> float:  # fmt: skip
     """What the lines on the picture mean, those alone that are drawn there."""
     rows = [("Blue outline: beside the line that was taken", LINE_COLOUR)]
     rows += rendered_legend(plan.outlines)
@@ -436,9 +474,9 @@ def draw_legend(
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
         rows.append((f"{words}in the slice, {length}", BLACK))
-    y = draw_legend_rows(sheet, "On the picture", rows, COLUMN_X, y, COLUMN_WIDTH)
+    y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
     if plan.other_ink:
-        y = sheet.paragraph(COLUMN_X, y, "Plain numbers: other ink, listed below.", COLUMN_WIDTH)
+        y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
     return y + 10
 
 

@@ -398,13 +398,8 @@ class Plan:
 
     @cached_property
     def other_ink(self) -> tuple[AccountEntry, ...]:
-        """The account without the gaps that a bridge of the line crosses."""
-        bridged = {
-            tuple(place) for line in self.strokes for place in line.points[line.bridged].tolist()
-        }
-        return tuple(
-            entry for entry in self.account if entry.what == "ink" or entry.middle not in bridged
-        )
+        """The account without the bridges of the line."""
+        return tuple(entry for entry in self.account if entry.what != "bridge")
 
     @property
     def slicer_points(self) -> Array:

@@ -155,7 +155,7 @@ class Session:
             state["refusal"] = {"code": plan.outcome.code, "text": plan.outcome.why_not,
                                 "place_px": None, "stage": "register"}  # fmt: skip
         why_not = self.why_not(by)
-        state |= {"rendered": None, "described": [], "outline_px": []}
+        state |= {"rendered": None, "described": [], "outline_px": [], "bound_px": []}
         if plan.fixture is not None:
             lines = [line for outline in plan.outlines for line in outline.lines]
             if plan.bound95_m is not None:
@@ -163,6 +163,9 @@ class Session:
             state["rendered"] = rendered_in_json(plan.fixture)
             state["described"] = described(plan.fixture)
             state["outline_px"] = [line.round(2).tolist() for line in lines]
+            state["bound_px"] = [
+                (bound_m / plan.metres_per_px).round(3).tolist() for _, bound_m in plan.bounds
+            ]
         return state | {
             "at_angle": plan.is_to_be_flat,
             "findings": [finding.as_dict() for finding in plan.findings],
@@ -183,7 +186,7 @@ class Session:
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
         steps = self.steps_on_slice
         account = [
-            {key: getattr(entry, key) for key in ("number", "u", "v", "pixels", "what")}
+            {key: getattr(entry, key) for key in ("number", "u", "v", "size_px", "pixels", "what")}
             | {
                 "outline": [] if entry.piece is None else entry.piece.outline,
                 "left_out": entry.middle in geometry.excluded_ink,
@@ -198,7 +201,7 @@ class Session:
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
-            "candidates": [describe_candidate(*row) for row in enumerate(geometry.candidates, 1)],
+            "candidates": [describe_candidate(*row) for row in sorted(geometry.candidates.items())],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
             "can_undo": bool(steps), "can_redo": bool(self.undone),

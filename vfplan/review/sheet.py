@@ -12,6 +12,7 @@ file holds. The middle of an inset is marked by four small triangles outside of 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import pairwise
@@ -194,8 +195,8 @@ def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> fl
 Block = list[tuple[str, paper.Style, float]]
 
 
-def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
-    """The findings, the other ink and what the robot renders: (heading, entries) each."""
+def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]]:
+    """The findings, other ink, unnamed markers and what is rendered: (heading, entries) each."""
     findings = []
     for number, finding in enumerate(plan.findings, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
@@ -225,6 +226,8 @@ def lists_of(plan: Plan) -> list[tuple[str, list[Block]]]:
             )
         heading = f"Other ink in the pen's colour{'' if words else ': none'}"
         lists.append((heading, [[(line, BODY, 0)] for line in words]))
+    if unnamed:
+        lists.append(("Markers without room", [[(marker, BODY, 0)] for marker in unnamed]))
     if plan.kind:
         rows = [[(f"{name}: {words}", BODY, 0)] for name, words in described(plan.fixture)]
         lists.append((f"The robot renders a {plan.kind}", rows))
@@ -241,8 +244,9 @@ def ink_at(plan: Plan, finding: Finding) -> str:
 
 
 def draw_lists(
-    sheet: Paper, plan: Plan, y: float, beside: tuple[float, float] | None = None
-) -> None:
+    sheet: Paper, plan: Plan, y: float, beside: tuple[float, float] | None = None,
+    unnamed: Sequence[str] = (),
+) -> None:  # fmt: skip
     """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
     x, top = beside or (MARGIN, y)
     top -= LIST_GAP
@@ -262,7 +266,7 @@ def draw_lists(
     # No line stands alone on a page: no heading, and neither the first nor the last of a list.
     blocks = []
     headings = []
-    for heading, entries in lists_of(plan):
+    for heading, entries in lists_of(plan, unnamed):
         head = [(heading, HEADING, 0)]
         if blocks and not entries:
             blocks[-1] += head
@@ -522,13 +526,13 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
         draw_lists(sheet, plan, y)
     else:
         rgb = as_uint8(plan.image.rgb)
-        bottom, column_y = picture.draw_picture(sheet, plan, rgb, y)
+        bottom, column_y, unnamed = picture.draw_picture(sheet, plan, rgb, y)
         column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 10, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
         last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
         in_last_row = len(insets) % INSETS_IN_A_ROW
         beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
-        draw_lists(sheet, plan, y, beside)
+        draw_lists(sheet, plan, y, beside, unnamed)
     # The digest and the file's name on every page, and which page of how many it is.
     name = isolated(paper.shortened(plan.source.path.name, INSET_PX, BODY))
     for page in range(sheet.page + 1):

@@ -20,7 +20,7 @@ from vfplan.geometry.lines import arc_lengths
 from vfplan.markers import find_marks
 from vfplan.planning.extraction import MIN_SPACING_MM
 from vfplan.registration.models import MODELS
-from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen
+from vfplan.review.geometry import Geometry, candidate_at, route_over, with_chosen, with_route
 from vfplan.review.markers import Marker
 from vfplan.review.plan import Plan, made_flat_plan
 from vfplan.review.rendered import visible_name
@@ -340,8 +340,7 @@ def take(plan: Plan, step: Step) -> Plan:
     if meaning == "part":
         stroke = MendedStroke.of(ink.trace(route.points, route.closed))
         return with_strokes(plan, (*geometry.strokes, stroke))
-    candidates = (*geometry.candidates, route)
-    return with_candidate(plan, replace(geometry, candidates=candidates), len(candidates))
+    return with_candidate(plan, *with_route(geometry, route))
 
 
 def leave(plan: Plan, step: Step) -> Plan:

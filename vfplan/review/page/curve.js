@@ -33,7 +33,8 @@ export class Curve {
     ]);
     state.curve_px.forEach((points, k) => {
       const closed = state.closed[k];
-      if (byId("show-bands").checked) bands.push(...this.bands(state, points, closed));
+      const bound = state.bound_px?.[k];
+      if (bound && byId("show-bands").checked) bands.push(make("path", { d: bandAlong(points, closed, bound), class: "band" }));
       lines.push(line(points, closed, "casing"), line(points, closed, "line"));
       for (const run of state.unseen[k]) lines.push(line(stretch(points, run), false, "line unseen-part"));
       for (const run of state.bridged[k]) lines.push(line(stretch(points, run), false, "line bridged"));
@@ -49,17 +50,6 @@ export class Curve {
     // The row that takes the focus of the one before it showed its line.
     byId("preview").setAttribute("points", "");
     this.legend(state);
-  }
-
-  // The 95 % bound at true scale.
-  bands(state, points, closed) {
-    if (!state.mm_per_px || !state.tre95_m) return [];
-    const width = (2e3 * state.tre95_m) / state.mm_per_px;
-    const step = Math.max(1, Math.floor(width / 12)); // a broad band needs few points
-    const some = points.filter((_, k) => k % step === 0 || k === points.length - 1);
-    const band = line(some, closed, "band tre");
-    band.setAttribute("stroke-width", width);
-    return [band];
   }
 
   knots(state) {
@@ -221,9 +211,6 @@ export class Curve {
   }
 
   candidateRow(way) {
-    const [first, last] = [way.points_px[0], way.points_px[way.points_px.length - 1]];
-    let words = `${way.closed ? "closed" : "open"}, ${way.length_px.toFixed(0)} px long`;
-    if (!way.closed) words += `, from ${pixelOf(first)} to ${pixelOf(last)}`;
     const button = make(
       "button",
       {
@@ -236,7 +223,7 @@ export class Curve {
         onblur: () => this.heat(way, false),
       },
       make("span", { class: "badge way-badge" }, String(way.number)),
-      `Take this line: ${words}`,
+      `Take this line: ${way.words}`,
     );
     return make("li", {}, button);
   }
@@ -285,7 +272,7 @@ export class Curve {
       this.app.select({ kind: "ink", key: ink.number });
       this.view.goTo([ink.u, ink.v]);
     };
-    let words = `${ink.pixels} pixels at ${pixelOf([ink.u, ink.v])}`;
+    let words = `ink of ${fixed(ink.size_px, 0)} px at ${pixelOf([ink.u, ink.v])}`;
     if (ink.left_out) words += ", left out";
     const kind = ink.left_out ? "answered" : "ink";
     const badge = make("span", { class: `badge ${kind}` }, String(ink.number));
@@ -314,7 +301,7 @@ export class Curve {
       [state.rendered, "of-tool", "with Push: the tool"],
       [state.rendered, "of-force", "with Push: the force on the hand"],
     ].filter(([isDrawn]) => isDrawn).map(([, ...row]) => row);
-    if (state.mm_per_px && state.tre95_m) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)} where that is largest`]);
+    if (state.bound_px?.length) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)} where that is largest`]);
     if (state.rendered) {
       const words = { wall: "the tool's centre stops there", guide: "the tip is held within it" };
       rows.push([`rendered ${state.rendered.kind}`, `${words[state.rendered.kind]}, as the robot's engine says`]);
@@ -347,6 +334,25 @@ function line(points, closed, kind) {
 // The points of a run, [first, last], with a neighbour on either side, so that no gap is seen.
 function stretch(points, [first, last]) {
   return points.slice(Math.max(first - 1, 0), last + 2);
+}
+
+// What lies within a distance of a line that varies along it: a disc around each point, and a
+// quadrilateral from each to the next. All run the same way round, so that together they are filled.
+function bandAlong(points, closed, bound) {
+  const step = Math.max(1, Math.floor(Math.min(...bound) / 6)); // a broad band needs few points
+  const some = [...points.keys()].filter((k) => k % step === 0 || k === points.length - 1);
+  if (closed) some.push(0);
+  const shapes = some.map((k, n) => {
+    const [[u, v], half] = [points[k], bound[k]];
+    const disc = `M${u - half} ${v}a${half} ${half} 0 1 0 ${2 * half} 0a${half} ${half} 0 1 0 ${-2 * half} 0`;
+    if (n === 0) return disc;
+    const [[x, y], before] = [points[some[n - 1]], bound[some[n - 1]]];
+    const length = Math.hypot(u - x, v - y) || 1;
+    const [across, down] = [(y - v) / length, (u - x) / length];
+    const corners = [[x, y, before], [u, v, half], [u, v, -half], [x, y, -before]];
+    return `${disc}M${corners.map(([p, q, away]) => `${p + away * across} ${q + away * down}`).join("L")}Z`;
+  });
+  return shapes.join("");
 }
 
 // From 0 to 1 with no speed and no acceleration at either end.
