@@ -220,12 +220,14 @@ class GovernedForces:
         self._governor = Governor.of(robot, float(stiffness.max()))
         self._measure = GovernorMeasure()
 
-    def run(self, hip: Vector, trace: Trace) -> Trace:
-        """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
-        if not len(hip):
-            return trace
-        governed = self._governor.trace(trace.force)
-        self._measure.update(trace.force, governed, hip)
+    def run(self, forces: Vector) -> Governed:
+        """What the governor makes of the next forces (T, 3) [N]."""
+        return self._governor.trace(forces)
+
+    def measure(self, hip: Vector, trace: Trace, governed: Governed) -> Trace:
+        """Take in the next ticks, as `Guided.measure`; returns them with the commanded forces."""
+        if len(hip):
+            self._measure.update(trace.force, governed, hip)
         return replace(trace, force=governed.force)
 
     def report(self) -> Report:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle.leak import open_edges
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import Trace, as_rendered, best_rule
+from vfplan.engine.proxy import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
@@ -149,9 +149,11 @@ class EngineRun:
         if self.changing is not None:
             self.changing.times = time
 
-        hip, trace = self._answers(time, hand)
+        hip, (trace, *governed) = self._answers(time, hand)
         if isinstance(self.engine, Guided) and len(hip):
             self.engine.measure(hip, trace)
+        if governed:
+            trace = self._governor.measure(hip, trace, *governed)
         ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand
@@ -166,8 +168,8 @@ class EngineRun:
         self.kept.update(ticks)
         return ticks
 
-    def _answers(self, time: Array, hand: Array) -> tuple[Array, Trace]:
-        """(n, 3) the HIP that the controller had at each tick [m], and what it answered.
+    def _answers(self, time: Array, hand: Array) -> tuple[Array, list[Any]]:
+        """(n, 3) the HIP that the controller had at each tick [m], and what `_run` gave for it.
 
         Behind a lossy link the engine steps on the packets that arrive. A tick without one repeats
         the answer to the last packet, which may be of an earlier block.
@@ -177,21 +179,22 @@ class EngineRun:
         hip, row = self.link.deliver(time, hand)
         # The last packet of this block. Where none arrived this is -1, the packet before.
         last = len(hip) - 1
-        trace = self._run(hip)
+        answers = self._run(hip)
         if self._last_packet is not None:
             # Rows: the packets of this block, 0 to n - 1, and then the packet before them. A tick
             # before this block's first packet has row -1, which NumPy reads as that last row.
             hip = np.concatenate((hip, self._last_packet[0]))
-            trace = concatenate_ticks([trace, self._last_packet[1]])
-        self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
-        return hip[row], select_ticks(trace, row)
+            pairs = zip(answers, self._last_packet[1], strict=True)
+            answers = [concatenate_ticks(pair) for pair in pairs]
+        self._last_packet = hip[[last]], [select_ticks(part, np.array([last])) for part in answers]
+        return hip[row], [select_ticks(part, row) for part in answers]
 
-    def _run(self, hip: Array) -> Trace:
-        """The engine's answers, with the forces that a governor lets through."""
+    def _run(self, hip: Array) -> list[Any]:
+        """The engine's answers and, where there is a governor, what it made of their forces."""
         if self._last_packet is None and not self._times.ticks and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        return trace if self._governor is None else self._governor.run(hip, trace)
+        return [trace] if self._governor is None else [trace, self._governor.run(trace.force)]
 
     def finish(self) -> Report:
         """The numbers of the whole session."""
