@@ -207,9 +207,10 @@ def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -
     (a, start), (b, stop) = (np.polyfit(-reach[2:], side[2:], 1) for side in (before, behind))
     s, t = np.linalg.lstsq(np.column_stack([a, -b]), stop - start, rcond=None)[0]
     # Round a U-turn both go the same way, and may meet anywhere or nowhere.
-    if a @ b > 0 or (s > 0 and t > 0):
+    meets = s > 0 and t > 0
+    if meets or a @ b > 0:
         far = np.hypot(*(stop - start)) / np.hypot(*a)
-        corner = start + (min(s, far) if s > 0 and t > 0 else far) * a
+        corner = start + (min(s, far) if meets else far) * a
         ways.append(np.array([bridge[0], corner, bridge[-1]]))
     distance = np.zeros(len(gap))
     for way in ways:

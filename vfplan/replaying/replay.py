@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.bundle.leak import open_edges
+from vfplan.engine.governor import Governor
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
@@ -34,7 +35,7 @@ from vfplan.replaying.findings import (
     robot_limits,
     verdict_of,
 )
-from vfplan.replaying.guiding import RULES, GovernedForces, Guided, make_engine
+from vfplan.replaying.guiding import RULES, GovernorMeasure, Guided, make_engine
 from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.metrics import (
     CONTACT_M,
@@ -128,10 +129,10 @@ class EngineRun:
         self.engine = changing or make_engine(fixture, rule, engine)
         self.link = None if link is None else LossyLink(link)
         self.kept = ThinnedTicks(keep)
-        self._governor = None
+        self._robot, self._governor, self._governed = governed_robot, None, GovernorMeasure()
         if governed_robot is not None:
             stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
-            self._governor = GovernedForces(governed_robot, stiffness)
+            self._governor = Governor.of(governed_robot, float(stiffness.max()))
         # From this depth on the HIP is beyond the points themselves; a guide has no surface.
         self._surface_depth = np.inf if fixture.region is None else fixture.contact_radius
         self._pairs = PairedTicks()
@@ -152,8 +153,10 @@ class EngineRun:
         hip, (trace, *governed) = self._answers(time, hand)
         if isinstance(self.engine, Guided) and len(hip):
             self.engine.measure(hip, trace)
-        if governed:
-            trace = self._governor.measure(hip, trace, *governed)
+        for forces in governed:
+            if len(hip):
+                self._governed.update(trace.force, forces, hip)
+            trace = replace(trace, force=forces.force)
         ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand
@@ -194,7 +197,7 @@ class EngineRun:
         if self._last_packet is None and not self._times.ticks and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        return [trace] if self._governor is None else [trace, self._governor.run(trace.force)]
+        return [trace] if self._governor is None else [trace, self._governor.trace(trace.force)]
 
     def finish(self) -> Report:
         """The numbers of the whole session."""
@@ -205,7 +208,12 @@ class EngineRun:
         if isinstance(self.engine, Guided):
             report |= self.engine.report(report["duration_s"] / report["ticks"])
         if self._governor is not None:
-            report["governor"] = self._governor.report()
+            report["governor"] = {
+                "force_step_n": self._robot.force_step_limit_n,
+                "force_max_n": self._robot.force_limit_n,
+                "mass_kg": self._robot.mass_kg,
+                **self._governed.report(self._governor),
+            }
         return report
 
 

@@ -583,9 +583,7 @@ class MendedStroke(Stroke):
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
         first, last = index[near][[0, -1]]
-        goes_on = first >= count / 2
-        if abs(last - first) > ALONG_PX:
-            goes_on = last > first
+        goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
         if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
             return self._with_stretch(first, count - 1, stretch, ink, free=(False, True))
@@ -693,8 +691,6 @@ class MendedStroke(Stroke):
             points=points, closed=False, sigma=line.sigma, edited=line.edited, hidden=line.hidden,
             width=self.width, is_knot=is_knot,
         )  # fmt: skip
-        if not keeps_start and not keeps_end:
-            return stretch
         stroke = self
         if self.closed and last <= first:
             # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
