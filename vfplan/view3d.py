@@ -11,6 +11,7 @@ import io
 import os
 import subprocess
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ import numpy as np
 from vfplan.display import MAX_DRAWN, nice_length
 from vfplan.errors import MissingExtra
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import ring_of, row_lengths
+from vfplan.geometry.lines import row_lengths
 from vfplan.images.read import PlannedImage, as_uint8, plane_of_slice
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
@@ -216,21 +217,33 @@ def add_cloud(plotter: Any, fixture: Fixture) -> list[tuple[str, str]]:
     stride = -(-len(fixture.points) // MAX_DRAWN)
     look = {"point_size": 3.0 if stride > 1 else 5.0, "render_points_as_spheres": True}
     plotter.add_mesh(pyvista.PolyData(fixture.points[::stride]), color=CLOUD, **look)
-    guidance, axis = fixture.guidance, getattr(fixture.rendering, "ignore_axis", None)
-    for number, stroke in enumerate(fixture.strokes):
-        if len(stroke.points) < 2:
-            continue
-        if guidance is not None and guidance.stroke in (None, number):
-            centre = pyvista.lines_from_points(ring_of(stroke.points, stroke.closed))
-            tube = centre.tube(radius=guidance.radius, n_sides=24)
-            plotter.add_mesh(tube, color=BRIDGED, opacity=0.3)
+    axis = getattr(fixture.rendering, "ignore_axis", None)
+    for stroke in fixture.strokes:
         # A planar fixture goes on along its ignored axis.
-        if axis is not None:
+        if axis is not None and len(stroke.points) > 1:
             up = 2 * fixture.contact_radius * axis
             strip = pyvista.lines_from_points(stroke.points - up).extrude(2 * up, capping=False)
             plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
     rows = [("fixture", CLOUD)]
-    return rows if guidance is None else [*rows, ("tube that guides", BRIDGED)]
+    if fixture.guidance is None:
+        return rows
+    for part in guide_tubes(fixture):
+        plotter.add_mesh(part, color=BRIDGED, opacity=0.3)
+    return [*rows, ("tube", BRIDGED)]
+
+
+def guide_tubes(fixture: Fixture) -> Iterator[Any]:
+    """The tube around each stroke that guides, and the half spheres that close its ends."""
+    import pyvista
+
+    radius, sides = fixture.guidance.radius, 24
+    for line in fixture.guiding_lines:
+        centre = pyvista.lines_from_points(line)
+        yield centre.tube(radius=radius, n_sides=sides, capping=False)
+        if fixture.guidance.ends == "stop" and (line[0] != line[-1]).any():
+            for end, inner in (line[:2], line[:-3:-1]):
+                half = {"direction": end - inner, "end_phi": 90.0, "theta_resolution": sides}
+                yield pyvista.Sphere(radius=radius, center=end, **half)
 
 
 def add_slice(plotter: Any, fixture: Fixture, image: PlannedImage | None) -> list[tuple[str, str]]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import bundles
 import numpy as np
 import pytest
@@ -12,8 +14,11 @@ from replays import fixture_of, line, probing
 import vfplan
 from vfplan import view3d
 from vfplan.errors import MissingExtra
+from vfplan.figures.replay import tube_outline
+from vfplan.fixture import Guidance
 from vfplan.palette import CLOUD, PROXY
 from vfplan.replaying.replay import replay
+from vfplan.report.page import scene_data
 
 
 def need_gl():
@@ -49,6 +54,16 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     assert 0.3 < share(png, (255, 255, 255)) < 0.99
     assert share(png, rgb(CLOUD)) > 1e-4  # the cloud
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
+
+
+@pytest.mark.parametrize(("ends", "beyond"), [("stop", 1e-3), ("open", 0.0)])
+def test_half_spheres_close_a_guide_whose_ends_stop_and_no_other(ends, beyond):
+    guide = replace(fixture_of(line()), guidance=Guidance(1e-3, 1000.0, ends=ends))
+    parts = np.vstack([part.points for part in view3d.guide_tubes(guide)])
+    outline = tube_outline(line()[:, :2], 1e-3, ends == "stop")
+    for points in (parts, outline):
+        assert np.ptp(points[:, 0]) == pytest.approx(np.ptp(line()[:, 0]) + 2 * beyond, abs=1e-6)
+    assert scene_data(guide)["tube"]["cap"] == {"stop": "round", "open": "butt"}[ends]
 
 
 def test_a_curve_that_nobody_renders_is_shown_too(tmp_path):

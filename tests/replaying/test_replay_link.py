@@ -99,6 +99,17 @@ def test_a_lost_packet_repeats_the_last_command():
     assert found.metrics["energy_j"] == pytest.approx(work, rel=1e-9)
 
 
+def test_a_governor_behind_a_lossy_link_counts_every_tick():
+    fast = Session(np.arange(400) * 1e-3, np.linspace([0.05, 0.02, 0], [0.05, -0.09, 0], 400))
+    weak = replace(read_robot("franka"), force_step_limit_n=0.6)
+    free, held = (
+        replay(fixture_of(line()), fast, governor=robot, link=Link(drop=0.6, seed=1))
+        for robot in (None, weak)
+    )
+    differs = (free.ticks.force != held.ticks.force).any(axis=1)
+    assert held.metrics["governor"]["held_ticks"] == np.count_nonzero(differs) > 300
+
+
 def test_a_link_is_compared_with_a_perfect_one():
     session = probing(seed=2)
     clean = replay(fixture_of(line()), session)
@@ -170,12 +181,13 @@ def test_limits_hold_or_do_not():
     assert found.metrics["checks"][0]["value"] == found.metrics["force_max_n"]
     assert verdict_sentence(found.metrics) == (
         "never beyond the drawn line; 1 of 2 limits broken: force_max_n at most 3.9 N; held: "
-        "clearance_min_m at least -1e-05 m"
+        "clearance_min_m at least -0.01 mm"
     )
     rounding = {"name": "clearance_min_m", "value": -6.9e-16}
-    for bound, told in ((1e-3, "is 0 m, "), (-1e-3, "is 0 m, "), (0.0, "is -6.9e-16 m, ")):
+    for bound, told in ((1e-3, "is 0 mm, "), (-1e-3, "is 0 mm, "), (0.0, "is -6.9e-13 mm, ")):
         assert told in check_text(rounding | {"at_least": bound})
     assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "0.00"
+    assert Number("energy_j", "mJ", 3).text(0.0156) == "15.6"
     with refuses(SettingError, "no-such-number") as refused:
         replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
     assert "Give one of penetration_max_m, " in str(refused.value)

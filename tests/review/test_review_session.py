@@ -322,6 +322,21 @@ def test_the_bound_of_a_join_holds_or_it_is_refused(gap):
         assert cKDTree(joined.points).query(wave)[0].max() <= own_bound([joined]).max()
 
 
+@pytest.mark.parametrize("bend", [0.0, 0.005])
+def test_the_bound_of_a_join_round_a_u_turn_grows_with_the_gap_until_it_is_refused(bend):
+    u, bounds = np.arange(100.0), []
+    for gap in (20, 60, 100, 144, 151, 240, 600):
+        legs = [np.column_stack([u, y * (gap + bend * (99 - u) ** 2) / 2]) for y in (1, -1)]
+        bounds.append(np.inf)
+        with suppress(CurveError):
+            joined = MendedStroke.join(*(MendedStroke.of(Stroke(leg, False)) for leg in legs), None)
+            bounds[-1] = own_bound([joined]).max()
+            # The pen went round half a circle.
+            assert 99 + gap / 2 - joined.points[:, 0].max() <= bounds[-1]
+    assert bounds == sorted(bounds)
+    assert max(bounds[:5]) < np.inf
+
+
 def test_a_line_that_is_mostly_bare_is_told_as_unsure_as_a_hand():
     image = np.full((300, 700, 3), 99, np.uint8)
     for u, width in ((30, 3), (50, 5), (640, 3)):

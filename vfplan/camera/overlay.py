@@ -125,7 +125,7 @@ class Overlay:
         lines, fixture = self.plan.lines(), self.plan.fixture
         whole = np.vstack(lines or [self.plan.place(fixture.points)])
         self.places = whole[:: -(-len(whole) // BOUND_PLACES)]
-        outlines = [(RENDERED[kind][1], line) for kind, line in self.plan.outlines()]
+        outlines = [(RENDERED[kind].colour, line) for kind, line in self.plan.outlines()]
         self.drawn = [(paper.WHITE, 4, line) for _, line in outlines]
         self.drawn += [(colour, 2, line) for colour, line in outlines]
         self.drawn += [(paper.LINE_COLOUR, 2, line) for line in lines]

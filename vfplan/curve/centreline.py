@@ -103,8 +103,9 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         bridged &= (nearest > visible[0]) & (nearest < visible[-1])
         inward = np.minimum(at - at[0], at[-1] - at)
         sigma = sigma * (1 + tuned.END_FACTOR * np.exp(-inward / smooth_px))
-    curvature = tuned.SWAY * float(np.sqrt(np.mean((spline(at, 2) ** 2).sum(1))))
-    sigma = with_sway(Stroke(spline(at), line.closed, sigma, bridged, width=line.width), curvature)
+    points = spline(at)
+    curvature = usual_bend(points, bridged)
+    sigma = with_sway(Stroke(points, line.closed, sigma, bridged, width=line.width), curvature)
     # Another colour at the edge may hide a part of the line that nobody sees; what lacks there
     # moves the centre by half of it.
     lacking = np.abs(1 - profiles.mass.clip(0, 2)) * line.width / 2
@@ -123,7 +124,7 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
             for end, aside in zip(ends, sideways[[0, -1]], strict=True)
         )
     return MeasuredStroke(
-        points=np.clip(spline(at), -0.5, ink.size - 0.5),
+        points=np.clip(points, -0.5, ink.size - 0.5),
         sigma=sigma,
         bridged=bridged,
         hidden=profiles.hidden[nearest],
@@ -134,6 +135,16 @@ def measure(ink: Ink, line: Candidate) -> MeasuredStroke:
         path=smooth,
         whole=whole,
     )
+
+
+def usual_bend(points: NDArray, bridged: Flags) -> float:
+    """How much a line with a point a pixel may bend behind a bridge [1/px]: as it does elsewhere.
+
+    What a bridge bends itself shows nothing of the hand, and the less shows, the less is known.
+    """
+    seen = ~(bridged[:-2] | bridged[1:-1] | bridged[2:])
+    bend = np.hypot(*np.diff(points, 2, axis=0)[seen].T)
+    return tuned.SWAY * float(np.sqrt((bend**2).sum() * len(seen))) / max(1, len(bend))
 
 
 def with_sway(line: Stroke, curvature: float) -> Array:
@@ -195,8 +206,11 @@ def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -
     # Both headings point into the gap: start + s a = stop + t b.
     (a, start), (b, stop) = (np.polyfit(-reach[2:], side[2:], 1) for side in (before, behind))
     s, t = np.linalg.lstsq(np.column_stack([a, -b]), stop - start, rcond=None)[0]
-    if s > 0 and t > 0:
-        corner = start + min(s, np.hypot(*(stop - start)) / np.hypot(*a)) * a
+    # Round a U-turn both go the same way, and may meet anywhere or nowhere.
+    meets = s > 0 and t > 0
+    if meets or a @ b > 0:
+        far = np.hypot(*(stop - start)) / np.hypot(*a)
+        corner = start + (min(s, far) if meets else far) * a
         ways.append(np.array([bridge[0], corner, bridge[-1]]))
     distance = np.zeros(len(gap))
     for way in ways:
@@ -204,7 +218,7 @@ def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -
         to_bridge, nearest = _core.nearest(bridge, pen)
         np.maximum.at(distance, nearest, to_bridge)
         distance = np.maximum(distance, _core.nearest(pen, bridge)[0])
-    return share * np.hypot(sway(curvature, len(gap)), distance / 2)
+    return share * np.hypot(sway(curvature, len(gap)), distance / tuned.CORNER_SIGMAS)
 
 
 def deviation_of(

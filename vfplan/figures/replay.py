@@ -85,8 +85,10 @@ def scene(replayed: Replay) -> Figure:
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
         if fixture.guidance is not None:
-            lines = fixture.guiding_lines
-            tube = [tube_outline(MM * line @ basis, tube_mm) for line in lines]
+            tube = [
+                tube_outline(MM * line @ basis, tube_mm, fixture.guidance.ends == "stop")
+                for line in fixture.guiding_lines
+            ]
             look = {"color": BRIDGED, "alpha": 0.3, "lw": 0, "zorder": 1}
             axes.add_collection(PolyCollection(tube, label="tube", **look))
     label = f"fixture, {len(fixture.points)} points"
@@ -106,9 +108,11 @@ def scene(replayed: Replay) -> Figure:
     return figure
 
 
-def tube_outline(line: Array, radius: float) -> Array:
-    """(N, 2) around all that is within a radius of a line (M, 2), which is round at its ends."""
+def tube_outline(line: Array, radius: float, is_capped: bool) -> Array:
+    """(N, 2) around the tube of a radius along a line (M, 2); a cap is half a circle."""
     across = radius * normals(line, closed=False)
+    if not is_capped:
+        return np.vstack([line + across, (line - across)[::-1]])
     half_turn = np.linspace(0, np.pi, 33)[:, None]
     # From the left of the line around its end to the right.
     ahead = across @ [[0, -1], [1, 0]]

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.display import count, in_singular, length, millimetres, resolved
+from vfplan.display import count, in_singular, length, millimetres, three_digits
 from vfplan.engine.parameters import ProxyParameters
 from vfplan.errors import SettingError
 from vfplan.geometry import ROUNDING_M, UNIT_ROUNDED
-from vfplan.replaying.metrics import LIMITS, Report, unit_of
+from vfplan.replaying.metrics import FACTORS, LIMITS, Report, unit_of
 from vfplan.robot import Robot, read_robot
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import JUMP_M_S
@@ -354,21 +354,26 @@ def beyond(metrics: Report, overlap_m: Any) -> tuple[str, Any]:
 def bound_text(check: Report) -> str:
     """The bound of a limit, such as "at most 20 N"."""
     (sense,) = {"at_most", "at_least"} & check.keys()
-    return f"{sense.replace('_', ' ')} {check[sense]:g}{unit_beside(check['name'])}"
+    factor, unit = unit_beside(check["name"])
+    return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}"
 
 
 def check_text(check: Report) -> str:
     """A limit and the value that was measured."""
-    name = check["name"]
-    value, bound = check["value"], check.get("at_most", check.get("at_least"))
-    found = resolved(value)
+    factor, unit = unit_beside(check["name"])
+    value, bound = factor * check["value"], factor * check.get("at_most", check.get("at_least"))
+    found = str(value) if isinstance(value, int) else three_digits(round(value, 6))
     # Digits that are not shown may decide.
     if np.sign(float(found) - float(f"{bound:g}")) != np.sign(value - bound):
         found = str(value)
-    return f"{name} is {found}{unit_beside(name)}, {bound_text(check)} is allowed"
+    return f"{check['name']} is {found}{unit}, {bound_text(check)} is allowed"
 
 
-def unit_beside(name: str) -> str:
-    """A number's unit after a blank; nothing for ticks, which its name tells."""
+def unit_beside(name: str) -> tuple[float, str]:
+    """How many of its unit are in the report's, and that unit after a blank.
+
+    Ticks have none, as their name tells them.
+    """
     unit = unit_of(name)
-    return f" {unit}" if unit and not unit.startswith("tick") else ""
+    unit = {"m": "mm", "J": "mJ"}.get(unit, unit)
+    return FACTORS.get(unit, 1), f" {unit}" if unit and not unit.startswith("tick") else ""

@@ -1,7 +1,7 @@
 """What a replay steps: an engine by its rule, with a guide in it or a governor behind it.
 
 `Guided` adds the forces of a guide to those of the forbidden region of the other strokes;
-`GovernedForces` holds the forces to a robot's limits and measures what was held back.
+`GovernorMeasure` says what a governor held back.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import to_json_types
 from vfplan.replaying.metrics import Report, dots, row_norms, timed
-from vfplan.robot import Robot
 from vfplan.session.session import Largest, WithPrevious
 
 # Bins of the profile along all strokes together. A picture of it is about as wide in pixels.
@@ -206,35 +205,6 @@ class GovernorMeasure:
             "energy_stored_j": governor.energy_stored_j,
             "overdrawn_ticks": self._overdrawn_ticks,
             "work_j": self._added.work_j,
-        }
-
-
-class GovernedForces:
-    """Pass an engine's forces through the governor of a robot's limits, block by block.
-
-    Raises SettingError: limits that are missing, or not passive with this stiffness
-    """
-
-    def __init__(self, robot: Robot, stiffness: Vector) -> None:
-        self._robot = robot
-        self._governor = Governor.of(robot, float(stiffness.max()))
-        self._measure = GovernorMeasure()
-
-    def run(self, hip: Vector, trace: Trace) -> Trace:
-        """The trace with the forces that are commanded; `hip` (T, 3) [m]."""
-        if not len(hip):
-            return trace
-        governed = self._governor.trace(trace.force)
-        self._measure.update(trace.force, governed, hip)
-        return replace(trace, force=governed.force)
-
-    def report(self) -> Report:
-        """The `governor` part of a replay's report."""
-        return {
-            "force_step_n": self._robot.force_step_limit_n,
-            "force_max_n": self._robot.force_limit_n,
-            "mass_kg": self._robot.mass_kg,
-            **self._measure.report(self._governor),
         }
 
 

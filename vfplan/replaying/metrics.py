@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MM, Report
+from vfplan.display import MM, Report, three_digits
 from vfplan.engine.proxy import Status, Trace
 from vfplan.fixture import Fixture
 from vfplan.geometry import ROUNDING_M
@@ -195,8 +195,13 @@ class Number(NamedTuple):
     column: str = ""
 
     def text(self, value: float | None) -> str:
-        """The value without its unit; nothing if there is none."""
-        return "" if value is None else f"{FACTORS.get(self.unit, 1) * value:z.{self.decimals}f}"
+        """The value without its unit; nothing if there is none. Energies have three digits."""
+        if value is None:
+            return ""
+        shown = FACTORS.get(self.unit, 1) * value
+        if self.unit == "mJ":
+            return three_digits(round(shown, self.decimals))
+        return f"{shown:z.{self.decimals}f}"
 
 
 # How many of a unit are in the SI unit.

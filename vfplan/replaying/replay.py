@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.bundle.leak import open_edges
+from vfplan.engine.governor import Governor
 from vfplan.engine.parameters import ProxyParameters
-from vfplan.engine.proxy import Trace, as_rendered, best_rule
+from vfplan.engine.proxy import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.io.files import naming_place
@@ -34,7 +35,7 @@ from vfplan.replaying.findings import (
     robot_limits,
     verdict_of,
 )
-from vfplan.replaying.guiding import RULES, GovernedForces, Guided, make_engine
+from vfplan.replaying.guiding import RULES, GovernorMeasure, Guided, make_engine
 from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.metrics import (
     CONTACT_M,
@@ -128,10 +129,10 @@ class EngineRun:
         self.engine = changing or make_engine(fixture, rule, engine)
         self.link = None if link is None else LossyLink(link)
         self.kept = ThinnedTicks(keep)
-        self._governor = None
+        self._robot, self._governor, self._governed = governed_robot, None, GovernorMeasure()
         if governed_robot is not None:
             stiffness = getattr(self.engine, "stiffness", self.engine.parameters.stiffness)
-            self._governor = GovernedForces(governed_robot, stiffness)
+            self._governor = Governor.of(governed_robot, float(stiffness.max()))
         # From this depth on the HIP is beyond the points themselves; a guide has no surface.
         self._surface_depth = np.inf if fixture.region is None else fixture.contact_radius
         self._pairs = PairedTicks()
@@ -149,9 +150,13 @@ class EngineRun:
         if self.changing is not None:
             self.changing.times = time
 
-        hip, trace = self._answers(time, hand)
+        hip, (trace, *governed) = self._answers(time, hand)
         if isinstance(self.engine, Guided) and len(hip):
             self.engine.measure(hip, trace)
+        for forces in governed:
+            if len(hip):
+                self._governed.update(trace.force, forces, hip)
+            trace = replace(trace, force=forces.force)
         ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand
@@ -166,8 +171,8 @@ class EngineRun:
         self.kept.update(ticks)
         return ticks
 
-    def _answers(self, time: Array, hand: Array) -> tuple[Array, Trace]:
-        """(n, 3) the HIP that the controller had at each tick [m], and what it answered.
+    def _answers(self, time: Array, hand: Array) -> tuple[Array, list[Any]]:
+        """(n, 3) the HIP that the controller had at each tick [m], and what `_run` gave for it.
 
         Behind a lossy link the engine steps on the packets that arrive. A tick without one repeats
         the answer to the last packet, which may be of an earlier block.
@@ -177,21 +182,22 @@ class EngineRun:
         hip, row = self.link.deliver(time, hand)
         # The last packet of this block. Where none arrived this is -1, the packet before.
         last = len(hip) - 1
-        trace = self._run(hip)
+        answers = self._run(hip)
         if self._last_packet is not None:
             # Rows: the packets of this block, 0 to n - 1, and then the packet before them. A tick
             # before this block's first packet has row -1, which NumPy reads as that last row.
             hip = np.concatenate((hip, self._last_packet[0]))
-            trace = concatenate_ticks([trace, self._last_packet[1]])
-        self._last_packet = hip[[last]], select_ticks(trace, np.array([last]))
-        return hip[row], select_ticks(trace, row)
+            pairs = zip(answers, self._last_packet[1], strict=True)
+            answers = [concatenate_ticks(pair) for pair in pairs]
+        self._last_packet = hip[[last]], [select_ticks(part, np.array([last])) for part in answers]
+        return hip[row], [select_ticks(part, row) for part in answers]
 
-    def _run(self, hip: Array) -> Trace:
-        """The engine's answers, with the forces that a governor lets through."""
+    def _run(self, hip: Array) -> list[Any]:
+        """The engine's answers and, where there is a governor, what it made of their forces."""
         if self._last_packet is None and not self._times.ticks and len(hip):
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
-        return trace if self._governor is None else self._governor.run(hip, trace)
+        return [trace] if self._governor is None else [trace, self._governor.trace(trace.force)]
 
     def finish(self) -> Report:
         """The numbers of the whole session."""
@@ -202,7 +208,12 @@ class EngineRun:
         if isinstance(self.engine, Guided):
             report |= self.engine.report(report["duration_s"] / report["ticks"])
         if self._governor is not None:
-            report["governor"] = self._governor.report()
+            report["governor"] = {
+                "force_step_n": self._robot.force_step_limit_n,
+                "force_max_n": self._robot.force_limit_n,
+                "mass_kg": self._robot.mass_kg,
+                **self._governed.report(self._governor),
+            }
         return report
 
 

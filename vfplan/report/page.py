@@ -69,6 +69,7 @@ def scene_data(fixture: Fixture) -> dict[str, Any]:
         "tube": fixture.guidance
         and {
             "radius": MM * fixture.guidance.radius,
+            "cap": {"stop": "round", "open": "butt"}[fixture.guidance.ends],
             "lines": [_flat(MM * (line - centre) @ basis, 3) for line in fixture.guiding_lines],
         },
         "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
@@ -104,7 +105,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         "depth": _flat(MM * ticks.penetration, 4),
         "state": ticks.state.tolist(),
         "episodes": [
-            [episode[name] for name in ("start_s", "end_s", "index")] for episode in episodes
+            [episode["start_s"], episode["end_s"], episode["index"] + 1] for episode in episodes
         ],
         "zooms": zooms,
         "deep": f"beyond {drawn}" if beyond_m.any() else "|proxy − HIP|",
@@ -436,10 +437,10 @@ def episodes(metrics: Report) -> str:
     head += ["along the line [mm]", "passive"] if has_curve else ["passive"]
     rows = []
     for row, episode in enumerate(listed):
-        time = episode["deepest"]["t_s"]
+        time, name = episode["deepest"]["t_s"], episode["index"] + 1
         button = (
             f'<button class="go" data-time="{time!r}" data-episode="{row}" '
-            f'aria-label="show episode {episode["index"]}">{episode["index"]}</button>'
+            f'aria-label="show episode {name}">{name}</button>'
         )
         told = episode | {"overlap_max_m": beyond(metrics, episode["overlap_max_m"])[1]}
         cells = [number.text(told.get(number.key)) for number in numbers]

@@ -54,9 +54,12 @@ function makeScene(data) {
   }
   function tube() {
     pen.strokeStyle = colour("bridged"); pen.globalAlpha = 0.3; pen.lineWidth = 2 * data.tube.radius * camera.zoom;
-    pen.lineJoin = "round"; pen.lineCap = "round"; pen.beginPath();
-    for (const line of data.tube.lines)
-      for (let k = 0; k < line.length / dims; k++) pen[k ? "lineTo" : "moveTo"](...toScreen(row(line, k)));
+    pen.lineJoin = "round"; pen.lineCap = data.tube.cap; pen.beginPath();
+    for (const line of data.tube.lines) {
+      const last = line.length / dims - 1;
+      for (let k = 0; k <= last; k++) pen[k ? "lineTo" : "moveTo"](...toScreen(row(line, k)));
+      if (size(row(line, last).map((v, i) => v - line[i])) === 0) pen.closePath(); // a ring has no end
+    }
     pen.stroke(); pen.globalAlpha = 1; pen.lineJoin = "miter"; pen.lineCap = "butt";
   }
   function dots(list, name, side) {

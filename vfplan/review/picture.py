@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -296,18 +296,26 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
     return region
 
 
-# What a line means, and its colour.
-LegendRow = tuple[str, paper.Colour]
-
-# Where the sample of a line is drawn [px of the page]; that of the band is dashed.
+# Where the sample of a line is drawn [px of the page].
 SOLID = ((0, 44),)
 DASHED = ((0, 12), (17, 29), (34, 44))
+
+
+class LegendRow(NamedTuple):
+    """What a mark means, its colour, and the dashes of its line; without any it is a ring."""
+
+    words: str
+    colour: paper.Colour
+    dashes: tuple[tuple[int, int], ...] = SOLID
+
 
 # What the legend says of what the robot renders, and its colour. The tool is kept off a wall, and
 # held in a guide's tube.
 RENDERED = {
-    "wall": ("Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR),
-    "guide": ("Green line: the tip is held within it", paper.GUIDE_COLOUR),
+    "wall": LegendRow(
+        "Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR
+    ),
+    "guide": LegendRow("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }
 
 # Length of the arrow of a guide's pull, and its distance from the tube [px of the page].
@@ -319,13 +327,13 @@ def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     drawn = [outline for outline in outlines if outline.lines]
     rows = [RENDERED[kind] for kind in sorted({outline.kind for outline in drawn})]
     if any(outline.pull is not None for outline in drawn):
-        rows.append(("Green arrow: the guide's pull", paper.GUIDE_COLOUR))
+        rows.append(LegendRow("Green arrow: the guide's pull", paper.GUIDE_COLOUR))
     return rows
 
 
 def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
     """Draw where the engine pushes; `place` takes pixels of the slice to the canvas."""
-    colour = RENDERED[outline.kind][1]
+    colour = RENDERED[outline.kind].colour
     for line in outline.lines:
         paper.draw_cased(canvas, place(line), colour, 2)
     if outline.pull is not None and outline.lines:
@@ -461,19 +469,19 @@ def draw_legend(
     x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean, those alone that are drawn there."""
-    rows = [("Blue outline: beside the line that was taken", LINE_COLOUR)]
+    rows = [LegendRow("Blue outline: beside the line that was taken", LINE_COLOUR)]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
-        rows.append(("Blue ticks: points that were set in Slicer", LINE_COLOUR))
+        rows.append(LegendRow("Blue ticks: points that were set in Slicer", LINE_COLOUR))
     if any(stroke.bridged.any() for stroke in plan.strokes):
-        rows.append(("Orange outline: carried over a gap", paper.BRIDGE_COLOUR))
+        rows.append(LegendRow("Orange outline: carried over a gap", paper.BRIDGE_COLOUR))
     if has_band:
         words = "Purple dashes: 95 % band of markers and drawing, to scale"
-        rows.append((words, paper.BAND_COLOUR))
+        rows.append(LegendRow(words, paper.BAND_COLOUR, DASHED))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
-        rows.append((f"{words}in the slice, {length}", BLACK))
+        rows.append(LegendRow(f"{words}in the slice, {length}", BLACK, ()))
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
     if plan.other_ink:
         y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
@@ -486,11 +494,11 @@ def draw_legend_rows(
     """A sample of each line beside what it means; returns where the next thing begins."""
     sheet.text(x, y, heading, paper.HEADING)
     y += paper.HEADING.line_height + 4
-    for words, colour in rows:
+    for words, colour, dashes in rows:
         middle = y + BODY.line_height / 2
-        if colour == BLACK:
+        if not dashes:
             paper.draw_disc(sheet.canvas, (x + 22, middle), 13, BLACK, 2)
-        for start, end in {paper.BAND_COLOUR: DASHED, BLACK: ()}.get(colour, SOLID):
+        for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)
         y = sheet.paragraph(x + 56, y, words, width - 56) + 6

@@ -26,6 +26,7 @@ from vfplan.curve.centreline import (
     fit_spline,
     is_noisy,
     onward,
+    usual_bend,
     with_sway,
     without_ink_ahead,
 )
@@ -66,9 +67,13 @@ STEP_OF_BONES_PX = 1.5
 HAND_SIGMA_PX = 1.0
 
 # Distance [px] from where a hand put an end to where the ink seems to end, if it bends away there.
+# Of 150 drawn ends, three of four of which other ink joins, 84 % keep their bound with 0.125 to
+# 0.5, 81 % with 2, and 73 % where none counts as bent.
 BENT_PX = 0.5
 
 # Points of a drawn path over which a line goes from its last ink onto that path.
+# The sharpest turn there (95 % of the same ends) is 98 degrees with 0 points, 32 with 3, and 27
+# with 6 to 24.
 ONTO_PATH_POINTS = 6
 
 # Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
@@ -356,7 +361,8 @@ class SliceInk:
         is_bent = stays & (np.hypot(*(moved.end_points - line.end_points).T) > BENT_PX)
         away = np.abs(line.points[:, None] - line.end_points[is_bent]).max(2).min(1, initial=np.inf)
         sigma = np.where(away <= reach_px, np.maximum(line.sigma, BRANCH_SIGMA_PX), line.sigma)
-        return with_drawn_ends(replace(line, sigma=sigma), path, stays & line.edited[[0, -1]])
+        mended = MendedStroke.of(replace(line, sigma=sigma))
+        return mended.with_drawn_ends(path, stays & line.edited[[0, -1]])
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
@@ -407,10 +413,9 @@ class SliceInk:
 
 def bridging(line: Stroke, gaps: NDArray[np.bool_]) -> Stroke:
     """The line with these points, which show no ink, as bridges: no hand placed them."""
-    bend = np.hypot(*np.diff(line.points, 2, axis=0).T)
-    unsure = replace(line, bridged=gaps)
-    sigma = with_sway(unsure, tuned.SWAY * float(np.sqrt(np.mean(bend**2))))
-    return replace(line, sigma=sigma, bridged=line.bridged | gaps, edited=line.edited & ~gaps)
+    bridged = line.bridged | gaps
+    sigma = with_sway(replace(line, bridged=gaps), usual_bend(line.points, bridged))
+    return replace(line, sigma=sigma, bridged=bridged, edited=line.edited & ~gaps)
 
 
 def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
@@ -423,26 +428,6 @@ def drawn_by_hand(path: NDArray, closed: bool) -> Stroke:
 def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool, bool]) -> Stroke:
     """The stroke along a path that a hand drew, on its ink where there is any; see `draw`."""
     return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
-
-
-def with_drawn_ends(line: Stroke, path: NDArray, is_drawn: NDArray[np.bool_]) -> Stroke:
-    """The line with (first, last) ends that no ink confirms as they were drawn, along a path.
-
-    Beyond its confirmed ink a line may have been moved onto that of another one.
-    """
-    known = np.flatnonzero(~line.edited)
-    if not is_drawn.any() or not len(known):
-        return line
-    stroke, ends = MendedStroke.of(line), line.points[known[[0, -1]]]
-    start, stop = _core.nearest(path, ends)[1] + (-ONTO_PATH_POINTS, ONTO_PATH_POINTS)
-    is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= HAND_SIGMA_PX)
-    if is_drawn[1]:
-        drawn = np.vstack([ends[1], path[min(stop, len(path) - 1) :]])
-        stroke = stroke._with_stretch(known[-1], len(line.points) - 1, drawn, None)
-    if is_drawn[0]:
-        drawn = np.vstack([path[: max(start, 0) + 1], ends[0]])
-        stroke = stroke._with_stretch(0, known[0], drawn, None)
-    return stroke
 
 
 def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
@@ -598,9 +583,7 @@ class MendedStroke(Stroke):
             near, index, drawn = near[::-1], index[::-1], drawn[::-1]
         # It leaves the stroke in the direction in which it ran along it, else at the nearer end.
         first, last = index[near][[0, -1]]
-        goes_on = first >= count / 2
-        if abs(last - first) > ALONG_PX:
-            goes_on = last > first
+        goes_on = last > first if abs(last - first) > ALONG_PX else first >= count / 2
         if goes_on:
             stretch = np.vstack([self.points[first], drawn[1:]])
             return self._with_stretch(first, count - 1, stretch, ink, free=(False, True))
@@ -626,6 +609,25 @@ class MendedStroke(Stroke):
         bridged = bridging(joined, gaps)
         # Without ink nothing asks about bridges, but what a hand drew is told.
         return replace(joined, sigma=bridged.sigma) if ink is None else bridged
+
+    def with_drawn_ends(self, path: NDArray, is_drawn: NDArray[np.bool_]) -> MendedStroke:
+        """With (first, last) ends that no ink confirms as they were drawn, along a path.
+
+        Beyond its confirmed ink a line may have been moved onto that of another one.
+        """
+        known = np.flatnonzero(~self.edited)
+        if not is_drawn.any() or not len(known):
+            return self
+        stroke, ends = self, self.points[known[[0, -1]]]
+        start, stop = _core.nearest(path, ends)[1] + (-ONTO_PATH_POINTS, ONTO_PATH_POINTS)
+        is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= HAND_SIGMA_PX)
+        if is_drawn[1]:
+            drawn = np.vstack([ends[1], path[min(stop, len(path) - 1) :]])
+            stroke = stroke._with_stretch(known[-1], len(self.points) - 1, drawn, None)
+        if is_drawn[0]:
+            drawn = np.vstack([path[: max(start, 0) + 1], ends[0]])
+            stroke = stroke._with_stretch(0, known[0], drawn, None)
+        return stroke
 
     def without_ink_in(self, box: Box) -> MendedStroke:
         """The stroke as if a hand had drawn its part in a box, (u, v, width, height) [px]."""
@@ -689,8 +691,6 @@ class MendedStroke(Stroke):
             points=points, closed=False, sigma=line.sigma, edited=line.edited, hidden=line.hidden,
             width=self.width, is_knot=is_knot,
         )  # fmt: skip
-        if not keeps_start and not keeps_end:
-            return stretch
         stroke = self
         if self.closed and last <= first:
             # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
