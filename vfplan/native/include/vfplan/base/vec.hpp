@@ -320,21 +320,12 @@ struct Slice {
 
 /// Eq. (8), K = diag(k); across an ignored axis P K P (proxy - HIP), where one stiffness for all
 /// axes leaves nothing along it by itself.
-class Stiffness {
-  public:
-    explicit Stiffness(const Vec3& k) noexcept : k_(k), is_even_(k[0] == k[1] && k[1] == k[2]) {}
-
-    template <class S>
-    Vec3 force(const S& space, const Vec<S::dimension>& across) const noexcept {
-        const Vec3 d = space.direction(across);
-        if (is_even_) return k_[0] * d;
-        const Vec3 kd{{k_[0] * d[0], k_[1] * d[1], k_[2] * d[2]}};
-        return space.direction(space.project(kd));
-    }
-
-  private:
-    Vec3 k_;
-    bool is_even_;
-};
+template <class S>
+Vec3 spring_force(const Vec3& k, const S& space, const Vec<S::dimension>& across) noexcept {
+    const Vec3 d = space.direction(across);
+    if (k[0] == k[1] && k[1] == k[2]) return k[0] * d;
+    const Vec3 kd{{k[0] * d[0], k[1] * d[1], k[2] * d[2]}};
+    return space.direction(space.project(kd));
+}
 
 }  // namespace vfplan::inline v1
