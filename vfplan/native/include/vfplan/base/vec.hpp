@@ -217,11 +217,9 @@ void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     if constexpr (D == 2) {
         side[0] = {{-up.c[1], up.c[0]}};
     } else {
-        int least = 0;
-        for (int k = 1; k < 3; ++k)
-            if (std::abs(up.c[k]) < std::abs(up.c[least])) least = k;
+        const auto is_less = [](double a, double b) { return std::abs(a) < std::abs(b); };
         Vec<D> axis;
-        axis.c[least] = 1;
+        axis.c[std::min_element(up.c, up.c + D, is_less) - up.c] = 1;
         side[0] = along(axis - dot(axis, up) * up, 1);
         side[1] = cross(up, side[0]);
     }
