@@ -356,10 +356,7 @@ struct ControllerImpl {
     void note_stops(std::uint8_t status) noexcept {
         const std::uint8_t bits = status & settings.stop_at;
         stopping |= bits & ~no_position;
-        if (status & no_position)
-            bad_ticks += 1;
-        else
-            bad_ticks = std::max(bad_ticks - recovery, 0.0);
+        bad_ticks = (status & no_position) ? bad_ticks + 1 : std::max(bad_ticks - recovery, 0.0);
         if (bad_ticks * settings.governor.period > settings.hold_time) stopping |= bits;
         stopping |= asked.exchange(0, std::memory_order_relaxed);
     }

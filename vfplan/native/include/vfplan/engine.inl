@@ -59,7 +59,7 @@ class RuleInSpace : public EngineImpl, FreeBefore<Space::dimension> {
         look.begin(look_steps);
         last_.proxy = space_.place(proxy_, hip, h);
         last_.normal = space_.direction(answer.normal);
-        last_.force = stiffness_.force(space_, proxy_ - h);
+        last_.force = spring_force(parameters.stiffness, space_, proxy_ - h);
         last_.state = answer.state;
         last_.status = answer.status;
         // Field by field: a copy of the whole would wait until the fields have reached the cache.
@@ -67,7 +67,6 @@ class RuleInSpace : public EngineImpl, FreeBefore<Space::dimension> {
     }
     /// Of a rule whose points cannot be edited, K alone changes.
     void change(const PendingChange& change) noexcept override {
-        stiffness_ = Stiffness{change.point};
         this->parameters.stiffness = change.point;
     }
 
@@ -100,7 +99,6 @@ class RuleInSpace : public EngineImpl, FreeBefore<Space::dimension> {
         return std::nullopt;
     }
 
-    Stiffness stiffness_{parameters.stiffness};
     EngineImpl* previous_ = nullptr;
     Vec3 from_;           // where the proxy was when it was exchanged
     Vec3 seen_;           // the way that was looked along last

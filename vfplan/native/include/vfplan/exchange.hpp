@@ -82,12 +82,9 @@ class ForceRamp {
             std::max(std::min(by_spring, tuned::max_force_ramp * p.period), release_);
         const Vec3 change = s.force - last;
         const double size = norm(change);
-        if (size <= allowed) {
-            ++ticks_there_;
-        } else {
-            s.force = last + (allowed / size) * change;
-            ticks_there_ = 0;
-        }
+        const bool is_there = size <= allowed;
+        if (!is_there) s.force = last + (allowed / size) * change;
+        ticks_there_ = is_there ? ticks_there_ + 1 : 0;
         // An engine whose proxy still moves under a still HIP may change the force once more.
         const bool still_moves = s.status & (Status::inside | Status::limit);
         is_on_ = ticks_there_ < 2 || (ticks_there_ < tuned::ticks_to_stall && still_moves);

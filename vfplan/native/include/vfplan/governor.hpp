@@ -199,11 +199,9 @@ class Governor {
         Governed g;
         g.status = status;
         if (by_torque_ && !jacobian.values && !status) g.status |= GovernorStatus::no_jacobian;
-        Vec3 wanted;
-        if (is_sound(force.c, 3))
-            wanted = force;
-        else
-            g.status |= GovernorStatus::bad_force;
+        const bool is_force_sound = is_sound(force.c, 3);
+        if (!is_force_sound) g.status |= GovernorStatus::bad_force;
+        const Vec3 wanted = is_force_sound ? force : Vec3{};
         const Vec3 target = clipped(wanted, jacobian);
         if (!accept(target, jacobian) && !ramp_towards(target, jacobian))
             g.status |= GovernorStatus::torque_lags;
@@ -274,9 +272,7 @@ class Governor {
         double change[max_joints];
         for (int j = 0; j < n; ++j) {
             change[j] = goal[j] - torque_[j];
-            shares.smallest = 0;
             shares.keep(0, change[j], below * limits_.torque_step[j]);
-            shares.smallest = 0;
             shares.keep(torque_[j], change[j], limits_.torque_max[j]);
         }
         const double share = std::max(shares.largest, 0.0);

@@ -48,9 +48,7 @@ struct Pose {
         const double d[3] = {m[0], m[5], m[10]};
         Pose p{{{m[3], m[7], m[11]}}, 0, {}};
         // From the largest of four squares, so that no small difference is divided by.
-        int i = 0;
-        if (d[1] > d[0]) i = 1;
-        if (d[2] > d[i]) i = 2;
+        const int i = static_cast<int>(std::max_element(d, d + 3) - d);
         const int j = (i + 1) % 3, k = (i + 2) % 3;
         const double trace = d[0] + d[1] + d[2];
         const double wv = m[4 * k + j] - m[4 * j + k];
@@ -256,8 +254,7 @@ class MovingFrame : private detail::FrameState {
     /// Moves the frame by the fraction of what is left that belongs to the dt before t, or by as
     /// much as the limits allow.
     void advance(double dt, double t) noexcept {
-        double fraction = 1;
-        if (arrives_at_ > t) fraction = dt / (arrives_at_ - t + dt);
+        const double fraction = arrives_at_ > t ? dt / (arrives_at_ - t + dt) : 1;
         const Vec3 from = now_.out(limits_.pivot);
         const Vec3 to = goal_.out(limits_.pivot);
         const Vec3 way = fraction * (to - from);

@@ -49,9 +49,7 @@ struct Parameters {
     /// How many milliseconds a tick takes: ramps are given a millisecond.
     double pace() const noexcept { return period / 1e-3; }
     /// The largest of K [N/m].
-    double stiffest() const noexcept {
-        return std::max({stiffness[0], stiffness[1], stiffness[2]});
-    }
+    double stiffest() const noexcept { return std::ranges::max(stiffness.c); }
 
     bool operator==(const Parameters&) const = default;
 };

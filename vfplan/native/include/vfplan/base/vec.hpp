@@ -217,11 +217,9 @@ void tangent_frame(const Vec<D>& up, Vec<D> (&side)[D - 1]) noexcept {
     if constexpr (D == 2) {
         side[0] = {{-up.c[1], up.c[0]}};
     } else {
-        int least = 0;
-        for (int k = 1; k < 3; ++k)
-            if (std::abs(up.c[k]) < std::abs(up.c[least])) least = k;
+        const auto is_less = [](double a, double b) { return std::abs(a) < std::abs(b); };
         Vec<D> axis;
-        axis.c[least] = 1;
+        axis.c[std::min_element(up.c, up.c + D, is_less) - up.c] = 1;
         side[0] = along(axis - dot(axis, up) * up, 1);
         side[1] = cross(up, side[0]);
     }
@@ -320,21 +318,12 @@ struct Slice {
 
 /// Eq. (8), K = diag(k); across an ignored axis P K P (proxy - HIP), where one stiffness for all
 /// axes leaves nothing along it by itself.
-class Stiffness {
-  public:
-    explicit Stiffness(const Vec3& k) noexcept : k_(k), is_even_(k[0] == k[1] && k[1] == k[2]) {}
-
-    template <class S>
-    Vec3 force(const S& space, const Vec<S::dimension>& across) const noexcept {
-        const Vec3 d = space.direction(across);
-        if (is_even_) return k_[0] * d;
-        const Vec3 kd{{k_[0] * d[0], k_[1] * d[1], k_[2] * d[2]}};
-        return space.direction(space.project(kd));
-    }
-
-  private:
-    Vec3 k_;
-    bool is_even_;
-};
+template <class S>
+Vec3 spring_force(const Vec3& k, const S& space, const Vec<S::dimension>& across) noexcept {
+    const Vec3 d = space.direction(across);
+    if (k[0] == k[1] && k[1] == k[2]) return k[0] * d;
+    const Vec3 kd{{k[0] * d[0], k[1] * d[1], k[2] * d[2]}};
+    return space.direction(space.project(kd));
+}
 
 }  // namespace vfplan::inline v1

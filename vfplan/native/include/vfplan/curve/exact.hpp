@@ -109,10 +109,9 @@ class Curve {
         else
             features_.push_back(joint(pieces.back().b));
         // The other end of each joint: there the side of the piece before it takes over.
-        for (std::size_t i = 0; i < pieces.size(); ++i) {
-            const int last = first_feature + 2 * static_cast<int>(i) + 1;
-            Feature& behind = features_[static_cast<std::size_t>((*this)[last].ends[1].next)];
-            behind.ends[0] = {pieces[i].b, -1.0 * pieces[i].end_tangent, last};
+        for (int last = first_feature + 1; last < at; last += 2) {
+            const EndNormal& end = (*this)[last].ends[1];
+            features_[end.next].ends[0] = {end.at, -1.0 * end.outwards, last};
         }
     }
 

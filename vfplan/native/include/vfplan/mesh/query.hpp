@@ -68,11 +68,9 @@ class ContactPlanes {
     }
     /// Whether one of the planes parts x from all that lies nearer than about R to a triangle.
     bool part(const Vec3& x, const Triangle& t) const noexcept {
-        for (int j = 0; j < count_; ++j) {
-            const Vec3& normal = plane_[j].normal;
-            if (dot(normal, x) - t.extent_along(normal) >= R_ - band_ / 2) return true;
-        }
-        return false;
+        return std::any_of(plane_, plane_ + count_, [&](const ContactPlane<3>& plane) {
+            return dot(plane.normal, x) - t.extent_along(plane.normal) >= R_ - band_ / 2;
+        });
     }
 
   private:

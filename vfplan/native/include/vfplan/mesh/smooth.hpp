@@ -77,10 +77,8 @@ class SmoothBody {
     std::size_t bytes() const noexcept { return facets_.capacity() * sizeof(FacetShape); }
     /// Whether two triangles meet in a corner at which the body is smooth.
     bool touch(std::uint32_t i, std::uint32_t j) const noexcept {
-        for (const std::uint32_t a : facets_[i].fan)
-            for (const std::uint32_t b : facets_[j].fan)
-                if (a == b) return true;
-        return false;
+        const auto &a = facets_[i].fan, &b = facets_[j].fan;
+        return std::find_first_of(a.begin(), a.end(), b.begin(), b.end()) != a.end();
     }
 
     /// Finds the place of the body on whose normal y lies, or the nearest place of a sharp edge.
@@ -421,18 +419,15 @@ class SmoothContact {
     }
     /// Whether a known sheet parts a triangle from x, so that it is in nobody's way.
     bool is_behind_a_sheet(const Triangle& t, const Vec3& x) const noexcept {
-        for (int j = 0; j < count_; ++j) {
-            const BodySheet& s = sheets_[j];
+        return std::any_of(sheets_, sheets_ + count_, [&](const BodySheet& s) {
             const double top = t.extent_along(s.n);
-            if (top <= dot(s.n, s.at) + band_ / 4 && dot(s.n, x) >= top + low_) return true;
-        }
-        return false;
+            return top <= dot(s.n, s.at) + band_ / 4 && dot(s.n, x) >= top + low_;
+        });
     }
     /// Whether a triangle lies under one of the sheets.
     bool is_known(std::uint32_t i) const noexcept {
-        for (int j = 0; j < count_; ++j)
-            if (i == sheets_[j].from || body_.touch(i, sheets_[j].i)) return true;
-        return false;
+        return std::any_of(sheets_, sheets_ + count_,
+                           [&](const BodySheet& s) { return i == s.from || body_.touch(i, s.i); });
     }
     /// Keeps the sheets that hold the proxy at y, each once.
     void drop_others(const Vec3& y) noexcept {

@@ -182,8 +182,7 @@ class Mesh {
     void sort_along_longest_side(std::size_t first, std::size_t last) {
         const Box<3> around = box(first, last);
         const Vec3 size = around.high - around.low;
-        int k = size[1] > size[0] ? 1 : 0;
-        if (size[2] > size[k]) k = 2;
+        const auto k = std::max_element(size.c, size.c + 3) - size.c;
         const auto middle = [&](const Face& f) {
             return (1.0 / 3) * (corners_[f[0]][k] + corners_[f[1]][k] + corners_[f[2]][k]);
         };

@@ -51,13 +51,10 @@ class ContactGroups {
         const Vec<D> direction = (1 / r) * away;
         const double depth = touch_radius_ - r;
         const SurfaceContact<D> point{r, direction, (depth * depth) * direction};
-        if (direction_count_ < max_directions) {
-            direction_[direction_count_] = direction;
-            part_[direction_count_] = point;
-            ++direction_count_;
-        } else {
-            include(part_[most_similar(direction)], point);
-        }
+        if (direction_count_ == max_directions)
+            return include(part_[most_similar(direction)], point);
+        direction_[direction_count_] = direction;
+        part_[direction_count_++] = point;
     }
 
     /// Joins the directions that hang together, and keeps the nearest groups.
@@ -383,11 +380,9 @@ class ContactSurfaces {
     void remember_curvature(const FitWindow<D>& window, const QuadricFit<D>& fit, double surrounded,
                             bool is_fit_taken) noexcept {
         std::copy(window.side, window.side + (D - 1), side_);
-        for (std::size_t k = 0; k < std::size(curvature_); ++k) {
-            curvature_[k] = 0;
-            if (surrounded > 0 && is_fit_taken)
-                curvature_[k] = surrounded * fit.curvature[k] / fit_radius_;
-        }
+        const bool is_known = surrounded > 0 && is_fit_taken;
+        for (std::size_t k = 0; k < std::size(curvature_); ++k)
+            curvature_[k] = is_known ? surrounded * fit.curvature[k] / fit_radius_ : 0;
     }
     /// Curvature of what lies R above the last surface, along a unit tangent; above 0 on a bulge
     /// [1/m].

@@ -11,8 +11,6 @@ namespace vfplan::inline v1 {
 template <int D>
 class PaperRule {
   public:
-    static constexpr int dimension = D;
-
     PaperRule(const Cloud<D>& cloud, const Parameters& p)
         : p_(p),
           reach_(p.outer_radius + p.point_radius),
@@ -20,7 +18,7 @@ class PaperRule {
 
     void reset() noexcept {
         neighbours_.forget();
-        known_ = false;
+        known_at_.reset();
     }
     void continue_from(FreeBefore<D>*) noexcept { reset(); }
     PaperRule& motion() noexcept { return *this; }
@@ -63,15 +61,14 @@ class PaperRule {
 
     /// Where the proxy has not moved since the last tick, the answer stands.
     const Sight& sight(const Vec<D>& proxy) noexcept {
-        if (known_ && proxy == from_) return sight_;
+        if (known_at_ == proxy) return sight_;
         NormalSum<D> near;
         neighbours_.visit(proxy, reach_, [&](const PointSpan<D>& s) noexcept {
             kernels<D>.normal(s, proxy, p_.r1(), p_.outer_radius, near);
         });
         const double nearest = std::sqrt(near.nearest2);
         sight_ = {nearest < reach_ ? direction(proxy, near) : Vec<D>{}, nearest};
-        from_ = proxy;
-        known_ = true;
+        known_at_ = proxy;
         return sight_;
     }
     /// Along the sum of eq. (1), or 0. No weight exceeds 1: a sum above its share of the number of
@@ -149,9 +146,8 @@ class PaperRule {
     Parameters p_;
     double reach_;
     Neighbours<D> neighbours_;
-    Sight sight_;  // from from_, where known_
-    Vec<D> from_;
-    bool known_ = false;
+    Sight sight_;
+    std::optional<Vec<D>> known_at_;  // the proxy of which that is the sight
 };
 
 }  // namespace vfplan::inline v1

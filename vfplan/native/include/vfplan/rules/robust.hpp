@@ -243,10 +243,8 @@ class RobustMotion {
         // which was measured from the HIP and holds here because the goal of a proxy that is not
         // stalled is the HIP. A lift keeps a margin to what is accepted, so that no rounding
         // makes it too long. (R6)
-        double lift_limit = distance_limit_;
-        if (stall.is_stalled()) lift_limit = distance - gain_margin();
-        double accept_limit = lift_limit + gain_margin();
-        if (surfaces > 1) accept_limit = distance;
+        const double lift_limit = stall.is_stalled() ? distance - gain_margin() : distance_limit_;
+        const double accept_limit = surfaces > 1 ? distance : lift_limit + gain_margin();
 
         // Step: the one nearest to the goal that goes along each normal by the plane's lift. On one
         // surface a slide takes the lift along. After a slide that was stopped, as in a hollow, one
@@ -335,8 +333,7 @@ class RobustMotion {
         const Vec<D> next = swept(proxy, step);
         // Between several surfaces a gain of two bands may be no more than sinking between their
         // points.
-        double least_gain = 0;
-        if (surfaces_.count() > 1) least_gain = tuned::max_lift_bands * p_.band;
+        const double least_gain = surfaces_.count() > 1 ? tuned::max_lift_bands * p_.band : 0;
         const bool moves = norm(next - proxy) > min_step();
         if (!(moves && norm(goal - next) < norm(to_goal) - least_gain)) return false;
         move_to(proxy, next, path);

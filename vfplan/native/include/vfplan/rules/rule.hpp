@@ -127,8 +127,7 @@ class StallTest {
 template <class M>
 class GuardedRule {
   public:
-    static constexpr int dimension = M::dimension;
-    static constexpr int D = dimension;
+    static constexpr int D = M::dimension;
 
     /// `of_motion`: what the motion is made of.
     template <class... OfMotion>
