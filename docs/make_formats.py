@@ -21,7 +21,7 @@ HEAD = """# Formats
 <!-- Made by docs/make_formats.py. Do not edit. -->
 
 Reference. vfplan obeys what a file says of itself, reports what it ignores, or refuses the file.
-*Asked*, if the file leaves it open: give the option, or answer the *doubt* before `vfplan sign`. A
+*Asked*: what the file leaves open. Give the option, or answer the *doubt* before `vfplan sign`. A
 *note* only informs ([glossary](glossary.md#findings-and-approval)).
 *Tried with*: the software or data behind our tests.
 """
@@ -92,14 +92,13 @@ TABLES = {
          "movements) `t,x,y,z`; poses "
          "`t,x,y,z,qw,qx,qy,qz`; any separator, decimal comma, UTF-8 or UTF-16, comments, empty "
          "cells at the end",
-         "units in the header",
-         "poses and sessions without a unit: m unless `--units`; markers without a unit: vfplan "
-         "takes m or mm by the size of their layout, with a note (a doubt if no pixel size checks "
-         "it)",
+         "units in the header; poses and sessions without: `--units`, or m",
+         "the unit of markers: vfplan guesses m or mm from how far they spread, with a note (a "
+         "doubt if no pixel size is known)",
          "decimal commas and points in one table", "one table in 120 variants"),
         ("ImageJ's `X,Y`", "a table of results, a list of points",
-         "a unit in the header; the number of a point, which becomes its label; with a "
-         "column `Area` above one pixel in each row: X,Y count from the corner of a pixel",
+         "a unit in the header; the number of a point, which becomes its label; if "
+         "`Area` exceeds one pixel in each row: X,Y count from the corner of a pixel",
          "whether X,Y without a unit are pixels: a doubt",
          "a table with a unit, if neither the slice nor `--pixel-spacing` gives the size of a "
          "pixel",
@@ -109,14 +108,14 @@ TABLES = {
          "a `.mrk.json` of another schema than version 1; a `.fcsv` with other columns",
          "files of Slicer 3, 4 and 5"),
         ("HDF5, `.npz`", "sessions: `time` (T,) [s] and `hip` (T, 3), the tool tip's positions",
-         "the attributes (`.npz`: arrays) `units` and `frame`",
-         "`--units`, `--frame` (the coordinate system)",
-         "`units` or `frame` that contradict the options", "h5py, NumPy"),
+         "", "`--units` (default m), `--frame` (the coordinate system)",
+         "attributes (`.npz`: arrays) `units` or `frame` that contradict the options",
+         "h5py, NumPy"),
         ("MCAP, ROS 1 and ROS 2 bags",
          "sessions: what `vfplan live --mcap` wrote; topics with poses, transforms, points or "
          "Franka states", "`frame_id` and time of each message",
-         "`--topic`, `--field`, `--sender` (if several share a topic), `--frame` (the `frame_id`), "
-         "`--units`",
+         "`--topic`, `--field`, `--units`; if a topic has several: `--sender`, `--frame` (the "
+         "`frame_id`)",
          "topics with only joint angles, forces or quaternions", "rosbags, mcap"),
     ],
     "Surfaces and clouds": [
@@ -157,7 +156,7 @@ WRITTEN = {
     ".ply": ("m; px before the registration", OWN_FRAME),
     ".stl": ("mm", PATIENT_OR_OWN),
     ".csv": ("m; px before the registration", OWN_FRAME),
-    ".mrk.json": ("mm", f"{PATIENT_OR_OWN}; the file says LPS all the same"),
+    ".mrk.json": ("mm", f"{PATIENT_OR_OWN}, though the file says LPS"),
     ".dxf": ("mm", OWN_FRAME),
 }
 

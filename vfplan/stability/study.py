@@ -157,7 +157,7 @@ def verdict_text(verdict: StabilityVerdict) -> str:
         f"K = {verdict.k_n_per_m:g} N/m with robot {verdict.robot!r} (m = {verdict.mass_kg:g} kg,"
         f" b = {verdict.damping_n_s_per_m:g} N·s/m, {verdict.rate_hz:g} Hz, delay "
         f"{count(verdict.delay_ticks, 'tick')}): the loop is stable up to "
-        f"{verdict.k_max_n_per_m:.0f} N/m by every rule for robots in every scene tried; allowed "
+        f"{verdict.k_max_n_per_m:.0f} N/m in all scenes tried, by all rules for robots; allowed "
         f"with a margin of {verdict.margin:g} is {verdict.k_pass_n_per_m:.0f} N/m"
     )
 
