@@ -103,30 +103,28 @@ def parsed(text):
 
 def worse(frozen, new):
     """What is worse than in 2dd7600, a line for each; `new` may be a part of the sets."""
-    lines = []
     for number, row in new.items():
         before = frozen[number]
         for mistake in MISTAKES:
             was, now = getattr(before, mistake), getattr(row, mistake)
             if now == "silent" and was != "silent":
-                lines.append(f"{_named(row)}: {mistake} is silent, was {was}")
+                yield f"{_named(row)}: {mistake} is silent, was {was}"
         if row.good == "refused" and row.fle_mm <= GATED_FLE_MM:
-            lines.append(f"{_named(row)}: the right labels are refused")
+            yield f"{_named(row)}: the right labels are refused"
         for name in ("fre_mm", "curve_mm"):
             was, now = getattr(before, name), getattr(row, name)
             if row.good == "refused":  # and so without a fit; how many are refused counts above
                 continue
             if abs(now - was) > SAME_FIT * was + 1e-4:
-                lines.append(f"{_named(row)}: {name} is {now:.4f}, was {was:.4f}")
+                yield f"{_named(row)}: {name} is {now:.4f}, was {was:.4f}"
     refused, findings = (
         sum(row.good == word for row in new.values()) for word in ("refused", "finding")
     )
     if refused > max(1, MAX_REFUSED * len(new)):
-        lines.append(f"{refused} of {len(new)} good sets refused")
+        yield f"{refused} of {len(new)} good sets refused"
     findings_before = sum(frozen[number].good == "finding" for number in new)
     if findings > findings_before:
-        lines.append(f"{findings} of {len(new)} good sets with a finding, {findings_before} before")
-    return lines
+        yield f"{findings} of {len(new)} good sets with a finding, {findings_before} before"
 
 
 def _named(row):
