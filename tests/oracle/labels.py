@@ -80,9 +80,8 @@ def measured(number):
         fre_mm = 1e3 * registration.fre_rms_m
         matrix = np.asarray(registration.T_target_source)
         curve_mm = 1e3 * curve_error(matrix[:3][:, [0, 1, -1]], markers.truth)
-    outcomes = []
-    for mistake in MISTAKES:
-        outcomes.append(judged(markers.source, markers.target[markers.orders[mistake]], model)[0])
+    mistaken = [markers.target[markers.orders[mistake]] for mistake in MISTAKES]
+    outcomes = [judged(markers.source, target, model)[0] for target in mistaken]
     n, fle_mm = len(markers.source), 1e3 * markers.fle_m
     return Row(number, markers.layout, n, model, fle_mm, good, *outcomes, fre_mm, curve_mm)
 
