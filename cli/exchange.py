@@ -57,7 +57,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
 
     fixture = import_cloud(cloud, ignore_axis=AXES[ignore_axis], **arguments)
     try:
-        findings = mesh_findings(fixture)
+        findings = [*mesh_findings(fixture)]
     except SceneError:
         # The warnings below say that no engine renders it.
         findings = []

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -88,13 +88,11 @@ def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) 
     return command_of("verify", fixture, "--keys", keys, *words_of_signature(signed_for))
 
 
-def words_of_signature(signed_for: dict[str, Any]) -> list[str]:
+def words_of_signature(signed_for: dict[str, Any]) -> Iterator[str]:
     """The options that name what a signature is for: `case` and `robot_serial`."""
-    words = []
     for name, demand in SIGNED_FOR.items():
         if signed_for.get(name):
-            words += [demand.split()[0], signed_for[name]]
-    return words
+            yield from (demand.split()[0], signed_for[name])
 
 
 def public_key_of(private_key: Path) -> Path | str:

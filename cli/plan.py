@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,9 +22,9 @@ from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.register import registered_text, write_registration_picture
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
-from vfplan.display import MM, quoted, wrote
+from vfplan.display import MM, Report, quoted, wrote
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
-from vfplan.settings import settings_from_options
+from vfplan.settings import Arguments, settings_from_options
 
 
 @command(
@@ -114,7 +115,7 @@ def vfplan_plan(
     if arguments["rehearse"] is not None:
         from vfplan.arm.command import rehearsed_text
 
-        data["rehearsal"] = rehearse_approaches(fixture, robot, arguments)
+        data["rehearsal"] = [*rehearse_approaches(fixture, robot, arguments)]
         lines += map(rehearsed_text, data["rehearsal"])
 
     # The bundle and its sheet.
@@ -150,9 +151,7 @@ def vfplan_plan(
     )  # fmt: skip
 
 
-def rehearse_approaches(
-    fixture: Any, robot: Any, arguments: dict[str, Any]
-) -> list[dict[str, Any]]:
+def rehearse_approaches(fixture: Any, robot: Any, arguments: Arguments) -> Iterator[Report]:
     """The rehearsal of a simulated arm along each side of the curve.
 
     Raises
@@ -166,7 +165,6 @@ def rehearse_approaches(
     from vfplan.replaying.link import approach_sessions
 
     arm = Arm(arguments["rehearse"], robot, base=arguments["base"], tool=arguments["tool"])
-    rehearsals = []
     for session in approach_sessions(fixture, arm.robot.rate_hz):
         with announce_if_slow(f"rehearsing {session.name}"):
             rehearsal = rehearse(fixture, session, arm)
@@ -177,5 +175,4 @@ def rehearse_approaches(
                 "base with --base, or look at it with vfplan rehearse",
                 code="rehearsal-failed",
             )
-        rehearsals.append({"way": session.name, **rehearsal.metrics})
-    return rehearsals
+        yield {"way": session.name, **rehearsal.metrics}

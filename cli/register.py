@@ -86,11 +86,10 @@ def write_registration_picture(
     planned: Any, curve: Any, image: Any | None, picture: Path | None
 ) -> None:
     """Write the picture of the registration, where it is wanted."""
-    if picture is None:
-        return
-    from vfplan.figures.registration import draw_registration
+    if picture is not None:
+        from vfplan.figures.registration import draw_registration
 
-    draw_registration(planned.registration, curve, picture, image=image)
+        draw_registration(planned.registration, curve, picture, image=image)
 
 
 def registered_text(report: Report) -> str:

@@ -216,9 +216,7 @@ def replay_with_outputs(
         moving["pivot"] = arguments["pivot"]
 
     # The rule, and the limits of the robot and of the caller.
-    rule = arguments["rule"]
-    if rule is None and arguments["engine"] == "reference":
-        rule = "paper"
+    rule = arguments["rule"] or ("paper" if arguments["engine"] == "reference" else None)
     robot = read_robot(arguments["robot"])
     governed_robot = None
     if arguments["governor"] is not None:
@@ -311,8 +309,10 @@ def replay_text(report: Report) -> str:
     if "link" in report:
         lines.append(f"lossy link   {link_text(report['link'])}")
     lines += ["{severity}: {code}: {message}".format(**found) for found in report["findings"]]
-    for check in report.get("checks", []):
-        lines.append(f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}")
+    lines += [
+        f"{'pass' if check['pass'] else 'FAIL'}: {check_text(check)}"
+        for check in report.get("checks", [])
+    ]
     return in_singular("\n".join(lines))
 
 

@@ -10,6 +10,9 @@ import socket
 import subprocess
 import sys
 import tempfile
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -141,6 +144,16 @@ def output(*command: Any, code: int = 0, timeout: float = 300, **more: Any) -> s
     )
     assert done.returncode == code, (words, done.stdout, done.stderr)
     return done.stdout
+
+
+@contextmanager
+def memory_below(most: float) -> Iterator[None]:
+    """Python takes fewer bytes than this at once."""
+    tracemalloc.start()
+    yield
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < most
 
 
 def quick_compiler() -> str:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
 from vfplan.findings import Finding
+from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import Array, Flags, length_of, ring_of, values_at
 from vfplan.io.files import now_utc
 from vfplan.settings import recorded
@@ -37,7 +38,7 @@ class SourceImage:
 
     width_px: int
     height_px: int
-    pixel_spacing_mm: tuple[float, float] | None = None
+    pixel_spacing_mm: PixelSpacing = None
 
 
 @dataclass(frozen=True, eq=False)

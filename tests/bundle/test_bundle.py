@@ -2,7 +2,6 @@
 
 import dataclasses
 import os
-import subprocess
 import sys
 import time
 from dataclasses import replace
@@ -13,6 +12,7 @@ import fuzz_bundle
 import h5py
 import numpy as np
 import pytest
+from conftest import output
 
 import vfplan
 from vfplan.bundle import content
@@ -147,7 +147,7 @@ def test_no_plugin_can_be_loaded_even_if_h5py_was_there_first(module, tmp_path):
     after = f"import h5py; import {module}; assert h5py.h5pl.size() == 0"
     for code, name in ((alone, "HDF5_PLUGIN_PRELOAD"), (after, "HDF5_PLUGIN_PATH")):
         env = os.environ | {name: "/tmp/plugins"}
-        subprocess.run([sys.executable, "-c", code], check=True, env=env, cwd=tmp_path)
+        output(sys.executable, "-c", code, env=env, cwd=tmp_path)
 
 
 def test_every_field_of_a_fixture_has_a_path():

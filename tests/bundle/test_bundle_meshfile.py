@@ -96,9 +96,8 @@ WRONG_PLY = {
 }
 
 
-@pytest.mark.parametrize("name", WRONG_PLY)
-def test_a_ply_file_that_is_not_what_it_says_is_refused(name):
-    data, reason = WRONG_PLY[name]
+@pytest.mark.parametrize(("data", "reason"), WRONG_PLY.values(), ids=WRONG_PLY)
+def test_a_ply_file_that_is_not_what_it_says_is_refused(data, reason):
     with pytest.raises(InputError, match=reason):
         read_mesh(data, ".ply")
 
@@ -164,9 +163,7 @@ OBJ = "\n".join(
     ["mtllib a.mtl", *("v " + " ".join(map(repr, p)) for p in POINTS.tolist()), "vn 0 0 1", "s off"]
     + [f"f {a + 1}/1/1 {b - len(POINTS)}// {c + 1}" for a, b, c in FACES.tolist()]
 ).encode()
-WRONG_OBJ = [
-    *(b"f 1 2 3 4", b"v 1 2", b"v 1 2 3 2", b"f 1 2 0", b"f 1 2 99", b"f 1 2 -99", b"f a b c"),
-]  # fmt: skip
+WRONG_OBJ = b"f 1 2 3 4", b"v 1 2", b"v 1 2 3 2", b"f 1 2 0", b"f 1 2 99", b"f 1 2 -99", b"f a b c"
 
 
 def test_an_obj_file_gives_the_same_surface():
@@ -381,9 +378,8 @@ CLOUDS = {
 }
 
 
-@pytest.mark.parametrize("name", CLOUDS)
-def test_a_cloud_through_which_the_proxy_goes_is_in_pieces(name, tmp_path):
-    points, pieces, doubles = CLOUDS[name]
+@pytest.mark.parametrize(("points", "pieces", "doubles"), CLOUDS.values(), ids=CLOUDS)
+def test_a_cloud_through_which_the_proxy_goes_is_in_pieces(points, pieces, doubles, tmp_path):
     np.save(tmp_path / "c.npy", points)
     fixture = import_cloud(tmp_path / "c.npy", units="mm")
     told = [finding.text for finding in fixture.open_findings]

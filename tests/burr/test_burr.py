@@ -88,12 +88,11 @@ def test_the_command_writes_what_replays(vfplan_cli, tmp_path):
     write_fixture(fixture, tmp_path / "f.h5")
     write_session(tmp_path / "s.csv", session)
     out = ("-o", "r.h5", "--events-out", "e.csv", "--picture-out", "p.png", "--json")
-    done = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "3", *out, cwd=tmp_path)
-    assert done.code == 0, done.stderr
+    done = vfplan_cli("burr", "f.h5", "s.csv", "--radius", "3", *out, cwd=tmp_path).sound
     assert done.json["burr"]["replayed_to_the_bit"]
     assert (tmp_path / "p.png").stat().st_size > 10_000
     again = ("replay", "f.h5", "s.csv", "--events", "e.csv", "-o", "again.h5")
-    assert vfplan_cli(*again, cwd=tmp_path).code == 0
+    assert vfplan_cli(*again, cwd=tmp_path).sound
     for named in (out[2:6], out[:4], ("-o", "other.h5")):
         words = ("burr", "f.h5", "s.csv", "--radius=3", *named, "--units", "m", "--overwrite")
         pasted = vfplan_cli(*words, cwd=tmp_path).sound.stdout.split("next: ")[-1]

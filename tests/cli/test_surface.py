@@ -120,7 +120,7 @@ def test_the_same_outlines_give_the_same_bits(struct, called, tmp_path):
 
 
 def test_no_output_names_the_patient(struct, vfplan_cli, tmp_path):
-    grid = bones.grid_round(BENT, 5, pixel=1.0)
+    grid = bones.grid_round(5, pixel=1.0)
     named = f"bone of {NAME.replace('^', ' ')}"
     bones.write_seg(tmp_path / "g.dcm", grid.labels(BENT), grid, name=named, **WHO)
     bones.write_rtstruct(tmp_path / "two.dcm", bones.outlines(BENT, 5), names=[named, "b"], **WHO)

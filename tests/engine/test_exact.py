@@ -18,7 +18,7 @@ from replays import of_pieces
 from vfplan import ProxyEngine, scenes
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
-from vfplan.scenes.outline import in_space
+from vfplan.scenes.outline import in_space, unit_vectors
 
 LINE = curves.pieces([(np.array([[-0.04, 0], [0.04, 0]]), np.zeros(2), False)])
 SLACK = 1e-13  # rounding of a distance in a scene of 2 m [m]
@@ -85,7 +85,7 @@ def test_a_ring_is_followed_as_it_is(inside):
     """Outside and in the hollow the rest is the HIP, carried to the ring's offset."""
     ring = curves.pieces([(np.array([[0.02, 0], [-0.02, 0]]), np.ones(2), True)])
     engine, turn = ProxyEngine.along(ring, R), np.linspace(0.1, 14, 3000)
-    round_ = in_space(np.column_stack([np.cos(turn), np.sin(turn)]))
+    round_ = in_space(unit_vectors(turn))
     depth, rest = np.linspace(1e-3, 1e-2, 3000)[:, None], 0.015 if inside else 0.025
     hips = round_ * (rest + (depth if inside else -depth))
     trace = play(engine, hips, round_[0] * (0.01 if inside else 0.03))
@@ -154,7 +154,7 @@ def test_the_rule_lets_go_wherever_the_way_is_clear(ratio):
     draw, r = np.random.default_rng(5), 1 / ratio
     for _ in range(60):
         turn, middle = draw.uniform(0, 2 * np.pi), draw.uniform(-1, 1, 2)
-        along = np.array([np.cos(turn), np.sin(turn)])
+        along = unit_vectors(turn)
         frame = np.stack([along, [-along[1], along[0]]])
 
         def place(x, y, frame=frame, middle=middle):

@@ -15,6 +15,7 @@ from oracle.guarantees import SLACK, Past, Rooms, across, free_to_go, growth, ne
 
 import vfplan
 from vfplan import scenes
+from vfplan.scenes.outline import in_space, unit_vectors
 
 R = 5e-3
 TALLY = Counter()
@@ -48,7 +49,7 @@ def bumpy(rng):
 def singular(rng):
     """Rings, duplicates, exact grids, pairs just wider or narrower than the proxy, one point."""
     turn = np.arange(24) * (np.pi / 12)
-    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    ring = in_space(unit_vectors(turn))
     sheet = grid(even(6, 1), even(6, 1)) * R / 5
     gap = R * (1 + rng.choice([-1e-3, -1e-9, 0.0, 1e-9, 1e-3, 0.1]))
     return [

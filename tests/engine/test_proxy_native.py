@@ -90,7 +90,7 @@ def test_a_users_file_compiles_within_3_seconds_against_the_library(name, tmp_pa
         source.write_text('#include "vfplan/controller.hpp"\nint main() {}\n')
     words = ["-std=c++20", "-O2", "-DVFPLAN_COMPILED", f"-I{INCLUDE}", "-c", source, "-o", "u.o"]
     before_s = sum(os.times()[2:4])  # of the programs that were run
-    subprocess.run([need_program("g++", "g++"), *words], check=True, cwd=tmp_path)
+    output(need_program("g++", "g++"), *words, cwd=tmp_path)
     assert sum(os.times()[2:4]) < 3 + before_s
 
 

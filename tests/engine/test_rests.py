@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 import vfplan
 from vfplan.geometry.lines import row_lengths, step_lengths
+from vfplan.scenes.outline import unit_vectors
 
 R, PIXEL = 5e-3, 0.5e-3
 
@@ -20,7 +21,7 @@ def ways(dims: int) -> np.ndarray:
     """Unit directions: 64 in the plane, 200 in space."""
     if dims == 2:
         turn = np.arange(64) * (np.pi / 32)
-        return np.column_stack([np.cos(turn), np.sin(turn)])
+        return unit_vectors(turn)
     z, turn = 1 - (2 * np.arange(200) + 1) / 200, np.pi * (1 + 5**0.5) * np.arange(200)
     around = np.sqrt(1 - z**2)
     return np.column_stack([around * np.cos(turn), around * np.sin(turn), z])
@@ -47,7 +48,7 @@ def thick_line(rng) -> np.ndarray:
     bend = np.convolve(np.cumsum(rng.normal(size=400)), np.ones(25) / 25, "same")
     bend /= np.abs(bend).max() * R * rng.uniform(0.7, 3)
     turn = np.cumsum(bend) * 0.15e-3 + rng.uniform(0, 2 * np.pi)
-    line = np.cumsum(np.column_stack([np.cos(turn), np.sin(turn)]), axis=0) * 0.15e-3
+    line = np.cumsum(unit_vectors(turn), axis=0) * 0.15e-3
     grid = np.arange(-160, 161) * PIXEL
     pixels = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     line -= line.mean(axis=0)

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, output
 from motion import PEAK_KIB
 from refusals import refuses
 
@@ -250,8 +250,7 @@ def test_a_capture_made_to_fill_memory_or_time_is_refused(tmp_path, name, monkey
 
 def test_a_picture_is_read_where_there_is_no_stderr():
     code = "import os, vfplan; os.close(2); print(vfplan.read_image('samples/elbow.png').width_px)"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=True)
-    assert int(run.stdout) > 0
+    assert int(output(sys.executable, "-c", code, cwd=ROOT)) > 0
 
 
 BOMB = f"""
@@ -277,9 +276,8 @@ def test_the_worst_picture_is_refused_or_stays_within_memory(tmp_path, side, sai
     rows = b"".join(packer.compress(bytes(1 + 8 * side)) for _ in range(side)) + packer.flush()
     head = struct.pack(">IIBBBBB", side, side, 16, 6, 0, 0, 0)
     (tmp_path / "bomb.png").write_bytes(png_of(head, rows))
-    words = [sys.executable, "-c", BOMB, tmp_path / "bomb.png"]
-    done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=True)
-    result, memory, seconds = done.stdout.split()
+    said = output(sys.executable, "-c", BOMB, tmp_path / "bomb.png", cwd=tmp_path)
+    result, memory, seconds = said.split()
     assert result == said
     assert int(memory) < 1536  # a fork begins with the memory of its parent
     assert float(seconds) < 5

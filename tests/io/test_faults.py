@@ -15,7 +15,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import ELBOW as SAMPLES
-from conftest import names_in, need_program
+from conftest import names_in, need_program, output
 from replays import write_session
 
 import vfplan
@@ -32,8 +32,7 @@ TESTS = Path(__file__).parents[1]
 def shim(tmp_path_factory):
     target = tmp_path_factory.mktemp("shim") / "fault_shim.so"
     source = TESTS / "native" / "fault_shim.c"
-    words = [need_program("gcc", "g++"), "-shared", "-fPIC", "-o", target, source, "-ldl"]
-    subprocess.run(words, check=True)
+    output(need_program("gcc", "g++"), "-shared", "-fPIC", "-o", target, source, "-ldl")
     return target
 
 

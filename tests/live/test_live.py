@@ -492,7 +492,7 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     hip = bundles.whole().points[0] + np.linspace([0, 0, 0.02], [0, 0, 0.001], 300)
     write_session(session, vfplan.Session(np.arange(300) / 1000, hip))
     result, kept = tmp_path / "r.h5", tmp_path / "k.mcap"
-    assert vfplan_cli("replay", fixture, session, "-o", result).code == 0
+    assert vfplan_cli("replay", fixture, session, "-o", result).sound
     words = ("live", fixture, result, "--json")
     report = vfplan_cli(*words, "--mcap", kept, "--openigtlink", "0").sound.json
     assert (report["ticks"], report["verdict"]) == (300, "shown and recorded to the end")
@@ -501,7 +501,7 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     ticks, wanted = read_ticks(kept), vfplan.read_result(result)[0]
     for name in ("hip", "proxy", "normal", "force", "state"):
         assert np.array_equal(ticks[name], getattr(wanted, name))
-    assert vfplan_cli("replay", fixture, kept, "--mcap", tmp_path / "again.mcap").code == 0
+    assert vfplan_cli("replay", fixture, kept, "--mcap", tmp_path / "again.mcap").sound
     assert read_ticks(tmp_path / "again.mcap").tobytes() == ticks.tobytes()
     assert vfplan_cli("live", fixture, result).code == 2
     other = tmp_path / "other.h5"

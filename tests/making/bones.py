@@ -154,10 +154,10 @@ class Grid:
         return (bone.level(points) < 0).reshape(self.size).astype(np.uint8)
 
 
-def grid_round(bone, gap, pixel=0.5):
-    """A grid of axial slices at a bone's own places."""
-    corner = np.array([-30.13, -22.07, bone.low])
-    count = (round(64 / pixel), round(44 / pixel), len(bone.places(gap)))
+def grid_round(gap, pixel=0.5):
+    """A grid of axial slices at the places of `BENT`."""
+    corner = np.array([-30.13, -22.07, BENT.low])
+    count = (round(64 / pixel), round(44 / pixel), len(BENT.places(gap)))
     return Grid(corner, np.diag([pixel, pixel, gap]), count)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from vfplan.fixture import Pieces
-from vfplan.scenes.outline import in_space
+from vfplan.scenes.outline import in_space, unit_vectors
 
 R = 5e-3
 TICKS = 60  # between two looks at where the proxy is
@@ -93,7 +93,7 @@ def stroke(rng, size):
         else:
             angle += rng.choice([0, np.pi]) + rng.choice([0, 1e-3, 1e-7])
             bulge = rng.choice([0, 0.3, -0.3])
-        at = at + length * np.array([np.cos(angle), np.sin(angle)])
+        at = at + length * unit_vectors(angle)
         angle += 2 * np.arctan(bulge) * (kind == 0)
         vertices.append(at)
         bulges.append(bulge)
@@ -166,7 +166,7 @@ def way_left(parts, x, hip) -> float:
     """
     turn = np.linspace(0, 2 * np.pi, 1440, endpoint=False)
     parts = [part for part in parts if distance([part], x[None])[0] < 1.1 * R]  # others: no part
-    way = np.column_stack([np.cos(turn), np.sin(turn)])
+    way = unit_vectors(turn)
     return steepest(lambda at: distance(parts, at), x, hip, way, (1e-9, 1e-7), 1e-9)
 
 

@@ -132,14 +132,12 @@ def parsed(text):
 
 def different(frozen, new):
     """A line for each value that is gone, of another kind, or beyond its tolerance."""
-    lines = []
     for command, values in new.items():
         for path, before in frozen[command].items():
             if path not in values:
-                lines.append(f"{command}: {path} is gone; it was {before!r}")
+                yield f"{command}: {path} is gone; it was {before!r}"
             elif not same(before, values[path], LOOSE.get(command, TIGHT)):
-                lines.append(f"{command}: {path} was {before!r}, is {values[path]!r}")
-    return lines
+                yield f"{command}: {path} was {before!r}, is {values[path]!r}"
 
 
 def same(before, now, tolerance):

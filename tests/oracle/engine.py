@@ -6,9 +6,10 @@ seen with GCC at -O0 and -O2, with loops of 2, 4 and 8 float64, and with a C lib
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from pathlib import Path
+
+from conftest import output
 
 TICKS = {"engine.txt": 4_000, "engine-long.txt": 40_000}
 FLAGS = ["-std=c++20", "-ffp-contract=off"]
@@ -34,11 +35,8 @@ def sums(tree, ticks, *, wide=False, width=0, compiler="g++"):
     include = f"-I{tree / 'vfplan' / 'native' / 'include'}"
     with tempfile.TemporaryDirectory() as folder:
         program = Path(folder) / "engine_bits"
-        command = [compiler, *FLAGS, *build, include, source, "-o", program]
-        subprocess.run([*map(str, command)], check=True)
-        run = [str(program), str(ticks), str(width)]
-        printed = subprocess.run(run, check=True, capture_output=True, text=True).stdout
-    return parsed(printed)
+        output(compiler, *FLAGS, *build, include, source, "-o", program, timeout=3600)
+        return parsed(output(program, ticks, width, timeout=3600))
 
 
 def parsed(text):

@@ -80,9 +80,8 @@ def measured(number):
         fre_mm = 1e3 * registration.fre_rms_m
         matrix = np.asarray(registration.T_target_source)
         curve_mm = 1e3 * curve_error(matrix[:3][:, [0, 1, -1]], markers.truth)
-    outcomes = []
-    for mistake in MISTAKES:
-        outcomes.append(judged(markers.source, markers.target[markers.orders[mistake]], model)[0])
+    mistaken = [markers.target[markers.orders[mistake]] for mistake in MISTAKES]
+    outcomes = [judged(markers.source, target, model)[0] for target in mistaken]
     n, fle_mm = len(markers.source), 1e3 * markers.fle_m
     return Row(number, markers.layout, n, model, fle_mm, good, *outcomes, fre_mm, curve_mm)
 
@@ -103,30 +102,28 @@ def parsed(text):
 
 def worse(frozen, new):
     """What is worse than in 2dd7600, a line for each; `new` may be a part of the sets."""
-    lines = []
     for number, row in new.items():
         before = frozen[number]
         for mistake in MISTAKES:
             was, now = getattr(before, mistake), getattr(row, mistake)
             if now == "silent" and was != "silent":
-                lines.append(f"{_named(row)}: {mistake} is silent, was {was}")
+                yield f"{_named(row)}: {mistake} is silent, was {was}"
         if row.good == "refused" and row.fle_mm <= GATED_FLE_MM:
-            lines.append(f"{_named(row)}: the right labels are refused")
+            yield f"{_named(row)}: the right labels are refused"
         for name in ("fre_mm", "curve_mm"):
             was, now = getattr(before, name), getattr(row, name)
             if row.good == "refused":  # and so without a fit; how many are refused counts above
                 continue
             if abs(now - was) > SAME_FIT * was + 1e-4:
-                lines.append(f"{_named(row)}: {name} is {now:.4f}, was {was:.4f}")
+                yield f"{_named(row)}: {name} is {now:.4f}, was {was:.4f}"
     refused, findings = (
         sum(row.good == word for row in new.values()) for word in ("refused", "finding")
     )
     if refused > max(1, MAX_REFUSED * len(new)):
-        lines.append(f"{refused} of {len(new)} good sets refused")
+        yield f"{refused} of {len(new)} good sets refused"
     findings_before = sum(frozen[number].good == "finding" for number in new)
     if findings > findings_before:
-        lines.append(f"{findings} of {len(new)} good sets with a finding, {findings_before} before")
-    return lines
+        yield f"{findings} of {len(new)} good sets with a finding, {findings_before} before"
 
 
 def _named(row):

@@ -84,33 +84,31 @@ def parsed(text):
 
 def worse(frozen, new):
     """What is worse than in 2dd7600, a line for each; `new` may be a part of the table."""
-    lines = []
     for key, row in new.items():
         was_silent = frozen[key].outcome == "silent" or row.kind in MAY_BE_SILENT
         was_silent |= key in MAY_BE_SILENT_SLICES
         if row.outcome == "silent" and not was_silent:
-            lines.append(f"{row.kind} {row.seed}: silently wrong, {row.why}; {_was(frozen[key])}")
+            yield f"{row.kind} {row.seed}: silently wrong, {row.why}; {_was(frozen[key])}"
     clear = [key for key in new if key[0] in KINDS]
     before, now = ([key for key in clear if _is_right(rows[key])] for rows in (frozen, new))
     now_told = [key for key in before if key in NOW_TOLD and key not in now]
     if len(now) + len(now_told) < len(before) - int(FEWER_RIGHT * len(clear)):
-        lines.append(f"{len(now)} of {len(clear)} clear slices right, {len(before)} before")
-        lines += [_changed(frozen[key], new[key]) for key in before if key not in now]
+        yield f"{len(now)} of {len(clear)} clear slices right, {len(before)} before"
+        yield from [_changed(frozen[key], new[key]) for key in before if key not in now]
     # A pen under pressure has to be asked about: whether a second run made it wider, a person sees.
     warned = [k for k in clear if new[k].outcome == "falsely warned" and k[0] != "pressure"]
     if len(warned) > MAX_WARNED * len(clear):
-        lines.append(f"{len(warned)} of {len(clear)} clear slices warned of")
-        lines += [f"    {new[key].kind} {new[key].seed}: {new[key].why}" for key in warned]
+        yield f"{len(warned)} of {len(clear)} clear slices warned of"
+        yield from [f"    {new[key].kind} {new[key].seed}: {new[key].why}" for key in warned]
     both = [key for key in before if key in now]
     if len(both) >= 10:
         old, measured = (rms([rows[key].rms_px for key in both]) for rows in (frozen, new))
         if measured > RMS_RATIO * old:
-            lines.append(f"{measured:.3f} px RMS across the line, {old:.3f} before")
+            yield f"{measured:.3f} px RMS across the line, {old:.3f} before"
     ends = [key for key in both if not np.isnan(frozen[key].ends_px + new[key].ends_px)]
     old, measured = (np.percentile([rows[k].ends_px for k in ends], 95) for rows in (frozen, new))
     if measured > RMS_RATIO * old:
-        lines.append(f"95 % of the ends within {measured:.2f} px, {old:.2f} before")
-    return lines
+        yield f"95 % of the ends within {measured:.2f} px, {old:.2f} before"
 
 
 def _is_right(row):

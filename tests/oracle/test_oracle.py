@@ -22,7 +22,8 @@ def same(before, now):
 
 
 def none(lines):
-    assert not lines, "\n".join(lines)
+    said = "\n".join(lines)
+    assert not said, said
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from vfplan.planning.match import Record
 from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
 from vfplan.robot import Robot
+from vfplan.scenes.outline import in_space, unit_vectors
 
 
 def two_lines(apart, other=None):
@@ -96,7 +97,7 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
 def test_what_cannot_guide_is_refused(change, says):
     settings = FixtureSettings(**({"guide_m": 1e-3} | change))
     turn = np.linspace(0, 2 * np.pi, 200)
-    ring = 0.03 * np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    ring = 0.03 * in_space(unit_vectors(turn))
     with pytest.raises(SettingError, match=says):
         add_guidance(two_lines(0, ring), settings, Record())
 

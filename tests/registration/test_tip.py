@@ -74,9 +74,8 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
-def test_every_layout_gives_the_same_tip(name, vfplan_cli, tmp_path):
-    rows, header, words = LAYOUTS[name]
+@pytest.mark.parametrize(("rows", "header", "words"), LAYOUTS.values(), ids=LAYOUTS)
+def test_every_layout_gives_the_same_tip(rows, header, words, vfplan_cli, tmp_path):
     poses = pivoted(np.random.default_rng(3), 20, 40, 1e-4)
     poses[:, :3, 3] *= 1e3
     np.savetxt(tmp_path / "p.csv", rows(poses), "%.17g", ",", header=header, comments="")

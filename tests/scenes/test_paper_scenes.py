@@ -66,7 +66,7 @@ def test_simulations_keep_the_robust_proxy_outside(folder):
 def test_the_page_of_the_simulations_feels_all_four_without_a_network(vfplan_cli, tmp_path):
     """Each scene by each rule: from afar the mouse goes onto a point and is pushed back."""
     path = tmp_path / "page.html"
-    assert vfplan_cli("demo", "--page", path).code == 0
+    assert vfplan_cli("demo", "--page", path).sound
     assert path.stat().st_size < 1_000_000
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(path.as_uri())

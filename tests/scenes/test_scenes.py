@@ -10,6 +10,7 @@ from vfplan import scenes
 from vfplan.errors import SceneError
 from vfplan.geometry.lines import row_lengths, step_lengths
 from vfplan.scenes import SCENES, god_object, outline
+from vfplan.scenes.outline import unit_vectors
 
 R, FLAT = 5e-3, np.array([1.0, 1.0, 0.0])
 COARSE = {"sheet", "double-sheet", "sphere", "three-walls"}
@@ -116,7 +117,7 @@ def test_corner_of_any_angle_is_the_projection_onto_its_cone(angle):
     """The free space is a convex cone: the nearest of its apex, two faces and itself."""
     scene = scenes.Corner(angle=angle, leg=0.08)
     apex = np.array([R / np.tan(angle / 2), R])
-    v, hips = np.array([np.cos(angle), np.sin(angle)]), scene.path("floor", speed=0.3)
+    v, hips = unit_vectors(angle), scene.path("floor", speed=0.3)
     for hip, proxy in zip(hips, scene.truth(hips, R), strict=True):
         normals, w = np.array([[0, 1], [v[1], -v[0]]]), hip[:2] - apex
         faces = [w - min(n @ w, 0) * n for n in normals]
@@ -187,7 +188,7 @@ def loop(rng):
     """A closed polyline (K, 3) with hollows, narrow places and hooks."""
     n = rng.integers(5, 30)
     turn = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
-    flat = rng.uniform(0.012, 0.05, n)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
+    flat = rng.uniform(0.012, 0.05, n)[:, None] * unit_vectors(turn)
     return np.column_stack([flat, np.zeros(n)])
 
 

@@ -81,9 +81,8 @@ BAD_CSV = {
 }
 
 
-@pytest.mark.parametrize("name", BAD_CSV)
-def test_bad_csv_is_refused(tmp_path, name):
-    text, code = BAD_CSV[name]
+@pytest.mark.parametrize(("text", "code"), BAD_CSV.values(), ids=BAD_CSV)
+def test_bad_csv_is_refused(tmp_path, text, code):
     path = tmp_path / "s.csv"
     path.write_text(text)
     with refuses(SessionError, code) as caught:
@@ -115,9 +114,8 @@ DISORDER = {
 }
 
 
-@pytest.mark.parametrize("name", DISORDER)
-def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, name):
-    order, counts = DISORDER[name]
+@pytest.mark.parametrize(("order", "counts"), DISORDER.values(), ids=DISORDER)
+def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, order, counts):
     time, hip = recording(max(order) + 1)
     for path in write_all(tmp_path, time[order], hip[order]):
         if counts is None:
@@ -216,9 +214,8 @@ ODD_HDF5 = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ODD_HDF5)
-def test_an_odd_hdf5_is_refused_also_where_it_states_other_units(tmp_path, name):
-    items, attributes, code = ODD_HDF5[name]
+@pytest.mark.parametrize(("items", "attributes", "code"), ODD_HDF5.values(), ids=ODD_HDF5)
+def test_an_odd_hdf5_is_refused_also_where_it_states_other_units(tmp_path, items, attributes, code):
     with h5py.File(tmp_path / "o.h5", "w") as file:
         file["hip"] = THREE["hip"]
     with h5py.File(tmp_path / "s.h5", "w") as file:
@@ -296,6 +293,14 @@ def ticks_of(count):
     return TickBlock(time, hip, *rows, state, rng.random(count), rng.random(count))
 
 
+@pytest.fixture
+def result(tmp_path):
+    """The file of a result of 20 ticks."""
+    with ResultWriter(tmp_path / "r.h5", {}) as writer:
+        writer.append(ticks_of(20))
+    return tmp_path / "r.h5"
+
+
 def test_result_file_reads_back(tmp_path):
     path = tmp_path / "r.h5"
     block = ticks_of(BLOCK + 10)
@@ -329,21 +334,17 @@ SPOILED = {
 }
 
 
-@pytest.mark.parametrize("fault", SPOILED)
-def test_a_result_that_no_replay_gives_is_refused(tmp_path, fault):
-    path = tmp_path / "r.h5"
-    with ResultWriter(path, {}) as writer:
-        writer.append(ticks_of(20))
-    read_result(path)
-    name, row, value, code = SPOILED[fault]
-    with h5py.File(path, "a") as file:
+@pytest.mark.parametrize(("name", "row", "value", "code"), SPOILED.values(), ids=SPOILED)
+def test_a_result_that_no_replay_gives_is_refused(result, name, row, value, code):
+    read_result(result)
+    with h5py.File(result, "a") as file:
         values = file[name][:] if row is not None else value
         del file[name]  # the checksum of a chunk that is written again is right again
         if row is not None:
             values[row] = value
         file[name] = values
     with refuses(InputError, code) as found:
-        read_result(path)
+        read_result(result)
     assert found.value.kind == "InputError"
 
 
@@ -354,23 +355,20 @@ def test_a_result_with_a_broken_record_of_its_fixture_is_refused(record):
         require_fixture({"fixture": record}, "ab")
 
 
-def test_result_is_not_overwritten_and_others_are_not_read(tmp_path):
-    path = tmp_path / "r.h5"
-    with ResultWriter(path, {}) as writer:
-        writer.append(ticks_of(5))
+def test_result_is_not_overwritten_and_others_are_not_read(result):
     with refuses(OutputError, "output-exists"):
-        ResultWriter(path, {})
+        ResultWriter(result, {})
     for name, value, kind, code in (
         ("version", "2.0", VersionError, "version"), ("format", "other", InputError, "not-a-result")
     ):  # fmt: skip
-        with h5py.File(path, "a") as file:
+        with h5py.File(result, "a") as file:
             file.attrs[name] = value
         with refuses(kind, code) as found:
-            read_result(path)
+            read_result(result)
         assert value in found.value.message
-    path.write_bytes(path.read_bytes()[:100])
+    result.write_bytes(result.read_bytes()[:100])
     with refuses(InputError, "hdf5-broken") as found:
-        read_result(path)
+        read_result(result)
     assert found.value.kind == "InputError"
     assert found.value.message.endswith("Give a result of vfplan replay")
 

@@ -59,7 +59,7 @@ def same(one, other, fields=FIELDS):
         assert np.array_equal(getattr(one, name), getattr(other, name) if rows is None else rows)
 
 
-def led_out(trace, hips, slack=1e-9):
+def led_out(trace, hips):
     """Assert that a proxy that starts inside is led out, once and without a jump of the force.
 
     No force is further than K (R / 256 + |step of the HIP|) from the one before it, to the tick in
@@ -71,7 +71,7 @@ def led_out(trace, hips, slack=1e-9):
     assert end < len(hips)
     assert told[:end].all()
     beyond = sizes(trace.force, np.zeros(3)) - K * (R / 256 + sizes(hips, hips[0]))
-    assert beyond[: end + 1].max() < slack
+    assert beyond[: end + 1].max() < 1e-9
     return end
 
 

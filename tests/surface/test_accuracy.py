@@ -58,7 +58,7 @@ def test_polygons_give_the_bone(bone, gap, tmp_path):
 
 @pytest.mark.parametrize("gap", [pytest.param(1, marks=pytest.mark.full), 3, 5])
 def test_label_maps_give_the_bone_to_a_quarter_of_a_pixel(gap, tmp_path):
-    grid = bones.grid_round(BENT, gap)
+    grid = bones.grid_round(gap)
     path = bones.write_nifti(tmp_path / "s.nii.gz", grid.labels(BENT), grid)
     made = surface(path, settings=SurfaceSettings(tolerance_m=5e-4))
     away = off(BENT, made, BENT.places(gap)[-1])
@@ -68,7 +68,7 @@ def test_label_maps_give_the_bone_to_a_quarter_of_a_pixel(gap, tmp_path):
 
 def test_all_formats_of_one_object_agree(tmp_path):
     gap = 3
-    grid = bones.grid_round(BENT, gap)
+    grid = bones.grid_round(gap)
     labels = grid.labels(BENT)
     outlines = bones.outlines(BENT, gap)
     drawn = {
@@ -100,7 +100,7 @@ def test_all_formats_of_one_object_agree(tmp_path):
 @pytest.mark.full
 def test_a_fractional_segmentation_is_finer_than_a_binary_one(tmp_path):
     """Shares of 0 to 255 say where in a pixel the border runs."""
-    grid = bones.grid_round(BENT, 3)
+    grid = bones.grid_round(3)
     fine = bones.Grid(
         grid.corner - [0.1875, 0.1875, 0], grid.axes / [4, 4, 1],
         (4 * grid.size[0], 4 * grid.size[1], grid.size[2]),

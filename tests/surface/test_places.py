@@ -17,7 +17,7 @@ from vfplan.surface.volumes import read_nrrd
 
 COARSE = SurfaceSettings(tolerance_m=1e-3)
 GAP = 5
-GRID = bones.grid_round(BENT, GAP, pixel=1.0)
+GRID = bones.grid_round(GAP, pixel=1.0)
 
 
 def turned(points):

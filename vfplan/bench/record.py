@@ -244,6 +244,5 @@ def table_lines(document: Report) -> list[str]:
             best = min(settings, key=itemgetter("error_rms"))
             time = duration(1e-6 * best["time_us_median"])
             lines.append(f"  {time:>10}{error_text(best):>12} RMS  {method}")
-    for refusal in document["refused"]:
-        lines.append(f"refused: {refusal['scene']}: {refusal['method']}: {refusal['message']}")
-    return lines
+    refusals = ["refused: {scene}: {method}: {message}".format(**r) for r in document["refused"]]
+    return lines + refusals

@@ -288,36 +288,36 @@ def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
     return plane[top:bottom, left:right]
 
 
-def end_findings(ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover]) -> list[Finding]:
+def end_findings(
+    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover]
+) -> Iterator[Finding]:
     """Another colour at an end, faint ink beyond it, and an end that is not known well.
 
     leftover: other ink, which has findings of its own
     """
-    findings = []
     ends = zip(curve.points[[0, -1]], headings_of(curve), curve.ends, strict=False)
     for point, heading, end in ends:
         reach = curve.width + tuned.FLANK_PX
         other = around(ink.other, point, reach) > OTHER_UNIT * tuned.FOREIGN
         if other.sum() >= tuned.SPECK_PX:
             text = "another colour lies at the end of the curve. Does it hide more of the curve?"
-            findings.append(finding_at(point, "end-other-colour", text))
+            yield finding_at(point, "end-other-colour", text)
         to_border = np.minimum(point, ink.size - 1 - point).min()
         if to_border <= tuned.FLANK_PX:
             continue
         if is_at_cover(ink, point, heading, curve.width, to_border):
             text = "the curve ends where an even grey begins. Does it hide more of the curve?"
-            findings.append(finding_at(point, "end-other-colour", text))
+            yield finding_at(point, "end-other-colour", text)
         is_listed = any(
             not piece.is_dot and np.hypot(*(piece.nearest - point)) <= tuned.TAPER_REACH_PX
             for piece in leftover
         )
         if end.continues and not is_listed:
             text = "faint ink goes on beyond the end. Does the curve go on?"
-            findings.append(finding_at(point, "ink-at-end", text))
+            yield finding_at(point, "ink-at-end", text)
         if end.sigma > tuned.UNSURE_PX:
             text = f"the end of the curve is known to {end.sigma:.1f} px only. Is it right?"
-            findings.append(finding_at(point, "end-unsure", text))
-    return findings
+            yield finding_at(point, "end-unsure", text)
 
 
 def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float, to_border: float) -> bool:
@@ -394,9 +394,8 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
         if is_around and other.pieces is not line.pieces:
             pen_px -= other.ink_px
         if times > 1 and size.max() > np.ptp(line.path, axis=0).max() and not is_around:
-            way = f"--stroke {number}"
-            if len(other.junctions):  # No number takes a line that forks.
-                way = "vfplan review IMAGE"
+            # No number takes a line that forks.
+            way = "vfplan review IMAGE" if len(other.junctions) else f"--stroke {number}"
             text = (
                 f"line {number} has {times:.1f} times the ink of the curve. If it is meant: {way}."
             )
@@ -424,10 +423,11 @@ def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) ->
     ]  # fmt: skip
 
 
-def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) -> list[Finding]:
+def ahead_findings(
+    line: Candidate, others: list[Candidate], max_gap_px: float
+) -> Iterator[Finding]:
     """Lines that were left out, beyond a gap that is too long for ink at an end."""
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
-    findings = []
     for other in others:
         gap, _, place = gap_ahead(line, other)
         if nearest < gap < np.inf:
@@ -435,19 +435,16 @@ def ahead_findings(line: Candidate, others: list[Candidate], max_gap_px: float) 
                 f"a line of {other.length:.0f} px begins here, beyond a gap of {gap:.0f} px from "
                 "the end of the curve. Does the curve go on there?"
             )
-            findings.append(finding_at(place, "ink-at-end", text))
-    return findings
+            yield finding_at(place, "ink-at-end", text)
 
 
-def gap_findings(strokes: Sequence[Candidate]) -> list[Finding]:
+def gap_findings(strokes: Sequence[Candidate]) -> Iterator[Finding]:
     """A doubt for each two strokes of the curve of which one goes on in the other's direction."""
-    findings = []
     for earlier, later in combinations(strokes, 2):
         gap, end, place = gap_ahead(later, earlier)
         if gap < np.inf:
             text = f"between two strokes of the curve is a gap of {gap:.0f} px. Is it meant?"
-            findings.append(finding_at((end + place) / 2, "ink-at-end", text))
-    return findings
+            yield finding_at((end + place) / 2, "ink-at-end", text)
 
 
 def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
@@ -510,10 +507,10 @@ def _goes_on(lines: Sequence[Candidate], piece: Leftover, ink: Ink, max_gap_px: 
     return any(gap_ahead(line, other)[0] < np.inf for line in lines for other in others)
 
 
-def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
+def fold_findings(strokes: Sequence[Stroke]) -> Iterator[Finding]:
     """A doubt for each stretch that lies on another one, or close beside, and one for crossings."""
     if not strokes:
-        return []
+        return
     points = np.concatenate([stroke.points for stroke in strokes])
     headings = np.concatenate([np.gradient(stroke.points, axis=0) for stroke in strokes])
     headings /= np.maximum(np.hypot(*headings.T), 1e-9)[:, None]
@@ -559,7 +556,6 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
         with np.errstate(divide="ignore", invalid="ignore"):
             shares = (np.conj(between) * [second, first]).imag / (np.conj(first) * second).imag
         is_crossed[earlier[((shares >= 0) & (shares < 1)).all(axis=0)]] = True
-    findings = []
     is_near_fold = windows(is_folded, 2 * tuned.SUDDEN_PX + 1, "constant").any(axis=1)
     for run in runs(is_near_fold, False):
         length = np.count_nonzero(is_folded[run])
@@ -568,14 +564,13 @@ def fold_findings(strokes: Sequence[Stroke]) -> list[Finding]:
                 f"{length} px of the curve lie on another part of it, or close beside. Was it "
                 "drawn twice there, or do its ends overlap?"
             )
-            findings.append(finding_at(points[_middle(run)], "curve-folds", text))
+            yield finding_at(points[_middle(run)], "curve-folds", text)
             is_crossed[run] = False
     if is_crossed.any():
         places = points[is_crossed]
         more = {1: "", 2: " and once more"}.get(len(places), f" and {len(places) - 1} times more")
         text = f"the curve crosses itself here{more}. Is it meant to?"
-        findings.append(finding_at(places[0], "curve-crosses", text))
-    return findings
+        yield finding_at(places[0], "curve-crosses", text)
 
 
 def headings_along(stroke: Stroke) -> Array:

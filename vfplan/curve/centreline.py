@@ -275,8 +275,7 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
         f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
         "its skeleton: --method skeleton."
     )
-    middle = line.path[len(line.path) // 2]
-    return error_at(middle, text, code="too-little-ink", measured_px=measured_px)
+    return error_at(line.middle, text, code="too-little-ink", measured_px=measured_px)
 
 
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:

@@ -270,7 +270,7 @@ def _ink_on(rgb: NDArray, pen: Pen) -> tuple[Ink, bool]:
     return ink, is_broad
 
 
-def main_pens(rgb: NDArray) -> list[Pen]:
+def main_pens(rgb: NDArray) -> Iterator[Pen]:
     """The pens of the hues that most saturated pixels of a picture have, the most frequent first.
 
     A hue counts together with its neighbours, and no pen is named twice.
@@ -284,7 +284,6 @@ def main_pens(rgb: NDArray) -> list[Pen]:
         step = (angle / HUE_STEP_DEG).astype(int) % len(counts)
         counts += np.bincount(step, minlength=len(counts))
     reach = round(tuned.HUE_GATE_DEG / HUE_STEP_DEG)
-    pens = []
     for _ in range(MOST_PENS):
         top = int(windows(counts, 3, "wrap").sum(axis=1).argmax())
         around = np.arange(top - 1, top + 2) % len(counts)
@@ -292,9 +291,8 @@ def main_pens(rgb: NDArray) -> list[Pen]:
             break
         # The mean hue of the three steps.
         hue = top + (counts[around] @ [-1, 0, 1]) / counts[around].sum() + 0.5
-        pens.append(red.turned(np.radians(HUE_STEP_DEG * hue)))
+        yield red.turned(np.radians(HUE_STEP_DEG * hue))
         counts[np.arange(top - reach + 1, top + reach) % len(counts)] = 0
-    return pens
 
 
 def colour_name(ink: Ink, path: NDArray) -> str:

@@ -155,8 +155,8 @@ def extract_curve(
     stroke: int | Literal["all", "longest"] | None = None,
     max_gap_px: float = 20.0,
     exclude: Sequence[Box] = (),
-    start: tuple[float, float] | None = None,
-    end: tuple[float, float] | None = None,
+    start: Place = None,
+    end: Place = None,
     accept_width: bool = False,
 ) -> Extraction:
     """Extract the planned curve from a slice.
@@ -331,9 +331,8 @@ def _stroke(ink: Ink, curve: MeasuredStroke, line: Candidate, method: Method) ->
     if method != "mask":
         return measured
     # Every pixel of the line's ink; its error across is that of an even distribution.
-    points = np.vstack([candidates.half_covered(ink, pixels) for pixels in line.pieces]).astype(
-        float
-    )
+    covered = [candidates.half_covered(ink, pixels) for pixels in line.pieces]
+    points = np.vstack(covered).astype(float)
     points = points[np.lexsort((points[:, 0], points[:, 1]))]
     sigma = np.full(len(points), line.width / np.sqrt(12))
     return replace(

@@ -374,7 +374,7 @@ def _find_end(profiles: Profiles, visible: int, pen_px: float, edge_px: float, n
     width = pen_px * level
     noise = tuned.INK_NOISE_NOISY if noisy else tuned.INK_NOISE
     visible_ink = tuned.VISIBLE_SIGMAS * noise
-    high = _crossing(ink, _last_above(ink, HIGH, visible), HIGH)
+    high = _crossing(ink, _last_high(ink, visible), HIGH)
     half = _crossing(ink, high, tuned.HALF)
     low = _crossing(ink, half, LOW)
 
@@ -485,12 +485,12 @@ def _end_of_band(coverage: NDArray, visible: int, band: Flags) -> float | None:
     ink = gaussian(coverage[:, band].mean(1), tuned.MASK_BLUR_PX)
     before = ink[max(visible - tuned.TANGENT_PX, 0) : visible + 1]
     ink = ink / max(float(np.median(before)), 1e-6)
-    return _crossing(ink, _last_above(ink, HIGH, visible), tuned.HALF)
+    return _crossing(ink, _last_high(ink, visible), tuned.HALF)
 
 
-def _last_above(ink: NDArray, level: float, visible: int) -> int:
-    """The last point up to `visible` at which the ink has a level."""
-    above = np.flatnonzero(ink[: visible + 1] >= level)
+def _last_high(ink: NDArray, visible: int) -> int:
+    """The last point up to `visible` at which the ink is `HIGH`."""
+    above = np.flatnonzero(ink[: visible + 1] >= HIGH)
     return int(above[-1]) if len(above) else visible
 
 

@@ -9,6 +9,7 @@ narrower range (docs/engine.md). A bundle outside that range is sound, but no ro
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from inspect import signature
@@ -177,9 +178,7 @@ def exact_shape(fixture: Fixture) -> Literal["curve", "mesh"] | None:
         return None
     if fixture.ignore_axis is not None:
         return "curve" if fixture.region.pieces else None
-    if fixture.mesh is not None and fixture.guidance is None:
-        return "mesh"
-    return None
+    return "mesh" if fixture.mesh is not None and fixture.guidance is None else None
 
 
 def best_rule(fixture: Fixture) -> Rule:
@@ -226,7 +225,7 @@ def as_rendered(fixture: Fixture, rule: Rule) -> Fixture:
     return fixture if rule == "exact" else sampled(fixture)
 
 
-def mesh_findings(fixture: Fixture) -> list[Finding]:
+def mesh_findings(fixture: Fixture) -> Iterator[Finding]:
     """What a person should know of a cloud or mesh before a robot renders it.
 
     Raises `SceneError` for a rendering that no engine takes.
@@ -239,8 +238,7 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
         rendered.
     """
     if fixture.rendering is None:
-        return []
-    findings = []
+        return
     radius = fixture.contact_radius + fixture.point_radius
     rule = best_rule(fixture)
     if rule == "exact" and exact_shape(fixture) == "mesh":
@@ -253,15 +251,14 @@ def mesh_findings(fixture: Fixture) -> list[Finding]:
                 f"{50 * radius:.3g} mm (R / 20) can be smoothed. The tool will feel their edges. "
                 "Import a finer mesh."
             )
-            findings.append(doubt("mesh-coarse", "import", text))
+            yield doubt("mesh-coarse", "import", text)
     if rule == "robust" and fixture.band > MAX_BAND_SHARE * radius:
         text = (
             f"The band is {1e3 * fixture.band:.3g} mm, {100 * fixture.band / radius:.2g} % of R: "
             "the points are rough or far apart, and the tool may sink by that much. Import denser "
             "or smoother points."
         )
-        findings.append(note("band-wide", "import", text))
-    return findings
+        yield note("band-wide", "import", text)
 
 
 def tick_time_bound(fixture: Fixture, rule: Rule | None = None) -> float:

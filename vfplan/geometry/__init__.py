@@ -7,6 +7,9 @@ ROWS_AT_ONCE = 10_000
 # Distance [m] below which two places are one: a nanometre, far below what any part resolves.
 ROUNDING_M = 1e-9
 
+# Width and height of a pixel [mm]; `None` where nobody knows them.
+PixelSpacing = tuple[float, float] | None
+
 # Distance from a pixel's corner to its centre, along u and along v [px].
 CORNER_PX = 0.5
 

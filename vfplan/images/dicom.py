@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import ImageError, InputError, VfplanError
-from vfplan.geometry import UNIT_ROUNDED
+from vfplan.geometry import UNIT_ROUNDED, PixelSpacing
 from vfplan.geometry.lines import plane_normal, row_lengths
 from vfplan.images.raster import check_size, chosen_index
 from vfplan.io.files import nameless_file
@@ -130,7 +130,7 @@ def pixels_begin(data: bytes) -> int:
     return len(data)
 
 
-def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None = None) -> Any:
+def group_value(dataset: Any, group: str, keyword: str, frame_index: int | None) -> Any:
     """A value of a multi-frame object's functional groups; `None` where it is not there.
 
     Without `frame_index` the value that all frames share, otherwise the frame's own before that.
@@ -190,7 +190,7 @@ PART_BYTES = MAX_ARRAY_BYTES // 4
 
 def read_dicom(
     data: bytes, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
-) -> tuple[NDArray, tuple[float, float] | None, NDArray | None, str, list[str], Any]:
+) -> tuple[NDArray, PixelSpacing, NDArray | None, str, list[str], Any]:
     """Pixels, spacing and place of a DICOM file.
 
     Parameters
@@ -356,7 +356,7 @@ def windowed_grey(dataset: Any, stored: NDArray, inverted: bool) -> tuple[NDArra
     return np.repeat(grey[..., None], 3, axis=2), range_[::-1] if inverted else range_
 
 
-def read_spacing(dataset: Any, name: str, index: int) -> tuple[float, float] | None:
+def read_spacing(dataset: Any, name: str, index: int) -> PixelSpacing:
     """(along u, along v) [mm]; DICOM writes the distance between *rows* first (PS3.3 10.7.1.3)."""
     value = dataset.get(name)
     if not value:
@@ -370,9 +370,7 @@ def read_spacing(dataset: Any, name: str, index: int) -> tuple[float, float] | N
     return numbers[1], numbers[0]
 
 
-def place_in_patient(
-    dataset: Any, spacing_mm: tuple[float, float] | None, index: int
-) -> NDArray | None:
+def place_in_patient(dataset: Any, spacing_mm: PixelSpacing, index: int) -> NDArray | None:
     """(4, 3) T_patient_image [m] from position and orientation (PS3.3 C.7.6.2.1.1).
 
     `None` where one is missing or not finite, or where the directions are not of length 1 and

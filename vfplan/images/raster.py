@@ -310,9 +310,11 @@ ROWS_AT_ONCE = 8
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
 
-def decode_raster(
-    data: bytes, header: Header, index: int
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+# (H, W, 3 or 4) pixels of a picture in colour.
+ColourPixels = NDArray[np.uint8] | NDArray[np.uint16]
+
+
+def decode_raster(data: bytes, header: Header, index: int) -> ColourPixels:
     """The (H, W, 3) pixels of a file as they are stored, red first, transparent ones over black.
 
     index: which page of a TIFF, from 0
@@ -368,9 +370,7 @@ def decode_raster(
     return np.ascontiguousarray(pixels[..., 2::-1])
 
 
-def over_black(
-    bgra: NDArray[np.uint8] | NDArray[np.uint16],
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def over_black(bgra: ColourPixels) -> ColourPixels:
     """A page in colour, red first, its transparent pixels laid over black."""
     full = np.iinfo(bgra.dtype).max
     rgb = np.empty((*bgra.shape[:2], 3), bgra.dtype)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
@@ -20,6 +20,7 @@ from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
+from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import Array
 from vfplan.images.dicom import is_dicom, memory_file, read_dicom
 from vfplan.images.raster import (
@@ -27,6 +28,7 @@ from vfplan.images.raster import (
     COLOURS,
     PREMULTIPLIED,
     READERS,
+    ColourPixels,
     Header,
     Tag,
     check_size,
@@ -87,8 +89,8 @@ class PlannedImage:
         The file that it was read from; empty for an array.
     """
 
-    rgb: NDArray[np.uint8] | NDArray[np.uint16]
-    pixel_spacing_mm: tuple[float, float] | None = None
+    rgb: ColourPixels
+    pixel_spacing_mm: PixelSpacing = None
     sha256: str = ""
     T_patient_image: Array | None = None
     instance: str = ""
@@ -139,7 +141,7 @@ def is_picture_file(path: str | Path) -> bool:
 
 def read_image(
     path: str | Path, *, frame: int | None = None,
-    pixel_spacing_mm: tuple[float, float] | None = None, imager_spacing: bool = False,
+    pixel_spacing_mm: PixelSpacing = None, imager_spacing: bool = False,
     max_megapixels: float = MAX_MEGAPIXELS, pixels: str | None = None,
 ) -> PlannedImage:  # fmt: skip
     """Read a planned slice.
@@ -203,7 +205,7 @@ def read_image(
             index = chosen_index("page", frame, len(header.tags))
             rgb = decode_raster(data, header, index)
             orientation = 1 if pixels == "as-stored" else header.orientation(index)
-            findings = raster_findings(header, index, len(data), orientation)
+            findings = [*raster_findings(header, index, len(data), orientation)]
         told, spacing_mm = header.made_flat.split(), None
         if len(told) == 3:
             spacing_mm = (float(told[2]), float(told[2]))
@@ -287,17 +289,16 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
     return tuple(slice_ for _, slice_ in sorted(rows, key=itemgetter(0)))
 
 
-def raster_findings(header: Header, index: int, size: int, orientation: int) -> list[Finding]:
+def raster_findings(header: Header, index: int, size: int, orientation: int) -> Iterator[Finding]:
     """What a picture's header says that a person may not expect."""
-    findings = []
     if orientation != 1:
         text = f"The picture is turned by its EXIF tag (orientation {orientation})."
-        findings.append(note("picture-turned", "extract", text))
+        yield note("picture-turned", "extract", text)
     if header.made_flat:
-        findings += flat_findings(header.made_flat.decode("latin-1"))
+        yield from flat_findings(header.made_flat.decode("latin-1"))
     if header.end < size:
         text = f"{size - header.end} bytes follow the end of the picture, and were not read."
-        findings.append(note("data-behind-end", "extract", text))
+        yield note("data-behind-end", "extract", text)
     tags = header.tags[index]
     has_extra = tags.get(Tag.SAMPLES, 1) > COLOURS.get(tags.get(Tag.PHOTOMETRIC, 0), 1)
     if has_extra and tags.get(Tag.EXTRA) not in (PREMULTIPLIED, ALPHA):
@@ -305,8 +306,7 @@ def raster_findings(header: Header, index: int, size: int, orientation: int) -> 
             "The TIFF has a sample beside its colours and does not say what it means. The colours "
             "were taken as they are. Compare them with the picture, or export it as RGB."
         )
-        findings.append(doubt("extra-sample", "extract", text))
-    return findings
+        yield doubt("extra-sample", "extract", text)
 
 
 def read_slice_of(fixture: Fixture, path: str | Path) -> PlannedImage:

@@ -230,8 +230,7 @@ def pose_warnings(receiver: Any) -> list[str]:
     warnings = [f"{why}, and was not made again"] if receiver.has_ended else []
     if receiver.reconnected:
         warnings.append(f"{why}, and was made again {count(receiver.reconnected, 'time')}")
-    for why, poses in receiver.left_out.items():
-        warnings.append(f"{count(poses, 'pose')} left out: {why}")
+    warnings += [f"{count(n, 'pose')} left out: {why}" for why, n in receiver.left_out.items()]
     if not receiver.poses and receiver.other_devices:
         warnings.append("poses came of " + ", ".join(sorted(receiver.other_devices)))
     delay_s = median([received - measured for measured, received, _ in receiver.poses] or [0])

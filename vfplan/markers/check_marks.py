@@ -175,23 +175,22 @@ def compare_with_marks(
 
 def offset_findings(
     labels: Sequence[str], places: Array, matched: NDArray[np.intp], offset: Array
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """Positions that are further from their marks than a click, alone or all together.
 
     places: (N, 2) the given positions
     matched: (K,) those that have a mark
     offset: (K, 2) given minus drawn [px]
     """
-    findings = []
     for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
             f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the "
             "others have one. Correct its position, or leave it out."
         )
         place = tuple(places[i].tolist())
-        findings.append(doubt("marker-not-drawn", "register", text, place_px=place))
+        yield doubt("marker-not-drawn", "register", text, place_px=place)
     if len(matched) < 3:
-        return findings
+        return
 
     is_single = stands_apart(offset)
     for i, vector in zip(matched[is_single], offset[is_single], strict=True):
@@ -200,7 +199,7 @@ def offset_findings(
             "near it. Move it there, or give --find-markers."
         )
         place = tuple(places[i].tolist())
-        findings.append(doubt("marker-off-mark", "register", text, place_px=place))
+        yield doubt("marker-off-mark", "register", text, place_px=place)
 
     # What the other positions have in common.
     common = offset[~is_single]
@@ -214,8 +213,7 @@ def offset_findings(
             f"({shift[0]:+z.1f}, {shift[1]:+z.1f}) px. Count from 0 at the centre of the top-left "
             "pixel, or take the marks' own with --find-markers."
         )
-        findings.append(doubt("markers-off-marks", "register", text))
-    return findings
+        yield doubt("markers-off-marks", "register", text)
 
 
 def stands_apart(offset: Array) -> Flags:
@@ -260,13 +258,13 @@ def common_hues(hue: Array, strength: Pixels) -> list[float]:
     return np.angle(means).tolist()
 
 
-def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
+def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
     """Connected spots of a mask, sorted into kinds by their size."""
     import cv2
 
     count, numbers, statistics, centres = cv2.connectedComponentsWithStats(mask, connectivity=8)
     if count > MAX_SPOTS:
-        return []
+        return
     statistics, centres = statistics[1:], centres[1:]
     size = statistics[:, 2:4].astype(float)
     is_mark = (size.min(axis=1) >= MIN_SIDE_PX) & (size.max(axis=1) <= MAX_SIDE_PX)
@@ -279,16 +277,14 @@ def _marks_in_mask(mask: Pixels) -> list[DrawnMarks]:
     is_mark &= ~(is_on_line & (gap >= 0) & (gap < height[:, None])).any(axis=1)
 
     spots = centres[is_mark]
-    types = []
     while is_mark.sum() >= 3:
         # The spot with the most spots of about its own size around it.
         best = max((alike_spots(size, is_mark, k) for k in np.flatnonzero(is_mark)), key=len)
         if len(best) < 3:
             break
         stamped = are_stamped(numbers, statistics[best], best + 1)
-        types.append(DrawnMarks(centres[best], stamped, spots))
+        yield DrawnMarks(centres[best], stamped, spots)
         is_mark[best] = False
-    return types
 
 
 def alike_spots(size: Array, is_mark: Flags, k: int) -> NDArray[np.intp]:

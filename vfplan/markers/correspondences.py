@@ -21,7 +21,7 @@ import numpy as np
 from vfplan.display import MM
 from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt, note
-from vfplan.geometry import CORNER_PX
+from vfplan.geometry import CORNER_PX, PixelSpacing
 from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
 
@@ -116,7 +116,7 @@ class Correspondences:
 
 def read_markers(
     path: str | Path, path2: str | Path | None = None, *, common: bool = False,
-    spacing_mm: tuple[float, float] | None = None,
+    spacing_mm: PixelSpacing = None,
 ) -> Correspondences:  # fmt: skip
     """Read markers from one file that holds both sides, or from two files joined by label.
 
@@ -167,7 +167,7 @@ def read_markers(
     return join(source, target, inputs, common)
 
 
-def read_sides(path: Path, spacing_mm: tuple[float, float] | None = None) -> list[MarkerPoints]:
+def read_sides(path: Path, spacing_mm: PixelSpacing = None) -> list[MarkerPoints]:
     """The image side, the other side, or both, of one file; raises as `read_markers`."""
     suffix = path.suffix.lower()
     where = str(path)
@@ -242,9 +242,7 @@ def label_of(text: object, what: str, where: str) -> str:
     return label
 
 
-def parse_marker_table(
-    text: str, where: str, spacing_mm: tuple[float, float] | None = None
-) -> list[MarkerPoints]:
+def parse_marker_table(text: str, where: str, spacing_mm: PixelSpacing) -> list[MarkerPoints]:
     """The image side, the robot side, or both, of one table.
 
     Columns: `label` (or `name`), `u_px,v_px` [px], `x_m,y_m,z_m` [m] (or `_mm`, `_cm`), and on the
@@ -340,7 +338,7 @@ def imagej_columns(names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
 
 def imagej_points(
     table: Table, columns: tuple[str, ...], unit: str | None, label_column: str | None,
-    spacing_mm: tuple[float, float] | None,
+    spacing_mm: PixelSpacing,
 ) -> MarkerPoints:  # fmt: skip
     """The points of a table of ImageJ, on the image [px].
 

@@ -8,7 +8,7 @@ fitted by its brightness as well.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -200,13 +200,12 @@ def coverages_around(picture: Array, place: tuple[float, float], search_px: floa
     return [np.clip(coverage, 0, 1.2) for coverage in maps]
 
 
-def marks_around(coverage: Array, place: tuple[float, float], search_px: float) -> list[Mark]:
+def marks_around(coverage: Array, place: tuple[float, float], search_px: float) -> Iterator[Mark]:
     """The connected marks that reach within `search_px` of a place, none cut by the window."""
     from scipy.ndimage import binary_dilation
     from skimage.measure import label, regionprops
 
     numbers = label(coverage > 0.35)
-    marks = []
     for spot in regionprops(numbers, coverage):
         top, left, bottom, right = spot.bbox
         distance = row_lengths(spot.coords[:, ::-1] - place).min()
@@ -223,8 +222,7 @@ def marks_around(coverage: Array, place: tuple[float, float], search_px: float) 
         valid = ~binary_dilation(is_other, iterations=2)
         centre_v, centre_u = spot.centroid_weighted
         centre = (float(centre_u), float(centre_v))
-        marks.append(Mark(coverage[window], valid, u + left, v + top, centre, side / 2))
-    return marks
+        yield Mark(coverage[window], valid, u + left, v + top, centre, side / 2)
 
 
 def fit_mark(mark: Mark, picture: Array) -> ShapeFit:

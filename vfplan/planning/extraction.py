@@ -14,6 +14,7 @@ from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
+from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import length_of
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
@@ -214,7 +215,7 @@ def read_vectors(
     curve = read_vector_curve(path, settings.curve_origin, settings.stroke, settings.curve_type)
     placed = onto_slice(curve, image.T_patient_image, str(path), image.pixel_spacing_mm)
     extraction = vector_stroke(placed.stroke(1.0), image, str(path))
-    findings = vector_findings(curve, contact_radius) + fold_findings(extraction.strokes)
+    findings = [*vector_findings(curve, contact_radius), *fold_findings(extraction.strokes)]
     doubts = check_drawn_on(curve.drawn_on, image, settings.frame, str(path))
     findings += [doubt("vector-image-unknown", "extract", text) for text in doubts]
     if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:
@@ -282,9 +283,7 @@ def vector_alone(
     return ExtractResult(fixture, None, None, report, fixture.findings)
 
 
-def resample(
-    extraction: Extraction, spacing_mm: tuple[float, float] | None, density_per_mm: float
-) -> Extraction:
+def resample(extraction: Extraction, spacing_mm: PixelSpacing, density_per_mm: float) -> Extraction:
     """The same strokes at a number of points a millimetre instead of one a pixel.
 
     Raises `SettingError` without a pixel spacing, or for "mask", whose points have no order.
@@ -341,7 +340,7 @@ def describe_extraction(extraction: Extraction, image: PlannedImage) -> Report:
     return report
 
 
-def describe_stroke(stroke: Stroke, spacing_mm: tuple[float, float] | None) -> Report:
+def describe_stroke(stroke: Stroke, spacing_mm: PixelSpacing) -> Report:
     """One stroke as `extract --json` reports it."""
     length_mm = None
     if spacing_mm is not None and stroke.is_ordered:

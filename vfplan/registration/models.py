@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
+from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
@@ -280,7 +281,7 @@ def make_problem(
     source: ArrayLike,
     target: ArrayLike,
     model: ModelName,
-    pixel_spacing: float | tuple[float, float] | None,
+    pixel_spacing: float | PixelSpacing,
     sigma: ArrayLike | None,
     labels: Sequence[str] | None,
 ) -> Problem:
@@ -376,9 +377,7 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
             raise MarkerError(text, code="markers-too-large", numbers={"largest": largest})
 
 
-def _spacing(
-    pixel_spacing: float | tuple[float, float] | None, dimension: int, model: ModelName
-) -> Array:
+def _spacing(pixel_spacing: float | PixelSpacing, dimension: int, model: ModelName) -> Array:
     if pixel_spacing is None:
         if dimension == 2 and model == "rigid":
             raise SettingError(

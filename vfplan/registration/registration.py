@@ -34,7 +34,7 @@ as the next one fits.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
@@ -48,7 +48,7 @@ from numpy.typing import ArrayLike
 from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
-from vfplan.geometry import ROWS_AT_ONCE
+from vfplan.geometry import ROWS_AT_ONCE, PixelSpacing
 from vfplan.geometry.lines import Array, Flags, row_lengths, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
@@ -229,14 +229,11 @@ def single_outlier(registration: Registration) -> tuple[int, float] | None:
         return None
     others = registration.used & (np.arange(len(f)) != worst)
     others_m = rms_length(fit_model(registration.problem, others).vectors[others])
-    if others_m > registration.fre_rms_m / 2:
-        return None
-    return worst, others_m
+    return (worst, others_m) if others_m <= registration.fre_rms_m / 2 else None
 
 
-def outlier_findings(registration: Registration) -> list[Finding]:
+def outlier_findings(registration: Registration) -> Iterator[Finding]:
     """Markers further from the others' prediction than chance explains, and those left out."""
-    findings = []
     for i in np.flatnonzero(is_outlier(registration)):
         label, place = registration.labels[i], registration.place_px(i)
         distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
@@ -245,15 +242,14 @@ def outlier_findings(registration: Registration) -> list[Finding]:
                 f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
                 "others put it. Touch it again to have it count."
             )
-            findings.append(note("marker-left-out", "register", text, place_px=place))
+            yield note("marker-left-out", "register", text, place_px=place)
             continue
         away_mm = 1e3 * (loo_m if np.isfinite(loo_m) else distance_m)
         text = (
             f"Marker {label} lies {away_mm:.2f} mm from where the others put it. Touch it again, "
             "or leave it out with --robust."
         )
-        findings.append(doubt("marker-suspect", "register", text, place_px=place))
-    return findings
+        yield doubt("marker-suspect", "register", text, place_px=place)
 
 
 def consistent_markers(problem: Problem) -> Flags:
@@ -494,7 +490,7 @@ def fit_registration(
     model: ModelName = "affine",
     robust: bool = False,
     labels: Sequence[str] | None = None,
-    pixel_spacing: float | tuple[float, float] | None = None,
+    pixel_spacing: float | PixelSpacing = None,
     sigma: ArrayLike | None = None,
     seen_from: ArrayLike | str | None = None,
 ) -> Registration:

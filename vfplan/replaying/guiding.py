@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -111,14 +111,13 @@ class Guided:
                 guide.force, size[:, None], out=np.zeros_like(guide.force), where=size[:, None] > 0
             )
             state = np.where(size > 0, 1, np.where(guide.held, 0, -1)).astype(np.int8)
-            trace = Trace(guide.proxy, normal, guide.force, state, guide.status)
+            trace, force = Trace(guide.proxy, normal, guide.force, state, guide.status), guide.force
         else:
             trace, region_micros = timed(self.region, hips)
             micros += region_micros
-        both = GuidedTrace(**vars(trace), guide=guide, region=trace)
-        if self.region is not None:
-            both = replace(both, force=trace.force + guide.force)
-        return both, micros
+            force = trace.force + guide.force
+        parts = vars(trace) | {"force": force}
+        return GuidedTrace(**parts, guide=guide, region=trace), micros
 
     def measure(self, hips: Vector, trace: GuidedTrace) -> None:
         """Take in the next ticks, T at least 1; a lossy link gives an answer to several."""

@@ -17,7 +17,7 @@ from vfplan.fixture import Fixture
 from vfplan.geometry.lines import arc_lengths, interpolated, row_lengths, runs
 from vfplan.replaying.metrics import Report, row_norms
 from vfplan.session.result import TickBlock
-from vfplan.session.session import Array, LongestRun, Session
+from vfplan.session.session import NO_SAMPLES, Array, LongestRun, Session
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,7 @@ class LossyLink:
         self._loss_random = np.random.default_rng(loss_seed)
         self._age_random = np.random.default_rng(age_seed)
         # Samples before the block, as far back as a delayed one may come from.
-        self._past_time = np.empty(0)
-        self._past_hip = np.empty((0, 3))
+        self._past_time, self._past_hip = NO_SAMPLES
         self._latest_time = -np.inf
         self._ticks = 0
         self._lost = 0

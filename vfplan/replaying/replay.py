@@ -151,16 +151,15 @@ class EngineRun:
             self.changing.times = time
 
         hip, (trace, *governed) = self._answers(time, hand)
-        if isinstance(self.engine, Guided) and len(hip):
+        if isinstance(self.engine, Guided):
             self.engine.measure(hip, trace)
         for forces in governed:
-            if len(hip):
-                self._governed.update(trace.force, forces, hip)
+            self._governed.update(trace.force, forces, hip)
             trace = replace(trace, force=forces.force)
         ticks = rendered_ticks(time, hip, trace, self._surface_depth)
 
         measured, hand_in_frame = ticks, hand
-        if self.changing is not None and len(hand):
+        if self.changing is not None:
             hand_in_frame, in_frame = self.changing.in_fixture_frame(hip, trace)
             measured = rendered_ticks(time, hand_in_frame, in_frame, self._surface_depth)
 
@@ -194,7 +193,7 @@ class EngineRun:
 
     def _run(self, hip: Array) -> list[Any]:
         """The engine's answers and, where there is a governor, what it made of their forces."""
-        if self._last_packet is None and not self._times.ticks and len(hip):
+        if not self._times.ticks:
             self.engine.reset(hip[0])
         trace = self._times.run(self.engine, hip)
         return [trace] if self._governor is None else [trace, self._governor.trace(trace.force)]

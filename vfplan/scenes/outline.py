@@ -157,7 +157,7 @@ class Link:
         if not self.sweep:
             return self.a + share[:, None] * (self.b - self.a)
         angle = self.start + share * self.sweep
-        return self.centre + self.radius * np.column_stack([np.cos(angle), np.sin(angle)])
+        return self.centre + self.radius * unit_vectors(angle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +227,11 @@ def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
     return curve.Pieces.joined(strokes)
 
 
+def unit_vectors(angle: Vector) -> Vector:
+    """(..., 2) directions at angles [rad] from x."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
 def in_space(flat: Vector) -> Vector:
     """(K, 3) places (K, 2) in the plane z = 0."""
     return np.pad(flat, ((0, 0), (0, 1)))
@@ -240,7 +245,7 @@ def segment(a: Vector, b: Vector) -> Link:
 def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
     """A circular link: from the angle `start` on by `sweep` [rad]."""
     centre = np.asarray(centre, float)
-    a, b = (centre + radius * np.array([np.cos(angle), np.sin(angle)])
+    a, b = (centre + radius * unit_vectors(angle)
             for angle in (start, start + sweep))  # fmt: skip
     return Link(a, b, centre, radius, start, sweep)
 

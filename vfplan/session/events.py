@@ -137,9 +137,7 @@ class Event:
         """ "exchange", "edit" or "remake"."""
         if self.remake:
             return "remake"
-        if self.fixture is not None:
-            return "exchange"
-        return "edit"
+        return "edit" if self.fixture is None else "exchange"
 
 
 def write_events(path: str | Path, events: Sequence[Event]) -> None:

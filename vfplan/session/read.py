@@ -137,9 +137,7 @@ def _open_bag(
     stamp = bag_stamp(path)
     sha256 = bag_sha256(path)
     ros = ros or RosOptions()
-    tip = ros.tool_tip
-    if tip is not None:
-        tip = tuple(x / unit_factor(units) for x in tip)
+    tip = ros.tool_tip and tuple(x / unit_factor(units) for x in ros.tool_tip)
     options = dataclasses.astuple(dataclasses.replace(ros, tool_tip=tip))
     read = partial(
         run_in_sandbox, "vfplan.session.bags:read_bag", str(path.resolve()), *options,

@@ -171,6 +171,7 @@ class SamplingReport:
 
 # Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
 Samples = tuple[Array, Array]
+NO_SAMPLES: Samples = np.empty(0), np.empty((0, 3))
 
 # Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
 # sums then run in the same order on every run, and memory does not grow with the session.
@@ -296,7 +297,7 @@ def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
 
 def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
     """The same samples in blocks of exactly `size`, the last one shorter."""
-    time, hip = np.empty(0), np.empty((0, 3))
+    time, hip = NO_SAMPLES
     for more_time, more_hip in samples:
         time = np.concatenate((time, more_time))
         hip = np.concatenate((hip, more_hip))
@@ -317,11 +318,11 @@ def in_order(
 
     Raises SessionError: more than `MENDED_SHARE` of them
     """
-    time, hip = np.empty(0), np.empty((0, 3))
+    time, hip = NO_SAMPLES
     count = swapped = doubled = 0
     newest = last = -np.inf
     first = None
-    for more_time, more_hip in itertools.chain(samples, [(np.empty(0), np.empty((0, 3)))]):
+    for more_time, more_hip in itertools.chain(samples, [NO_SAMPLES]):
         before = np.maximum.accumulate(np.append(newest, more_time))
         is_late = np.diff(before) < MIN_STEP_S
         if is_late.any() and first is None:

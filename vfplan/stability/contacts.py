@@ -251,6 +251,4 @@ def outcome_of(is_good: bool, rule: str = "robust") -> Outcome:
     """The outcome of a check of what `rule` did."""
     if is_good:
         return "pass"
-    if rule == "paper":
-        return "finding"
-    return "fail"
+    return "finding" if rule == "paper" else "fail"

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError, requires_extra
-from vfplan.geometry import CORNER_PX
+from vfplan.geometry import CORNER_PX, PixelSpacing
 from vfplan.geometry.lines import Array
 from vfplan.images.dicom import is_dicom
 from vfplan.io.files import (
@@ -128,7 +128,7 @@ def read_vector_curve(
 
 def onto_slice(
     curve: VectorDrawing, T_patient_image: NDArray | None, where: str,
-    spacing_mm: tuple[float, float] | None = None,
+    spacing_mm: PixelSpacing = None,
 ) -> VectorDrawing:  # fmt: skip
     """The curve in the pixels of a slice whose place in the patient, or pixel spacing, is known.
 
