@@ -133,11 +133,12 @@ auto fixture = vfplan::bundle::read_fixture("mesh.h5");
 """
 # Lines and arcs are rendered across an axis, a mesh is not.
 CPP_OF_STROKE = "vfplan::Parameters p; p.ignore_axis = vfplan::Vec3{{0, 0, 1}};"
+CPP_OF_GOVERNOR = 'vfplan::Engine engine(vfplan::bundle::read_fixture("signed.h5"));'
 CPP_OF_LIVE = "const double t = 0; const vfplan::Step step{};"
 # A page with blocks of C++: the header and the names that its sentences take for granted.
 CPP_PAGES = {
     "README.md": ("bundle/engine.hpp", CPP_BEFORE),
-    "docs/controller.md": ("engine.hpp", CPP_BEFORE),
+    "docs/controller.md": ("bundle/engine.hpp", CPP_BEFORE + CPP_OF_GOVERNOR),
     "docs/engine.md": ("bundle/engine.hpp", CPP_BEFORE + CPP_OF_ENGINE),
     "docs/live.md": ("engine.hpp", CPP_BEFORE + CPP_OF_LIVE),
 }
