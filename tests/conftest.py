@@ -10,6 +10,9 @@ import socket
 import subprocess
 import sys
 import tempfile
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn
@@ -119,6 +122,16 @@ def missing(reason: str) -> NoReturn:
 def missing_package(package: str, what: str) -> NoReturn:
     """As `missing`, naming the apt package."""
     missing(f"needs apt package {package} ({what} not found)")
+
+
+@contextmanager
+def memory_below(most: float) -> Iterator[None]:
+    """The block takes fewer bytes than that at a time."""
+    tracemalloc.start()
+    yield
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < most
 
 
 def free_port(kind=socket.SOCK_DGRAM):

@@ -7,7 +7,7 @@ counted.
 
 import numpy as np
 import pytest
-from motion import SHEET
+from motion import SHEET, unit_circle
 
 import vfplan
 from vfplan.reference import PaperProxy
@@ -119,7 +119,7 @@ def test_states_among_many_points(name, more):
 def degenerate():
     """Clouds and states in which something is equal, zero, or cancels."""
     rc, point, turn = 5e-3, np.zeros((1, 3)), np.arange(12) * (np.pi / 6)
-    ring = np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+    ring = unit_circle(turn)
     line = np.arange(-20, 21)[:, None] * 1e-3 * np.array([[1.0, 0, 0]])
     pair, origin, (x, y, z) = np.array([[rc, 0, 0], [-rc, 0, 0]]), np.zeros(3), rc * np.eye(3)
     yield "on the only point", point, origin

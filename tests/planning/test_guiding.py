@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bundles import stored
 from conftest import ELBOW
 from refusals import refuses
 from replays import fixture_of
@@ -33,9 +34,7 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
     assert made.fixture.guidance == Guidance(1e-3, 1000.0, "open", None)
     assert made.registered.report["guide"]["radius_m"] == 1e-3
     assert made.registered.report["guide"]["lengths_m"] == pytest.approx([0.4158], rel=1e-3)
-    path = tmp_path / "guide.h5"
-    vfplan.write_fixture(made.fixture, path)
-    read = vfplan.read_fixture(path)
+    read = vfplan.read_fixture(stored(tmp_path / "guide.h5", made.fixture))
     assert read.guidance == made.fixture.guidance
     assert len(read.forbidden) == 0
     guide = vfplan.Guide.of(read)
@@ -63,8 +62,8 @@ def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place(
 def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0, 0.03))
     fixture = add_guidance(two_lines(0.02), settings, Record())
-    vfplan.write_fixture(fixture, tmp_path / "led.h5")
-    guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
+    led = vfplan.read_fixture(stored(tmp_path / "led.h5", fixture))
+    guide = vfplan.Guide.of(led, hold="at_once")
     assert guide.run(np.tile([0.05, 0.02, 0], (1000, 1))).force[-1] == pytest.approx([2.0, 0, 0])
 
 
