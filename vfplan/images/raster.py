@@ -303,6 +303,9 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
     return (number or 1) - 1
 
 
+# The pixels of a page.
+Page = NDArray[np.uint8] | NDArray[np.uint16]
+
 # Rows of a page that are laid over black together. So few stay in the processor's cache, which
 # takes a quarter of the time of 256 rows.
 ROWS_AT_ONCE = 8
@@ -310,9 +313,7 @@ ROWS_AT_ONCE = 8
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
 
 
-def decode_raster(
-    data: bytes, header: Header, index: int
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def decode_raster(data: bytes, header: Header, index: int) -> Page:
     """The (H, W, 3) pixels of a file as they are stored, red first, transparent ones over black.
 
     index: which page of a TIFF, from 0
@@ -368,9 +369,7 @@ def decode_raster(
     return np.ascontiguousarray(pixels[..., 2::-1])
 
 
-def over_black(
-    bgra: NDArray[np.uint8] | NDArray[np.uint16],
-) -> NDArray[np.uint8] | NDArray[np.uint16]:
+def over_black(bgra: Page) -> Page:
     """A page in colour, red first, its transparent pixels laid over black."""
     full = np.iinfo(bgra.dtype).max
     rgb = np.empty((*bgra.shape[:2], 3), bgra.dtype)

@@ -85,13 +85,17 @@ class Channel:
         return store
 
 
+# Of each message the channel, when it was recorded [ns], and its bytes.
+Messages = Iterator[tuple[Channel, int, bytes]]
+
+
 @dataclass(frozen=True)
 class Part:
     """An open bag, or one of its files, or a folder with its own list of files."""
 
     channels: list[Channel]
-    # The messages of a topic: channel, when each was recorded [ns], and its bytes
-    messages: Callable[[str], Iterator[tuple[Channel, int, bytes]]]
+    # The messages of a topic
+    messages: Callable[[str], Messages]
     # It ends before its end.
     is_cut: bool = False
 
@@ -123,7 +127,7 @@ def opened_bag(path: Path) -> Iterator[Part]:
             parts = [open_part(part, stack) for part in bag_parts(path)]
             channels = list(itertools.chain(*(part.channels for part in parts)))
 
-            def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+            def messages(topic: str) -> Messages:
                 return heapq.merge(*(part.messages(topic) for part in parts), key=itemgetter(1))
 
             yield Part(channels, messages, any(part.is_cut for part in parts))
@@ -155,7 +159,7 @@ def open_part(path: Path, stack: ExitStack) -> Part:
             sender.msgdef.format.name == "IDL", sender.digest or "",
         )  # fmt: skip
 
-    def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(topic: str) -> Messages:
         senders = [sender for sender in reader.connections if sender.topic == topic]
         for sender, recorded, raw in reader.messages(connections=senders) if senders else ():
             yield channels[sender.id], recorded, raw
@@ -205,7 +209,7 @@ def mcap_part(stream: BinaryIO, in_file_order: bool = False) -> Part:
             channel.topic, name, counts[channel.topic], channel.message_encoding, text, is_idl, ""
         )
 
-    def messages(topic: str) -> Iterator[tuple[Channel, int, bytes]]:
+    def messages(topic: str) -> Messages:
         for _, channel, message in read([topic]):
             yield channels[channel.id], message.log_time, message.data
 
