@@ -243,8 +243,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
-    mode = "wrap" if closed else "edge"
-    return lines.length_of(gaussian(path, tuned.SMOOTH_PX, mode), closed)
+    return lines.length_of(gaussian(path, tuned.SMOOTH_PX, lines.BEYOND[closed]), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
@@ -261,8 +260,7 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
         f"Only {measured_px} px of the line can be measured. Draw it with a stronger pen, or take "
         "its skeleton: --method skeleton."
     )
-    middle = line.path[len(line.path) // 2]
-    return error_at(middle, text, code="too-little-ink", measured_px=measured_px)
+    return error_at(line.middle, text, code="too-little-ink", measured_px=measured_px)
 
 
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:
