@@ -218,9 +218,7 @@ def step_in_contact(u: Vector, n: Vector, par: ProxyParameters) -> Vector:
     """Algorithm 3 (state 1), eq. (6): along u_p with the HIP inside the VF, along u outside."""
     up = projection(u, n)
     d = tangential_step(up, par)
-    if n @ u < 0:
-        return along(up, d)
-    return along(u, d)
+    return along(up if n @ u < 0 else u, d)
 
 
 def step_entrenched(p: Vector, proxy: Vector, n: Vector, par: ProxyParameters) -> Vector:

@@ -97,9 +97,7 @@ def draw_registration(
 def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     """A round factor (1, 2, 5, 10, ...) that makes the longest about as long as wanted."""
     longest = float(np.linalg.norm(lengths_px, axis=-1).max(initial=0.0))
-    if not longest > 0:
-        return 1.0
-    return nice_length(max(wanted_px / longest, 1.0))
+    return nice_length(max(wanted_px / longest, 1.0)) if longest > 0 else 1.0
 
 
 def draw_band(axes: Any, curve: Fixture, points: Array, tre_mm: Array, half_px: Array) -> Any:
