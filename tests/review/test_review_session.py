@@ -350,7 +350,7 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     wanted = extracted.extraction
     for plan in (session.current, of_bundle):
         assert list(map(width, plan.strokes)) == list(map(width, wanted.strokes))
-        assert list(map(known, plan.geometry.account)) == list(map(known, wanted.account))
+        assert list(map(known, plan.account)) == list(map(known, wanted.account))
     width_px = extracted.report["strokes"][0]["width_px"]
     assert f"the pen is {width_px:.1f} px wide" in dict(facts_of(of_bundle))["Line"]
 

@@ -318,6 +318,11 @@ class Plan:
         return self.geometry.lines
 
     @cached_property
+    def account(self) -> tuple[AccountEntry, ...]:
+        """Other ink, and where the line shows none, the largest first."""
+        return self.geometry.account
+
+    @cached_property
     def digest(self) -> str:
         """By which it is accepted."""
         return digest_of(self.fixture, slice_shown=self.image is not None)
@@ -391,7 +396,7 @@ class Plan:
     @cached_property
     def other_ink(self) -> tuple[AccountEntry, ...]:
         """The account without the bridges of the line."""
-        return tuple(entry for entry in self.geometry.account if entry.what != "bridge")
+        return tuple(entry for entry in self.account if entry.what != "bridge")
 
     @property
     def slicer_points(self) -> Array:

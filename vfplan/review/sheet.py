@@ -209,7 +209,7 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
     lists = [("Findings" if findings else "Findings: none", findings)]
     if plan.image is not None:
         # Each has its number of the account, in which bridges stand too.
-        words, account = [], plan.geometry.account if plan.other_ink else ()
+        words, account = [], plan.account if plan.other_ink else ()
         for entry in account[:MAX_NUMBERED]:
             what = f"longest side {entry.size_px:.0f} px, area {entry.pixels} px"
             if entry.what != "ink":
