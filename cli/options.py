@@ -189,19 +189,20 @@ def refuse_unused(when: str, *names: str) -> None:
 
 
 F = TypeVar("F", bound=Callable[..., Any])
+Decorator = Callable[[F], F]
 
 # What a signature may be for, and the option that demands it.
 SIGNED_FOR = {"case": "--case CASE", "robot_serial": "--robot-serial SERIAL"}
 
 
-def option(*names: str, **attributes: Any) -> Callable[[F], F]:
+def option(*names: str, **attributes: Any) -> Decorator:
     """`click.option`, whose help shows the default where there is one."""
     if "show_default" not in attributes:
         attributes["show_default"] = attributes.get("default") not in (None, "")
     return click.option(*names, **attributes)
 
 
-def options_in_order(*decorators: Callable[[F], F]) -> Callable[[F], F]:
+def options_in_order(*decorators: Decorator) -> Decorator:
     """These options, which the help lists in this order."""
 
     def wrap(function: F) -> F:
@@ -212,16 +213,14 @@ def options_in_order(*decorators: Callable[[F], F]) -> Callable[[F], F]:
     return wrap
 
 
-def output_option(
-    text: str, required: bool = True, kind: click.ParamType = HDF5
-) -> Callable[[F], F]:
+def output_option(text: str, required: bool = True, kind: click.ParamType = HDF5) -> Decorator:
     """`-o/--output FILE`, which the command gets as `output`, and `--overwrite`."""
     return options_in_order(
         option("-o", "--output", type=kind, required=required, help=text), OVERWRITE
     )
 
 
-def robot_option(purpose: str) -> Callable[[F], F]:
+def robot_option(purpose: str) -> Decorator:
     """`--robot`: a shipped robot or a file, read by `vfplan.robot.read_robot`; none by default."""
     names = "NAME is franka, fr3 or none; FILE is a robot file (schemas/robot-1.1.json)."
     return option("--robot", metavar="NAME|FILE", help=f"{purpose} {names}")
@@ -229,7 +228,7 @@ def robot_option(purpose: str) -> Callable[[F], F]:
 
 def signature_options(
     keys_option: str = "--require-signature", required: bool = False
-) -> Callable[[F], F]:
+) -> Decorator:
     """What the signature of a bundle must satisfy; `trust` makes it of the command's arguments."""
     return options_in_order(
         option(keys_option, "keys", type=FILE, required=required, metavar="KEYS",
@@ -333,7 +332,7 @@ TIP = option("--tip", type=FILE, metavar="TIP.json",
              help="Record the tool that touched the markers, from `vfplan tip -o`.")  # fmt: skip
 
 
-def setting_option(kind: type, name: str) -> Callable[[F], F]:
+def setting_option(kind: type, name: str) -> Decorator:
     """The option of a field of a class of settings, as `vfplan.settings` declares it."""
     setting = next(setting for setting in fields(kind) if setting.name == name)
     rule, form = setting.metadata, setting.metadata.get("form")
@@ -365,7 +364,7 @@ def setting_option(kind: type, name: str) -> Callable[[F], F]:
     return option(*map("--{}".format, option_words(setting)), argument_of(setting), **attributes)
 
 
-def setting_options(kind: type, names: str) -> Callable[[F], F]:
+def setting_options(kind: type, names: str) -> Decorator:
     """The options of some fields of a class of settings."""
     return options_in_order(*(setting_option(kind, name) for name in names.split()))
 

@@ -451,9 +451,8 @@ def silence(stream: TextIO | None) -> None:
 def shows_progress() -> bool:
     """Whether progress is shown: stderr is a terminal, and there is no `-q`."""
     context = click.get_current_context(silent=True)
-    if context is not None and context.params.get("quiet"):
-        return False
-    return sys.stderr.isatty()
+    is_quiet = context is not None and context.params.get("quiet")
+    return not is_quiet and sys.stderr.isatty()
 
 
 @contextmanager

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 import slicer_files
 from captures import capture
-from conftest import ROOT
+from conftest import ROOT, file_with
 from layouts import solid
 from refusals import refuses
 from replays import probing
@@ -68,11 +68,6 @@ from vfplan.surface.build import read_contours
 SMALL, SOLID = bundles.small(), bundles.patient()
 
 
-def written(path, data):
-    path.write_bytes(data if isinstance(data, bytes) else data.encode())
-    return path
-
-
 def table(data, columns=("a",)):
     list(open_number_table(lambda: io.BytesIO(data), "t.csv", InputError).blocks(columns))
 
@@ -88,8 +83,7 @@ def ink(mask):
 
 
 def stored(folder, fixture):
-    vfplan.write_fixture(fixture, folder / "f.h5")
-    return folder / "f.h5"
+    return bundles.stored(folder / "f.h5", fixture)
 
 
 def stored_result(folder):
@@ -208,7 +202,7 @@ CALLS = {
     "result-empty": lambda d: read_result(stored_result(d)),
     "loop-counts-invalid": lambda d: _check_counts("events", np.array([2.0]), 1, "s.csv"),
     "no-such-peer": lambda d: bench(["proxy"], quick=True, peers=[peers.Peer("")]),
-    "corrupt.shape": lambda d: read_bundle(written(
+    "corrupt.shape": lambda d: read_bundle(file_with(
         d / "f.h5", changed("curve", {"/curve/closed": np.zeros(3, np.uint8)}))),
     # Files, tables and folders.
     "file-unreadable": lambda d: opened_file(d / "a\0b"),
@@ -216,7 +210,7 @@ CALLS = {
     "compressed-data-damaged": lambda d: decompress(b"none", "bzip2", 99),
     "line-too-long": lambda d: table(b"x" * (MAX_LINE_BYTES + 1)),
     "too-many-columns": lambda d: table(b"x," * MAX_COLUMNS + b"x"),
-    "folder-is-a-file": lambda d: refuse_folder(written(d / "f", "")),
+    "folder-is-a-file": lambda d: refuse_folder(file_with(d / "f", "")),
     "output-is-a-directory": lambda d: refuse_place(d),
     # Outlines, label maps, surfaces.
     "structure-none": lambda d: outline.choose_structure((), None),
@@ -232,7 +226,7 @@ CALLS = {
     "slice-alone": lambda d: outline.runs_of_slices(
         [as_is(z=0.0), as_is(z=1e-3), as_is(z=2e-3)], np.array([5e-4]), np.eye(3)[2], None),
     "curve-not-closed": lambda d: sources.read_slicer_curves(
-        [written(d / "f.mrk.json", slicer_files.mrk([]))]),
+        [file_with(d / "f.mrk.json", slicer_files.mrk([]))]),
     "outline-open": lambda d: sources.read_drawn_slices(two_slices(d), None),
 }
 # The same, where what is wrong is made so: what is put in the place of which name.
@@ -293,7 +287,7 @@ def test_what_of_another_image_is_doubted(monkeypatch, tmp_path):
     found = vfplan.register(curve, *pairs, image=replace(image, sha256="0" * 64)).findings
     assert "image-other" in [finding.code for finding in found]
 
-    path = written(tmp_path / "c.csv", "u_px,v_px\n1,1\n50,9\n")
+    path = file_with(tmp_path / "c.csv", "u_px,v_px\n1,1\n50,9\n")
     monkeypatch.setattr("vfplan.vectors.curve.check_drawn_on", lambda *words: ("Check it.",))
     (finding,) = read_vectors(image, path, settings)[0].findings
     assert finding.code == "vector-image-unknown"

@@ -332,9 +332,7 @@ class Stroke:
     @property
     def end_points(self) -> Array:
         """(2, K) first and last point; (0, K) of a closed line, or of one in no order."""
-        if self.closed or not self.is_ordered:
-            return self.points[:0]
-        return self.points[[0, -1]]
+        return self.points[:0] if self.closed or not self.is_ordered else self.points[[0, -1]]
 
     def at(self, parameter: Array) -> Stroke:
         """The stroke through its places at float indices (N,) of its points.

@@ -194,8 +194,7 @@ def drawn_at_random(draw):
 def test_curves_at_random_agree_with_points_on_them_and_not_with_others(seed, tmp_path):
     draw = np.random.default_rng(seed)
     fixture = drawn_at_random(draw)
-    path = tmp_path / "a.h5"
-    vfplan.write_fixture(fixture, path)
+    path = bundles.stored(tmp_path / "a.h5", fixture)
     assert vfplan.ProxyEngine.of(fixture, "exact").distance(fixture.points).max() < 2e-8
     move = draw.normal(size=3)
     move -= (move @ fixture.ignore_axis) * fixture.ignore_axis

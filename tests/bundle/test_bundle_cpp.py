@@ -66,8 +66,7 @@ def test_the_program_agrees_with_the_conformance_kit(bundle_info, tmp_path):
 
 @pytest.mark.parametrize("name", MAKE)
 def test_json_equals_that_of_vfplan_info(name, bundle_info, vfplan_cli, tmp_path):
-    path = tmp_path / "a.h5"
-    vfplan.write_fixture(getattr(bundles, name)(), path)
+    path = bundles.stored(tmp_path / "a.h5", getattr(bundles, name)())
     theirs = vfplan_cli("info", path, "--json").json
     for name in ("elapsed_s", "tick_work", "findings", "reviewed"):  # told otherwise
         theirs.pop(name, None)
@@ -115,8 +114,7 @@ def test_a_program_reads_bundles_without_a_library(components, target, tmp_path)
     assert "hdf5" not in needs
     if target == "headers":
         assert "crypto" not in needs
-    vfplan.write_fixture(bundles.minimal(), tmp_path / "a.h5")
-    output(program, tmp_path / "a.h5", code=12)
+    output(program, bundles.stored(tmp_path / "a.h5", bundles.minimal()), code=12)
 
 
 def python_verdict(data):

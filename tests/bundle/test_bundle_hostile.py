@@ -88,8 +88,7 @@ def test_a_seal_that_was_grown_again_is_refused(sealed_bytes):
 @pytest.mark.parametrize("mode", ["r+", "a"])
 @pytest.mark.parametrize("change", [False, True])
 def test_a_bundle_that_h5py_opened_for_writing_is_as_it_was_or_refused(mode, change, tmp_path):
-    path = tmp_path / "a.h5"
-    vfplan.write_fixture(bundles.whole(), path)
+    path = bundles.stored(tmp_path / "a.h5", bundles.whole())
     before = path.read_bytes()
     with h5py.File(path, mode) as file:
         file.attrs.update({"touched": 1} if change else {})

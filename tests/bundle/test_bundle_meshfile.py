@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import file_with
 from meshes import sphere
 from refusals import refuses
 from scipy.spatial.transform import Rotation
@@ -189,8 +190,7 @@ def said(text):
 @pytest.mark.parametrize("kind", said(b""))
 def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
     def imported(text, frame=None):
-        path = tmp_path / f"a.{kind.removeprefix('.')}"
-        path.write_bytes(said(text)[kind])
+        path = file_with(tmp_path / f"a.{kind.removeprefix('.')}", said(text)[kind])
         return import_cloud(path, units="m", frame=frame)
 
     plain, lps, ras = map(imported, (b"bone", b"SPACE=LPS", b"SPACE=RAS;"))
@@ -242,8 +242,8 @@ def test_another_unit_than_that_of_our_own_files_is_refused(tmp_path):
 
 
 def test_a_mesh_goes_back_to_the_patient_as_stl(tmp_path):
-    (tmp_path / "a.stl").write_bytes(binary_stl(head=b"SPACE=RAS"))
-    made = import_cloud(tmp_path / "a.stl", units="m")
+    path = file_with(tmp_path / "a.stl", binary_stl(head=b"SPACE=RAS"))
+    made = import_cloud(path, units="m")
     T = np.array([[0, -1, 0, 0.5], [1, 0, 0, 0.2], [0, 0, 1, 0.1], [0, 0, 0, 1]])
     record = RegistrationRecord(
         "rigid", "patient_lps", T, ("a",), np.zeros((1, 3)), np.zeros((1, 3)), np.zeros(1), 0, 0, 0
@@ -319,8 +319,7 @@ def test_an_array_that_is_not_as_long_as_it_says_is_refused(shape, tmp_path):
 def stl_of(path, corners):
     """Binary STL of corners (K, 3, 3), which float32 rounds."""
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
-    path.write_bytes(binary_stl(corners.reshape(-1, 3), faces))
-    return path
+    return file_with(path, binary_stl(corners.reshape(-1, 3), faces))
 
 
 SHARES = [pytest.param(share, marks=pytest.mark.slow) for share in np.linspace(0.01, 0.99, 34)]

@@ -9,7 +9,7 @@ from dataclasses import replace
 import bundles
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, file_with
 from refusals import refuses
 
 import vfplan
@@ -129,8 +129,7 @@ def test_every_command_refuses_a_review_of_another_plan(command, vfplan_cli, tmp
     lying = replace(fixtures.reviewed(), case="case 17")
     monkeypatch.setattr(fixtures, "lying", lambda: lying, raising=False)
     path.write_bytes(vectors.signed("lying", False))
-    (tmp_path / "k.pub").write_bytes(trusted_key())
-    words = {"verify": ["--keys", tmp_path / "k.pub"],
+    words = {"verify": ["--keys", file_with(tmp_path / "k.pub", trusted_key())],
              "sign": ["--key", key, "-o", tmp_path / "s.h5"],
              "replay": [ROOT / "samples" / "elbow_session.csv"]}  # fmt: skip
     run = vfplan_cli(command, path, *words.get(command, []), "--json")

@@ -8,7 +8,6 @@ import bundles
 import pytest
 
 from vfplan.bundle.read import read_fixture
-from vfplan.bundle.write import write_fixture
 from vfplan.findings import doubt, note
 
 FINDINGS = (doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0)),
@@ -18,8 +17,7 @@ FINDINGS = (doubt("ink-left", "extract", "Ink is left.", place_px=(3.0, 4.0)),
 @pytest.fixture
 def sheet(vfplan_cli, tmp_path):
     """A mesh with a finding, and its digest as `review` says it."""
-    path = tmp_path / "f.h5"
-    write_fixture(replace(bundles.sheet(), findings=FINDINGS), path)
+    path = bundles.stored(tmp_path / "f.h5", replace(bundles.sheet(), findings=FINDINGS))
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json").sound
     return path, run.json["digest"]
 
@@ -58,8 +56,7 @@ def test_a_wrong_call_or_an_open_finding_writes_nothing(words, code, error, vfpl
 
 
 def test_a_sheet_without_its_slice_leaves_a_doubt_to_answer(vfplan_cli, tmp_path):
-    path = tmp_path / "f.h5"
-    write_fixture(bundles.whole(), path)
+    path = bundles.stored(tmp_path / "f.h5", bundles.whole())
     run = vfplan_cli("review", path, "--sheet-out", tmp_path / "s.png", "--json")
     out = tmp_path / "a.h5"
     call = ("accept", path, "--digest", run.json["digest"], "--by", "A", "-o", out, "--json")

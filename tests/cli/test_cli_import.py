@@ -48,8 +48,7 @@ def test_a_mesh_is_kept_as_drawn_certified_and_in_metres(options, spacing, stl, 
     assert fixture.band == max(1e-5, 5e-3 - np.sqrt(25e-6 - spacing**2 / 3))
     # What rules "robust" and "paper" render has a certificate of its own.
     made = sampled(fixture)
-    vfplan.write_fixture(made, tmp_path / "samples.h5")
-    leak = read_bundle(tmp_path / "samples.h5")[0]
+    leak = read_bundle(bundles.stored(tmp_path / "samples.h5", made))[0]
     assert leak["/leak@certified"] == 1
     assert leak["/leak@largest_m"] == largest_cover(made.mesh, made.points)
     assert leak["/leak@largest_m"] <= spacing / np.sqrt(3) * (1 + 1e-9)

@@ -16,8 +16,7 @@ import vfplan
 
 @pytest.fixture
 def path(tmp_path):
-    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
-    return tmp_path / "a.h5"
+    return bundles.stored(tmp_path / "a.h5", bundles.whole())
 
 
 def test_a_file_that_may_not_be_read_is_code_3(path, monkeypatch):

@@ -12,8 +12,7 @@ import vfplan
 
 
 def test_a_sound_bundle_is_valid_and_says_what_it_is_not(vfplan_cli, tmp_path):
-    vfplan.write_fixture(bundles.whole(), tmp_path / "a.h5")
-    run = vfplan_cli("validate", tmp_path / "a.h5", "--json").sound
+    run = vfplan_cli("validate", bundles.stored(tmp_path / "a.h5", bundles.whole()), "--json").sound
     assert run.json["valid"]
     codes = {issue["code"] for issue in run.json["issues"]}
     assert codes == {"seal.unsigned", "leak.open_ends", "leak.between", "review.missing"}
@@ -67,8 +66,7 @@ def test_what_the_format_allows_and_no_engine_renders_is_warned_of(change, says,
     """The format is wider than the engine: the bundle is valid, and nothing replays it."""
     base = bundles.small()
     bare = replace(base, rendering=replace(base.rendering, **change))
-    vfplan.write_fixture(bare, tmp_path / "a.h5")
-    run = vfplan_cli("validate", tmp_path / "a.h5", "--json")
+    run = vfplan_cli("validate", bundles.stored(tmp_path / "a.h5", bare), "--json")
     assert (run.code, run.json["valid"]) == (0, True)
     (issue,) = (i for i in run.json["issues"] if i["code"] == "rendering.engine")
     assert (issue["severity"], issue["location"]) == ("warning", "/rendering")
@@ -82,7 +80,6 @@ def test_what_the_format_allows_and_no_engine_renders_is_warned_of(change, says,
 def test_a_path_is_warned_of(vfplan_cli, tmp_path):
     fixture = bundles.whole()
     fixture.provenance.settings["source"] = "/home/someone/slice.png"
-    vfplan.write_fixture(fixture, tmp_path / "a.h5")
-    run = vfplan_cli("validate", tmp_path / "a.h5", "--json").sound
+    run = vfplan_cli("validate", bundles.stored(tmp_path / "a.h5", fixture), "--json").sound
     warned = {i["code"] for i in run.json["issues"] if i["severity"] == "warning"}
     assert warned == {"provenance.path"}

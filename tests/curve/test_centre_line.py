@@ -8,6 +8,7 @@ from canvas import Canvas
 from conftest import memory_below
 from drawing import (
     anatomy,
+    arc_of,
     blend,
     coverage,
     flat,
@@ -16,6 +17,7 @@ from drawing import (
     polyline,
     rms,
     straight_coverage,
+    to_ends,
     to_uint8,
     wavy,
 )
@@ -45,9 +47,7 @@ def inner_errors(stroke, truth, closed=False):
     error = normal_errors(stroke.points_px, truth, closed)
     keep = np.ones(len(error), bool)
     if not closed:
-        ends = stroke.points_px[[0, -1]]
-        distance = np.hypot(*np.moveaxis(stroke.points_px[:, None] - ends, 2, 0)).min(1)
-        keep = distance > INNER_PX
+        keep = to_ends(stroke.points_px) > INNER_PX
     return error[keep], (error / stroke.sigma_px)[keep]
 
 
@@ -210,7 +210,7 @@ def test_an_end_in_jpeg_lies_neither_beyond_nor_before_the_true_one(width):
 
 @pytest.mark.parametrize("length", [10.0, 20.0, 40.0])
 def test_a_pen_that_is_drawn_out_is_followed_to_its_point(length):
-    arc = np.r_[0.0, np.cumsum(np.hypot(*np.diff(BENT, axis=0).T))]
+    arc = arc_of(BENT)
     stroke = stroke_of(pressed(BENT, 4.0 * np.clip((arc[-1] - arc) / length, 0.04, 1)))
     assert np.hypot(*(stroke.points_px[-1] - BENT[-1])) < 0.6
 

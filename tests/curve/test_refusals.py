@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import slices
 from canvas import Canvas
-from drawing import blend, coverage, flat, normal_errors, to_uint8
+from drawing import arc_of, blend, coverage, flat, normal_errors, to_uint8
 from refusals import refuses
 
 from vfplan.curve.extraction import extract_curve
@@ -54,8 +54,7 @@ def test_no_ink_but_another_pens_line_is_named_by_its_own_colour(name):
     image = paint(curve, colour=tuple(bytes.fromhex(name[1:])))
     error = refusal(image)
     assert (error.code, error.numbers["other_colour"]) == ("no-line", name)
-    length = np.hypot(*np.diff(curve, axis=0).T).sum()
-    assert error.numbers["other_length_px"] == pytest.approx(length, rel=0.05)
+    assert error.numbers["other_length_px"] == pytest.approx(arc_of(curve)[-1], rel=0.05)
     wrong, found, *_ = error.message.split(". ")
     assert (wrong, found[:12]) == ("No line was drawn in red", "Longest line")
     assert found.endswith(f"--colour '{name}'")

@@ -7,11 +7,10 @@ counted.
 
 import numpy as np
 import pytest
-from motion import SHEET
+from motion import SHEET, unit_circle
 
 import vfplan
 from vfplan.reference import PaperProxy
-from vfplan.scenes.outline import in_space, unit_vectors
 
 TOLERANCE = 1e-9  # [m]
 SENSITIVE = 1e-10  # a permutation moves the reference by more: left out
@@ -120,7 +119,7 @@ def test_states_among_many_points(name, more):
 def degenerate():
     """Clouds and states in which something is equal, zero, or cancels."""
     rc, point, turn = 5e-3, np.zeros((1, 3)), np.arange(12) * (np.pi / 6)
-    ring = in_space(unit_vectors(turn))
+    ring = unit_circle(turn)
     line = np.arange(-20, 21)[:, None] * 1e-3 * np.array([[1.0, 0, 0]])
     pair, origin, (x, y, z) = np.array([[rc, 0, 0], [-rc, 0, 0]]), np.zeros(3), rc * np.eye(3)
     yield "on the only point", point, origin

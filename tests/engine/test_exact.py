@@ -11,7 +11,7 @@ import curves
 import numpy as np
 import pytest
 from curves import R
-from motion import drag, play, unbroken
+from motion import drag, play, unbroken, unit_circle
 from oracle.guarantees import Rooms
 from replays import of_pieces
 
@@ -85,7 +85,7 @@ def test_a_ring_is_followed_as_it_is(inside):
     """Outside and in the hollow the rest is the HIP, carried to the ring's offset."""
     ring = curves.pieces([(np.array([[0.02, 0], [-0.02, 0]]), np.ones(2), True)])
     engine, turn = ProxyEngine.along(ring, R), np.linspace(0.1, 14, 3000)
-    round_ = in_space(unit_vectors(turn))
+    round_ = unit_circle(turn)
     depth, rest = np.linspace(1e-3, 1e-2, 3000)[:, None], 0.015 if inside else 0.025
     hips = round_ * (rest + (depth if inside else -depth))
     trace = play(engine, hips, round_[0] * (0.01 if inside else 0.03))

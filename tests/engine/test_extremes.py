@@ -6,11 +6,10 @@ from itertools import pairwise
 import curves
 import numpy as np
 import pytest
-from motion import grid, play
+from motion import grid, play, unit_circle
 
 from vfplan import ProxyEngine
 from vfplan.geometry.lines import interpolated
-from vfplan.scenes.outline import in_space, unit_vectors
 from vfplan.stability.cases import ROUNDING_M, breach, energy_balance, random_path
 from vfplan.stability.contacts import Contact, patch
 
@@ -175,7 +174,7 @@ def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(setti
 
 def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
     angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    ring = 0.02 * in_space(unit_vectors(angle))
+    ring = 0.02 * unit_circle(angle)
     trace = play(ProxyEngine(ring, R, ignore_axis="z"), np.zeros((1000, 3)), [1e-3, 0.0, 0.0])
     assert not trace.proxy.any()
     assert not trace.force.any()

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from motion import even, grid
+from motion import even, grid, unit_circle
 from oracle.guarantees import SLACK, Past, Rooms, across, free_to_go, growth, never_inside
 
 import vfplan
 from vfplan import scenes
-from vfplan.scenes.outline import in_space, unit_vectors
 
 R = 5e-3
 TALLY = Counter()
@@ -49,7 +48,7 @@ def bumpy(rng):
 def singular(rng):
     """Rings, duplicates, exact grids, pairs just wider or narrower than the proxy, one point."""
     turn = np.arange(24) * (np.pi / 12)
-    ring = in_space(unit_vectors(turn))
+    ring = unit_circle(turn)
     sheet = grid(even(6, 1), even(6, 1)) * R / 5
     gap = R * (1 + rng.choice([-1e-3, -1e-9, 0.0, 1e-9, 1e-3, 0.1]))
     return [

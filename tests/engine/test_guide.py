@@ -4,12 +4,11 @@ import warnings
 
 import numpy as np
 import pytest
-from motion import NATIVE, K, compiled, output, sizes
+from motion import NATIVE, K, compiled, output, sizes, unit_circle
 
 from vfplan import Guide, Status
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Pieces
-from vfplan.scenes.outline import in_space, unit_vectors
 
 
 def hairpin(apart=0.01):
@@ -22,8 +21,7 @@ def hairpin(apart=0.01):
 
 
 def circle(radius, n=200):
-    a = np.arange(n) * 2 * np.pi / n
-    return radius * in_space(unit_vectors(a))
+    return radius * unit_circle(np.arange(n) * 2 * np.pi / n)
 
 
 def along_x(n=11):
@@ -178,7 +176,7 @@ def test_lines_and_arcs_are_followed_as_they_are(tilt):
     assert guide.closed == (False,)
     assert guide.lengths_m == pytest.approx([0.06 + np.pi * 5e-3], rel=1e-12)
     turn = np.linspace(-np.pi / 2, np.pi / 2, 500)
-    round_ = in_space(unit_vectors(turn))
+    round_ = unit_circle(turn)
     deep = 5e-3 + 2e-3 * np.cos(3 * turn)
     hips = ([0.03, 5e-3, 0] + deep[:, None] * round_) @ frame + 0.05 * tilt
     guide.reset([0.03, 0, 0] @ frame)

@@ -4,11 +4,10 @@ import feel
 import numpy as np
 import pytest
 from failures import floor, inside
-from motion import K, R, hold, play, sizes
+from motion import K, R, hold, play, sizes, unit_circle
 
 from vfplan import ProxyEngine, Status, scenes
 from vfplan.geometry.lines import row_lengths
-from vfplan.scenes.outline import in_space, unit_vectors
 
 
 def engine_of(scene, **settings):
@@ -226,7 +225,7 @@ def test_a_hollow_hardly_wider_than_the_proxy_is_followed(wide, um):
     circle = scenes.Circle(radius=wide * R, spacing=0.25e-3)
     turn = np.linspace(0, 2 * np.pi, 4000)
     deep = np.minimum(4e-3 + 3e-3 * np.cos(3 * turn), turn / 0.05 * 7e-3)
-    round_ = in_space(unit_vectors(turn))
+    round_ = unit_circle(turn)
     engine = ProxyEngine(circle.points, R, ignore_axis="z")
     trace = play(engine, (wide * R - R + deep)[:, None] * round_, np.zeros(3))
     off = row_lengths(trace.proxy - (wide * R - R) * round_)[100:]

@@ -112,5 +112,4 @@ def test_meshes_of_needles_keep_to_the_work_of_a_tick(tmp_path):
     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
     (bundles.minimal, [], 2, "without rendering parameters")])  # fmt: skip
 def test_an_engine_is_made_of_a_fixture_in_one_call(make, options, code, says, program, tmp_path):
-    vfplan.write_fixture(make(), tmp_path / "a.h5")
-    assert says in output(program, tmp_path / "a.h5", *options, code=code)
+    assert says in output(program, bundles.stored(tmp_path / "a.h5", make()), *options, code=code)

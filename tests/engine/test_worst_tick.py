@@ -9,7 +9,7 @@ import curves
 import meshes
 import numpy as np
 import pytest
-from motion import NATIVE, compiled, grid, output
+from motion import NATIVE, compiled, grid, output, sizes
 
 import vfplan
 from vfplan.errors import SceneError, SettingError
@@ -39,7 +39,7 @@ def drawn(draw):
     ])  # fmt: skip
     strokes = np.zeros(count + 1, np.int32), np.array([False])
     pieces = Pieces(corners, np.append(draw.choice([0.0, 0.3, -0.5], count), 0.0), *strokes)
-    length = np.linalg.norm(np.diff(corners, axis=0), axis=1).sum()
+    length = sizes(corners).sum()
     points = curves.samples(pieces, max(length / 5000, side / 20))
     points = np.column_stack([points, np.zeros(len(points))])
     curve = Curve(np.zeros(len(points), np.int32), strokes[1], pieces=pieces)

@@ -65,8 +65,7 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     assert "made in memory" in about
     assert not re.search(">(?:True|False)<", text)
     assert settings_table({"a": "", "b": {"c": 0}, "d": -5e-16}) == settings_table({"d": 0})
-    path = tmp_path / "f.h5"
-    vfplan.write_fixture(bundles.whole(), path)
+    path = bundles.stored(tmp_path / "f.h5", bundles.whole())
     replayed = replay(path, probing())
     digest = replayed.metrics["fixture"]["sha256"]
     before, about = page(replayed).split("About this page")

@@ -75,8 +75,7 @@ def test_a_curve_that_nobody_renders_is_shown_too(tmp_path):
 def test_the_slice_lies_where_its_pixels_were_registered(tmp_path, vfplan_cli):
     """With the slice the ground is grey, and without it all but its border is white."""
     need_gl()
-    bundle = tmp_path / "f.h5"
-    vfplan.write_fixture(vfplan.plan(*ELBOW).fixture, bundle)
+    bundle = bundles.stored(tmp_path / "f.h5", vfplan.plan(*ELBOW).fixture)
     for name, more in (("border", ()), ("slice", ("--slice", ELBOW[0]))):
         picture = tmp_path / f"{name}.png"
         assert vfplan_cli("view", bundle, "--screenshot", picture, *more, env={"DISPLAY": ""}).sound

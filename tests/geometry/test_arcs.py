@@ -8,7 +8,7 @@ from refusals import refuses
 from scipy.interpolate import CubicSpline
 
 from vfplan.errors import CurveError
-from vfplan.geometry.lines import find_corners, fit_arcs
+from vfplan.geometry.lines import find_corners, fit_arcs, ring_of
 
 TOLERANCE = 1e-6
 
@@ -42,7 +42,7 @@ def test_smooth_curves_are_followed_without_a_kink(points, closed, most):
     arcs = fit_arcs(points, closed, TOLERANCE)
     assert arcs.distance(points).max() <= TOLERANCE
     kind = "periodic" if closed else "not-a-knot"
-    ring = np.vstack([points, points[:1]]) if closed else points
+    ring = ring_of(points, closed)
     spline = CubicSpline(np.arange(len(ring)), ring, bc_type=kind)
     between = arcs.distance(spline(np.linspace(0, len(ring) - 1, 8 * (len(ring) - 1) + 1))).max()
     assert between <= arcs.error * (1 + 1e-9) <= TOLERANCE * (1 + 1e-9)

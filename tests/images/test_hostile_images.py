@@ -13,7 +13,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 import pytest
-from conftest import ROOT, output
+from conftest import ROOT, file_with, output
 from motion import PEAK_KIB
 from refusals import refuses
 
@@ -230,8 +230,7 @@ def wide_jpeg2000():
 
 def test_a_small_capture_is_read(tmp_path):
     for data in (dicom(), dicom(b"1.2.840.10008.1.2.1.99", deflate=1)):
-        (tmp_path / "a.dcm").write_bytes(data)
-        assert read_image(tmp_path / "a.dcm").rgb.shape == (8, 8, 3)
+        assert read_image(file_with(tmp_path / "a.dcm", data)).rgb.shape == (8, 8, 3)
 
 
 QUICK = ("items", "wide.jpg")
@@ -275,9 +274,9 @@ def test_the_worst_picture_is_refused_or_stays_within_memory(tmp_path, side, sai
     packer = zlib.compressobj(9)
     rows = b"".join(packer.compress(bytes(1 + 8 * side)) for _ in range(side)) + packer.flush()
     head = struct.pack(">IIBBBBB", side, side, 16, 6, 0, 0, 0)
-    (tmp_path / "bomb.png").write_bytes(png_of(head, rows))
-    said = output(sys.executable, "-c", BOMB, tmp_path / "bomb.png", cwd=tmp_path)
-    result, memory, seconds = said.split()
+    bomb = file_with(tmp_path / "bomb.png", png_of(head, rows))
+    printed = output(sys.executable, "-c", BOMB, bomb, cwd=tmp_path)
+    result, memory, seconds = printed.split()
     assert result == said
     assert int(memory) < 1536  # a fork begins with the memory of its parent
     assert float(seconds) < 5

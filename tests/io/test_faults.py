@@ -15,7 +15,7 @@ import bundles
 import numpy as np
 import pytest
 from conftest import ELBOW as SAMPLES
-from conftest import names_in, need_program, output
+from conftest import file_with, names_in, need_program, output
 from replays import write_session
 
 import vfplan
@@ -148,8 +148,7 @@ def test_nothing_is_written_through_a_link_put_there_meanwhile(tmp_path, monkeyp
     """Somebody guesses the hidden name and puts a link there: refused, the link's file stays."""
     from vfplan.session.result import CsvWriter
 
-    victim = tmp_path / "victim"
-    victim.write_bytes(b"theirs")
+    victim = file_with(tmp_path / "victim", b"theirs")
     monkeypatch.setattr("vfplan.io.writing.hidden_name", lambda *_: tmp_path / "guessed")
     (tmp_path / "guessed").symlink_to(victim)
     for write in (lambda path: write_whole(path, [b"ours"], overwrite=True), CsvWriter):

@@ -406,8 +406,7 @@ def test_a_full_disk_ends_the_recording_and_keeps_what_was_written(short_of_room
     assert writer.full.errno == errno.EFBIG
     assert 100 < writer.kept < 3000
     assert read_ticks(tmp_path / "a.mcap").tobytes() == ticks[: writer.kept].tobytes()
-    fixture = tmp_path / "f.h5"
-    vfplan.write_fixture(bundles.whole(), fixture)
+    fixture = bundles.stored(tmp_path / "f.h5", bundles.whole())
     parts = iter([(part, {}) for part in ticks.reshape(-1, 10)])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sources, "stream_udp", lambda address: parts)
@@ -504,8 +503,7 @@ def test_a_result_through_the_command(vfplan_cli, tmp_path):
     assert vfplan_cli("replay", fixture, kept, "--mcap", tmp_path / "again.mcap").sound
     assert read_ticks(tmp_path / "again.mcap").tobytes() == ticks.tobytes()
     assert vfplan_cli("live", fixture, result).code == 2
-    other = tmp_path / "other.h5"
-    vfplan.write_fixture(bundles.small(), other)
+    other = bundles.stored(tmp_path / "other.h5", bundles.small())
     vfplan_cli("live", other, result, "--web", "0", "--json").fails(3, error="fixture-differs")
     assert vfplan_cli("live", fixture, "udp://nowhere", "--mcap", tmp_path / "x.mcap").code == 2
     assert not (tmp_path / "x.mcap").exists()

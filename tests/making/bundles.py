@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+import vfplan
 from vfplan.bundle import review_digest
 from vfplan.conformance import fixtures
 from vfplan.findings import doubt, note
@@ -20,6 +21,12 @@ from vfplan.fixture import (
 )
 
 PROVENANCE = Provenance(created_utc="2026-01-02T03:04:05Z", software="vfplan 0.1.0")
+
+
+def stored(path, fixture):
+    """The path, at which the fixture then stands."""
+    vfplan.write_fixture(fixture, path)
+    return path
 
 
 def minimal():

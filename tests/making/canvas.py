@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import cv2
 import numpy as np
-from drawing import blend, coverage, jpeg, polyline, samples_near, to_uint8
+from drawing import arc_of, blend, coverage, jpeg, polyline, samples_near, to_uint8
 
 # Skia has no wheels for every platform.
 RASTERISERS = ("exact", "agg", *(["skia"] if find_spec("skia") else []))
@@ -161,7 +161,7 @@ def _filled(shape, points):
 
 
 def _pressed(shape, points, widths):
-    length = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    length = arc_of(points)
     dense = polyline(points)
     at = np.linspace(0, length[-1], len(dense))
     radius = np.interp(at, length, widths) / 2

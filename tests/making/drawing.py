@@ -14,14 +14,27 @@ from scipy.spatial import cKDTree
 SUB = 12
 
 
+def arc_of(curve, closed=False):
+    """The length of a curve up to each point; of a closed one, back to the first too."""
+    ring = np.vstack([curve, curve[:1]]) if closed else curve
+    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
+
+
+def at_arcs(wanted, curve):
+    """The places of an open curve at lengths of arc; (M, 2)."""
+    return np.column_stack([np.interp(wanted, arc_of(curve), axis) for axis in np.transpose(curve)])
+
+
+def to_ends(points):
+    """(M,) the distance of each point from the nearer of the first and the last."""
+    return np.hypot(*np.moveaxis(points[:, None] - points[[0, -1]], 2, 0)).min(1)
+
+
 def polyline(points, closed=False, step=0.05):
     """The points every `step` px of arc along straight segments; (M, 2)."""
-    points = np.asarray(points, float)
-    if closed:
-        points = np.vstack([points, points[:1]])
-    length = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
-    at = np.linspace(0, length[-1], max(2, int(np.ceil(length[-1] / step)) + 1))
-    return np.column_stack([np.interp(at, length, points[:, k]) for k in (0, 1)])
+    ring = np.vstack([points, points[:1]]) if closed else points
+    length = arc_of(ring)[-1]
+    return at_arcs(np.linspace(0, length, max(2, int(np.ceil(length / step)) + 1)), ring)
 
 
 def samples_near(shape, dense, radius, fine):

@@ -150,7 +150,7 @@ def _closed_hand(height, width, rng):
 
 def _near_itself(curve, distance, closed):
     """Whether two parts of a curve that are far along it lie close to each other."""
-    step = max(1, round(4 / np.median(np.hypot(*np.diff(curve, axis=0).T))))
+    step = max(1, round(4 / np.median(np.diff(arc_of(curve)))))
     thin = curve[::step]
     apart = np.hypot(*np.moveaxis(thin[:, None] - thin, 2, 0))
     arc = 4.0 * np.arange(len(thin))

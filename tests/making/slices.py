@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from canvas import RASTERISERS, Canvas, rectangle
-from drawing import anatomy, blend, wavy
+from drawing import anatomy, arc_of, at_arcs, blend, wavy
 
 SHAPE = (320, 380)
 RED, YELLOW, ORANGE, MAGENTA = (255, 0, 0), (255, 255, 0), (255, 165, 0), (255, 0, 255)
@@ -98,17 +98,12 @@ def drawn(canvas, rng):
     return curve, width
 
 
-def arc_of(curve, closed=False):
-    ring = np.vstack([curve, curve[:1]]) if closed else curve
-    return np.r_[0.0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
-
-
 def part(curve, start, stop):
     """The part of an open curve between two lengths of arc [px]; negative ones from its end."""
     arc = arc_of(curve)
     start, stop = (x if x >= 0 else arc[-1] + x for x in (start, stop))
     at = np.arange(start, stop, 0.5)
-    return np.column_stack([np.interp([*at, stop], arc, curve[:, k]) for k in (0, 1)])
+    return at_arcs([*at, stop], curve)
 
 
 def tail(curve, length):
@@ -223,7 +218,7 @@ def mouse(canvas, rng):
     arc = arc_of(curve)
     steps = np.cumsum(rng.uniform(2, 5, int(arc[-1] / 2)))
     at = np.r_[0.0, steps[steps < arc[-1]]]
-    curve = np.rint(np.column_stack([np.interp(at, arc, curve[:, k]) for k in (0, 1)]))
+    curve = np.rint(at_arcs(at, curve))
     curve = curve[np.r_[True, np.diff(curve, axis=0).any(1)]]
     canvas.line(curve, pen(rng), RED)
     return curve, False
@@ -550,8 +545,7 @@ def letter_turns_off(canvas, rng):
     """A thinner stroke of a letter that goes off to one side from the curve's end."""
     curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
     along = direction(curve)
-    turn = rng.choice([-1, 1]) * rng.uniform(1.1, 1.7)
-    aside = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ along
+    aside = turned(along, rng.choice([-1, 1]) * rng.uniform(1.1, 1.7))
     canvas.line(curve, width, RED)
     start = curve[-1] + 0.2 * width * along
     canvas.line([start, start + rng.uniform(12, 16) * aside], width / 2, RED)

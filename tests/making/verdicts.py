@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from drawing import normal_errors, polyline
+from drawing import normal_errors, polyline, to_ends
 from scipy.spatial import cKDTree
 
 import vfplan
@@ -96,8 +96,6 @@ def _z(found, drawn):
         error = normal_errors(stroke.points_px, drawn.truth, drawn.closed)
         inner = ~stroke.bridged
         if not stroke.closed:
-            ends = stroke.points_px[[0, -1]]
-            away = np.hypot(*np.moveaxis(stroke.points_px[:, None] - ends, 2, 0)).min(1)
-            inner &= away > END_PX
+            inner &= to_ends(stroke.points_px) > END_PX
         values.append((error / stroke.sigma_px)[inner])
     return np.concatenate(values)

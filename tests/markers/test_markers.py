@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from conftest import file_with
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
 from slicer_files import mrk
@@ -19,12 +20,7 @@ BOTH = "label,u_px,v_px,x_m,y_m,z_m\nx1,10,20,0.1,0,0.5\nx2,30,25,0.2,0,0\nx3,12
 
 @pytest.fixture
 def write(tmp_path):
-    def write(name, text):
-        path = tmp_path / name
-        path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return path
-
-    return write
+    return lambda name, text: file_with(tmp_path / name, text)
 
 
 POINTS = [(f"x{i}", [10.0 * i, -5.0, 2.0 * i * i], "defined") for i in (1, 2, 3)]

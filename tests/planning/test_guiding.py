@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bundles import stored
 from conftest import ELBOW
+from motion import unit_circle
 from refusals import refuses
 from replays import fixture_of
 
@@ -17,7 +19,6 @@ from vfplan.planning.match import Record
 from vfplan.planning.plan import add_guidance, plan
 from vfplan.planning.settings import FixtureSettings
 from vfplan.robot import Robot
-from vfplan.scenes.outline import in_space, unit_vectors
 
 
 def two_lines(apart, other=None):
@@ -34,9 +35,7 @@ def test_a_plan_guides_along_the_drawn_curve(tmp_path):
     assert made.fixture.guidance == Guidance(1e-3, 1000.0, "open", None)
     assert made.registered.report["guide"]["radius_m"] == 1e-3
     assert made.registered.report["guide"]["lengths_m"] == pytest.approx([0.4158], rel=1e-3)
-    path = tmp_path / "guide.h5"
-    vfplan.write_fixture(made.fixture, path)
-    read = vfplan.read_fixture(path)
+    read = vfplan.read_fixture(stored(tmp_path / "guide.h5", made.fixture))
     assert read.guidance == made.fixture.guidance
     assert len(read.forbidden) == 0
     guide = vfplan.Guide.of(read)
@@ -64,8 +63,8 @@ def test_a_guide_that_leads_into_the_forbidden_region_is_refused_with_the_place(
 def test_a_pull_along_the_curve_is_in_the_bundle(tmp_path):
     settings = FixtureSettings(guide_m=1e-3, guide_stroke=1, guide_pull=(2.0, 0.03))
     fixture = add_guidance(two_lines(0.02), settings, Record())
-    vfplan.write_fixture(fixture, tmp_path / "led.h5")
-    guide = vfplan.Guide.of(vfplan.read_fixture(tmp_path / "led.h5"), hold="at_once")
+    led = vfplan.read_fixture(stored(tmp_path / "led.h5", fixture))
+    guide = vfplan.Guide.of(led, hold="at_once")
     assert guide.run(np.tile([0.05, 0.02, 0], (1000, 1))).force[-1] == pytest.approx([2.0, 0, 0])
 
 
@@ -97,7 +96,7 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
 def test_what_cannot_guide_is_refused(change, says):
     settings = FixtureSettings(**({"guide_m": 1e-3} | change))
     turn = np.linspace(0, 2 * np.pi, 200)
-    ring = 0.03 * in_space(unit_vectors(turn))
+    ring = 0.03 * unit_circle(turn)
     with pytest.raises(SettingError, match=says):
         add_guidance(two_lines(0, ring), settings, Record())
 

@@ -67,8 +67,7 @@ def test_metrics_are_what_numpy_finds(pressed):
         "energy_j": (t.force[:-1] * np.diff(t.hip, axis=0)).sum(),
         "clearance_min_m": np.sqrt((flat**2).sum(2)).min() - 5e-3,
     }  # fmt: skip
-    for name, value in expected.items():
-        assert m[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+    assert {name: m[name] for name in expected} == pytest.approx(expected, rel=1e-9, abs=1e-15)
     for state in (-1, 0, 1, 2):
         assert m["states"][str(state)] == np.count_nonzero(t.state == state)
 
@@ -91,8 +90,8 @@ def test_episodes_are_what_numpy_finds(pressed):
             "energy_peak_j": max(0.0, work[part].cumsum().max()),
             "speed_at_touch_m_s": norm(t.hip[[a]] - t.hip[[a - 1]])[0] / 1e-3,
         }  # fmt: skip
-        for name, value in expected.items():
-            assert episode[name] == pytest.approx(value, rel=1e-9, abs=1e-15), name
+        found = {name: episode[name] for name in expected}
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-15)
         assert_allclose(episode["impulse_ns"], (t.force * dt[:, None])[part].sum(0))
         assert episode["deepest"]["tick"] == deep
         assert episode["energy_peak_j"] >= episode["energy_j"]

@@ -11,7 +11,6 @@ from refusals import refuses
 
 from vfplan.bundle import review_digest
 from vfplan.bundle.read import read_fixture
-from vfplan.bundle.write import write_fixture
 from vfplan.errors import CheckFailed
 from vfplan.findings import doubt, note
 from vfplan.fixture import Review
@@ -56,8 +55,7 @@ def changed_value(value):
 @pytest.mark.parametrize("name", ["whole", "guided", "sheet", "patient"])
 def test_any_change_of_content_changes_it_and_writing_does_not(name, tmp_path):
     fixture = getattr(bundles, name)()
-    write_fixture(fixture, tmp_path / "f.h5")
-    assert digest_of(read_fixture(tmp_path / "f.h5")) == digest_of(fixture)
+    assert digest_of(read_fixture(bundles.stored(tmp_path / "f.h5", fixture))) == digest_of(fixture)
     seen = {digest_of(fixture): "the fixture itself"}
     for where, changed in changes(fixture):
         digest = digest_of(changed)
@@ -114,8 +112,7 @@ def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
     assert accepted.reviewed.by == "A. Surgeon"
     assert accepted.reviewed.digest == review_digest(accepted)
     # What was accepted is still the same plan, also after it was written.
-    write_fixture(accepted, tmp_path / "f.h5")
-    again = read_fixture(tmp_path / "f.h5")
+    again = read_fixture(bundles.stored(tmp_path / "f.h5", accepted))
     assert digest_of(again) == digest
     assert again.reviewed == accepted.reviewed
     assert again.findings == accepted.findings

@@ -9,6 +9,7 @@ from dataclasses import replace
 from operator import attrgetter
 
 import as_people_draw
+import bundles
 import cv2
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ import vfplan
 from vfplan.errors import CheckFailed, CurveError, ImageError, InputError, SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Stroke
+from vfplan.geometry.lines import step_lengths
 from vfplan.markers.correspondences import read_markers
 from vfplan.planning.settings import FixtureSettings
 from vfplan.registration.registration import own_bound
@@ -200,11 +202,9 @@ def test_a_ring_is_whole_without_its_overshooting_ends_which_are_asked_about(tmp
     assert miss(curve_of(taken), truth) < 0.3
     assert codes_of(taken) == ["ink-joins", "ink-joins"]
     # The list of other ink names each by the same place and size.
-    asked = [finding.text.partition(" px joins")[0] for finding in taken.current.findings]
-    entries = taken.state()["account"]
-    assert {f"At ({e['u']:.0f}, {e['v']:.0f}): ink of {e['size_px']:.0f}" for e in entries} == {
-        *asked
-    }
+    asked = {finding.text.partition(" px joins")[0] for finding in taken.current.findings}
+    words, entries = "At ({u:.0f}, {v:.0f}): ink of {size_px:.0f}", taken.state()["account"]
+    assert {words.format(**entry) for entry in entries} == asked
 
 
 def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
@@ -283,7 +283,7 @@ def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     (curve,) = joined.state()["curve_px"]
     assert joined.state()["bridged"][0]
     assert joined.state()["edited"] == [[]]
-    steps = np.hypot(*np.diff(curve, axis=0).T)
+    steps = step_lengths(curve)
     assert steps.max() < 2.5
     left = session.apply({"do": "leave", "ink": ink["number"]})
     assert left.state()["account"][0]["left_out"]
@@ -309,7 +309,7 @@ def test_strokes_that_touch_are_joined_without_a_doubled_place():
     for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
         session = session.apply({"do": "draw", "points": places, how: True})
     [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
-    assert np.hypot(*np.diff(joined.points, axis=0).T).min() > 0.9
+    assert step_lengths(joined.points).min() > 0.9
 
 
 @pytest.mark.parametrize("gap", [40, 100, 140, 600])
@@ -359,8 +359,7 @@ def test_the_account_is_that_of_extract_with_the_same_numbers(kind, seed, tmp_pa
     extracted = vfplan.extract(path)
     session = Session.open(path)
     # What the page shows, and the sheet of the bundle, which does not hold the pen's width.
-    bundle = tmp_path / "curve.h5"
-    vfplan.write_fixture(extracted.fixture, bundle)
+    bundle = bundles.stored(tmp_path / "curve.h5", extracted.fixture)
     of_bundle = Plan.of(vfplan.read_fixture(bundle), "curve.h5", image=vfplan.read_image(path))
     width, known = attrgetter("width"), attrgetter("number", "u", "v", "pixels", "share")
     wanted = extracted.extraction
@@ -425,8 +424,7 @@ def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_pat
     assert home.state()["tre95_m"] == pytest.approx(state["tre95_m"], rel=1e-9)
     assert np.allclose(home.current.outcome.fixture.points, planned.fixture.points, atol=1e-9)
     # A bundle of such a plan is shown on its slice too.
-    bundle = tmp_path / "f.h5"
-    vfplan.write_fixture(planned.fixture, bundle)
+    bundle = bundles.stored(tmp_path / "f.h5", planned.fixture)
     again = Session.open(bundle, slice=path)
     [curve] = again.state()["curve_px"]
     [drawn] = state["curve_px"]
@@ -485,8 +483,7 @@ def test_an_answer_dies_with_what_it_answered(sample):
 
 
 def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
-    path = tmp_path / "f.h5"
-    vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
+    path = bundles.stored(tmp_path / "f.h5", vfplan.plan(SLICE, *MARKERS).fixture)
     renamed = shutil.copy(path, tmp_path / "f.bundle")
     for slice_, bundle in ((None, renamed), (SLICE, path)):
         session = Session.open(bundle, slice=slice_)
@@ -632,7 +629,7 @@ def check_sound(session):
         assert len(stroke.bridged) == len(stroke.edited) == count
         assert 0 <= stroke.knots[0] < stroke.knots[-1] < count
         assert stroke.closed or (stroke.knots[0], stroke.knots[-1]) == (0, count - 1)
-        steps = np.hypot(*np.diff(stroke.points, axis=0).T)
+        steps = step_lengths(stroke.points)
         assert steps.max() < 12.0, "the line is torn"
 
 
@@ -715,8 +712,7 @@ def test_a_photograph_is_made_flat_by_a_step_and_its_bundle_opens_flat(tmp_path)
         flat.apply({"do": "rectify"})
     approved = looked_at(flat).approve("A. Planner")
     assert approved.provenance.inputs["image"] == seen.source.sha256["source"]
-    vfplan.write_fixture(approved, tmp_path / "flat.h5")
-    again = Session.open(tmp_path / "flat.h5", slice=photo)
+    again = Session.open(bundles.stored(tmp_path / "flat.h5", approved), slice=photo)
     assert again.state()["image"]["width_px"] == state["image"]["width_px"]
     mended = again.apply({"do": "delete_knot", "stroke": 0, "knot": 5})
     assert "picture-made-flat" in [finding["code"] for finding in mended.state()["findings"]]

@@ -14,7 +14,7 @@ import bundles
 import curves
 import numpy as np
 import pytest
-from conftest import ELBOW, ROOT, need_program
+from conftest import ELBOW, ROOT, file_with, need_program
 from oracle.replays import build_controller
 from replays import fixture_of
 
@@ -162,8 +162,7 @@ def test_a_guide_replays_bit_for_bit(stroke, arcs, repeated, tmp_path):
         curve=replace(curve, pieces=pieces) if arcs else curve,
         guidance=Guidance(1e-3, 800.0, "open", stroke),
     )
-    vfplan.write_fixture(whole, tmp_path / "guide.h5")
-    loop = (tmp_path / "guide.h5", "--seconds", 2, SIMULATED)
+    loop = (bundles.stored(tmp_path / "guide.h5", whole), "--seconds", 2, SIMULATED)
     _, report, _, _ = repeated(*loop, both=("--governor", "0.6,12"))
     assert report["guide"]["held_ticks"] > 300
     assert report["rule"] == ("exact" if arcs and stroke == 0 else "robust")
@@ -241,8 +240,7 @@ def test_what_moves_and_changes_replays_bit_for_bit(
     assert table[["poses", "events"]][-1].tolist() == (59 * has_poses, 11 * has_events)
     assert (report["exchanges"], report["edits"]) == (2 * has_events, 1261 * has_events)
     if has_events:
-        short = tmp_path / "short.csv"
-        short.write_text("tick,what,x,y,z\n5,remake\n")
+        short = file_with(tmp_path / "short.csv", "tick,what,x,y,z\n5,remake\n")
         bad = vfplan_cli("replay", fixture, tmp_path / "session.csv", *given, "--events", short)
         assert bad.code == 3
         assert "column 'events' ends with 11 and has to rise, to at most 1" in bad.stderr
@@ -347,8 +345,7 @@ def test_a_signal_ends_the_loop_and_its_log_is_written(
 
 
 def test_a_curve_has_no_points_to_edit(controller, planned, drawn, tmp_path):
-    (tmp_path / "e.csv").write_text(EVENT + "0,remove,1\n")
-    given = ("--seconds", 0.05, "--events", tmp_path / "e.csv")
+    given = ("--seconds", 0.05, "--events", file_with(tmp_path / "e.csv", EVENT + "0,remove,1\n"))
     said = controller(planned, *given, code=3).stderr
     assert "e.csv, line 2: edit: rule 'exact' renders no points" in said
     assert "--rule robust" in said

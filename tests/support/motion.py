@@ -7,6 +7,7 @@ from conftest import ROOT, need_program, output
 from scipy.spatial.transform import Rotation
 
 from vfplan import Status
+from vfplan.geometry.lines import step_lengths
 
 BROKEN = ("inside", "grown", "limit", "through", "restless", "stuck")
 R, K = 5e-3, 1000.0
@@ -35,6 +36,11 @@ def turned(axis, angle):
     return Rotation.from_rotvec(angle * np.asarray(axis) / np.linalg.norm(axis)).as_matrix()
 
 
+def unit_circle(turn):
+    """(N, 3) places on the unit circle around z."""
+    return np.column_stack([np.cos(turn), np.sin(turn), 0 * turn])
+
+
 def play(engine, hips, start=None):
     """The trace of a path, from its first HIP on or from a start."""
     engine.reset(hips[0] if start is None else start)
@@ -49,7 +55,7 @@ def sizes(rows, before=None):
     """(T,) how far each row is from the one before it; the first from `before`, if given."""
     if before is not None:
         rows = np.vstack([before, rows])
-    return np.linalg.norm(np.diff(rows, axis=0), axis=1)
+    return step_lengths(rows)
 
 
 def same(one, other, fields=FIELDS):

@@ -132,8 +132,7 @@ def test_without_the_package_its_name_is_told(tmp_path, monkeypatch):
 
 
 def table(tmp_path, text):
-    (tmp_path / "t.csv").write_text(text)
-    return tmp_path / "t.csv"
+    return file_with(tmp_path / "t.csv", text)
 
 
 @pytest.mark.parametrize("text", ["X,Y\n1,2\n3.5,4\n", " ,X,Y\n1,1,2\n2,3.5,4\n"], ids=repr)

@@ -25,7 +25,7 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Ink, Pen, brightness
+from vfplan.curve.coverage import OTHER_UNIT, Box, Ink, Pen, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, evenly, normals, running_median, runs, windows
@@ -170,10 +170,8 @@ class AccountEntry:
         return self.u, self.v
 
     @property
-    def box(self) -> tuple[int, int, int, int]:
-        """(u, v, width, height) [px] of the ink; of a stretch, its middle pixel."""
-        if self.piece is None:
-            return round(self.u), round(self.v), 1, 1
+    def box(self) -> Box:
+        """(u, v, width, height) [px] of the ink."""
         low = self.piece.places.min(0)
         return (*low.tolist(), *(self.piece.places.max(0) - low + 1).tolist())
 

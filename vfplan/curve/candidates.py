@@ -13,7 +13,7 @@ from vfplan.curve import tuned
 from vfplan.curve.coverage import Ink
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
-from vfplan.geometry.lines import Array, Flags, arc_lengths, evenly, ring_of
+from vfplan.geometry.lines import Array, Flags, arc_lengths, evenly, length_of, ring_of
 
 Pixels = NDArray[np.int64]
 
@@ -295,11 +295,7 @@ def _without_handles(box: Flags) -> Flags:
 
 def _length(path: NDArray, closed: bool) -> float:
     """Length along pixels, less what the staircase adds [px]."""
-    steps = np.diff(path, axis=0)
-    length = np.hypot(*steps.T).sum()
-    if closed:
-        length += np.hypot(*(path[0] - path[-1]))
-    return float(length / STAIR) + 1.0
+    return length_of(path, closed) / STAIR + 1.0
 
 
 def find_candidates(pieces: list[Candidate], max_gap_px: float) -> list[Candidate]:

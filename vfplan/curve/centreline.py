@@ -257,8 +257,7 @@ def skeleton_line(line: Candidate) -> MeasuredStroke:
 
 def drawn_length(path: NDArray, closed: bool) -> float:
     """Length of the line along a path of pixels, without its stairs [px]."""
-    mode = "wrap" if closed else "edge"
-    return lines.length_of(gaussian(path, tuned.SMOOTH_PX, mode), closed)
+    return lines.length_of(gaussian(path, tuned.SMOOTH_PX, lines.BEYOND[closed]), closed)
 
 
 def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:

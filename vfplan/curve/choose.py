@@ -23,7 +23,7 @@ from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
-from vfplan.geometry.lines import Array, running_median, runs, windows
+from vfplan.geometry.lines import BEYOND, Array, running_median, runs, windows
 
 # Lines that an error message describes.
 DESCRIBED = 8
@@ -269,8 +269,7 @@ def relative_width(curve: MeasuredStroke) -> Array:
         return np.ones(len(width))
     ratio = np.minimum(width / np.quantile(width[usable], tuned.USUAL_SHARE), profiles.mass)
     ratio = np.interp(np.arange(len(ratio)), usable, ratio[usable])
-    mode = "wrap" if curve.closed else "edge"
-    return windows(ratio, round(tuned.INK_HANGS_PX), mode).mean(axis=1)
+    return windows(ratio, round(tuned.INK_HANGS_PX), BEYOND[curve.closed]).mean(axis=1)
 
 
 def changes(values: Array, half: int) -> Array:

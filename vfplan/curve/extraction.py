@@ -17,6 +17,7 @@ from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
+from vfplan.geometry.lines import distance_to, nearest_to
 from vfplan.images.read import PlannedImage, as_image
 
 # Pen widths from the line: a place that is farther away is not meant to be on it.
@@ -57,8 +58,7 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
     if error := _off_curve_error(curve.points, curve.width, start, end):
         raise error
     first, stop = (
-        None if place is None else int(np.hypot(*(curve.points - place).T).argmin())
-        for place in (start, end)
+        None if place is None else nearest_to(place, curve.points) for place in (start, end)
     )
     last = len(curve.points) - 1
     if curve.closed:
@@ -91,16 +91,16 @@ def without_cut_off(
         finding
         for finding in findings
         if finding.place_px is None
-        or _distance(cut.points, finding.place_px)
-        <= _distance(curve.points, finding.place_px) + 1.0
+        or distance_to(finding.place_px, cut.points)
+        <= distance_to(finding.place_px, curve.points) + 1.0
     ]
 
 
 def _off_curve_error(points: NDArray, width: float, start: Place, end: Place) -> CurveError | None:
     """The error for the place farther off a line, if it is too far off; otherwise `None`."""
     named = [pair for pair in ((start, "--start"), (end, "--end")) if pair[0] is not None]
-    place, option = max(named, key=lambda pair: _distance(points, pair[0]))
-    distance = _distance(points, place)
+    place, option = max(named, key=lambda pair: distance_to(pair[0], points))
+    distance = distance_to(place, points)
     reach = max(REACH_WIDTHS * width, REACH_PX)
     if distance <= reach:
         return None
@@ -110,10 +110,6 @@ def _off_curve_error(points: NDArray, width: float, start: Place, end: Place) ->
         code="place-off-curve",
         numbers={"distance_px": distance, "distance_max_px": reach},
     )
-
-
-def _distance(points: NDArray, place: Place) -> float:
-    return float(np.hypot(*(points - place).T).min())
 
 
 Method = Literal["ridge", "skeleton", "mask"]
@@ -262,11 +258,6 @@ def extract_curve(
         findings += account.border_findings(strokes[-1], ink.size)
     mask, entries = candidates.pen_mask(ink, groups), account.list_account(leftover, curves, ink)
     return Extraction(mask, tuple(strokes), method, entries, tuple(findings))
-
-
-def load_libraries() -> None:
-    """Import what extraction needs, so that a measured time holds none of it."""
-    import cv2  # noqa: F401
 
 
 def vector_stroke(stroke: Stroke, image: PlannedImage, where: str) -> Extraction:

@@ -501,6 +501,4 @@ def _crossing(ink: NDArray, start: float, level: float) -> float:
     if len(below) == 0:
         return float(len(ink) - 1)
     k = first + int(below[0])
-    if k == first:
-        return float(start)
-    return k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)
+    return float(start) if k == first else k - (level - ink[k]) / max(ink[k - 1] - ink[k], 1e-9)

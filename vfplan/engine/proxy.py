@@ -191,11 +191,8 @@ def best_rule(fixture: Fixture) -> Rule:
     Raises `SceneError` for a mesh that no engine takes.
     """
     shape = exact_shape(fixture)
-    if shape == "curve":
-        return "exact"
-    if shape == "mesh" and tick_time_bound(fixture, "exact") <= MAX_TICK_TIME:
-        return "exact"
-    return "robust"
+    is_fast = shape == "mesh" and tick_time_bound(fixture, "exact") <= MAX_TICK_TIME
+    return "exact" if shape == "curve" or is_fast else "robust"
 
 
 def sampled(fixture: Fixture) -> Fixture:

@@ -16,13 +16,16 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from vfplan import _core
 from vfplan.errors import CurveError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+
+# How values go on beyond the ends of a line, as `np.pad` names it, by whether the line is closed.
+BEYOND = {False: "edge", True: "wrap"}
 
 
 def flattened(places: Array, axis: Array | None) -> Array:
@@ -64,6 +67,16 @@ def length_of(points: NDArray, closed: bool) -> float:
 def interpolated(wanted: NDArray, at: NDArray, places: NDArray) -> Array:
     """(n, D) places at the wanted parameters (n,), on straight lines between places (m, D)."""
     return np.column_stack([np.interp(wanted, at, column) for column in places.T])
+
+
+def nearest_to(place: ArrayLike, points: NDArray) -> int:
+    """Which of points (N, 2) is nearest to a place."""
+    return int(np.hypot(*(points - np.asarray(place, float)).T).argmin())
+
+
+def distance_to(place: ArrayLike, points: NDArray) -> float:
+    """How far a place is from the nearest of points (N, 2)."""
+    return float(np.hypot(*(points - np.asarray(place, float)).T).min())
 
 
 def on_segments(places: Array, start: Array, end: Array) -> Array:

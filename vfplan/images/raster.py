@@ -303,15 +303,14 @@ def chosen_index(what: str, number: int | None, count: int) -> int:
     return (number or 1) - 1
 
 
+# (H, W, 3 or 4) pixels of a page in colour.
+ColourPixels = NDArray[np.uint8] | NDArray[np.uint16]
+
 # Rows of a page that are laid over black together. So few stay in the processor's cache, which
 # takes a quarter of the time of 256 rows.
 ROWS_AT_ONCE = 8
 # How the lines begin by which libjpeg says that it made up a part of the picture.
 LIBJPEG_DAMAGE = ("Corrupt JPEG data", "Premature end of JPEG", "Invalid SOS", "Inconsistent prog")
-
-
-# (H, W, 3 or 4) pixels of a picture in colour.
-ColourPixels = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def decode_raster(data: bytes, header: Header, index: int) -> ColourPixels:

@@ -91,7 +91,7 @@ def extract(
 
     Raises `ImageError`, `CurveError`, `SettingError` or `MissingExtra`.
     """
-    from vfplan.curve.extraction import extract_curve, load_libraries
+    from vfplan.curve.extraction import extract_curve
     from vfplan.images.read import OVERLAY
     from vfplan.vectors import SUFFIXES
 
@@ -110,7 +110,7 @@ def extract(
 
     # The curve, as it was drawn.
     if curve is None:
-        load_libraries()
+        import cv2  # noqa: F401 - the measured time holds no import
     started = time.perf_counter()
     inputs, set_by_hand = {"image": image.sha256}, {}
     if curve is None:

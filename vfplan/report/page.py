@@ -280,8 +280,8 @@ def scripts(data: dict[str, Any], script: str) -> str:
 
 def document(title: str, body: str, *, live: bool = False) -> str:
     """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
-    policy = POLICY + LIVE_POLICY * live
-    icon = "<link rel=icon href=data:,>" * live
+    policy = POLICY + LIVE_POLICY if live else POLICY
+    icon = "<link rel=icon href=data:,>" if live else ""
     style = palette_css() + part("style.css")
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'

@@ -38,7 +38,7 @@ from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import evenly
+from vfplan.geometry.lines import Array, Flags, distance_to, evenly
 from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract, slice_findings
 from vfplan.planning.settings import ExtractSettings
@@ -49,11 +49,8 @@ from vfplan.review.strokes import (
     MIN_LINE_PX,
     MendedStroke,
     SliceInk,
-    nearest_point,
 )
 from vfplan.settings import recalled
-
-Array = NDArray[np.float64]
 
 # Least cosine of a turn with which a line goes straight on where ink forks.
 MIN_STRAIGHT = 0.7
@@ -91,7 +88,7 @@ def route_along(pixels: NDArray, closed: bool) -> Stroke:
     return Stroke(pixels, closed, known_length=drawn_length(pixels, closed))
 
 
-def routes_through(mask: NDArray[np.bool_], corner: tuple[int, int] = (0, 0)) -> list[Stroke]:
+def routes_through(mask: Flags, corner: tuple[int, int] = (0, 0)) -> list[Stroke]:
     """The routes through one connected piece of ink, the longest first.
 
     A line has one route, from end to end, or around. A forked line has one for each pair of its
@@ -139,7 +136,7 @@ def straight_on(entry: AccountEntry, place: Array) -> Stroke | None:
     branches = [pixels + corner - 2.0 for pixels, _ in found if len(pixels) > reach]
     if not branches:
         return None
-    away = [nearest_point(pixels, place)[1] for pixels in branches]
+    away = [distance_to(place, pixels) for pixels in branches]
     path = branches.pop(np.argmin(away))
     for _ in range(2):
         path = path[::-1]
@@ -162,7 +159,7 @@ def turn_onto(path: NDArray, way: NDArray, reach: float) -> float:
     return float(before @ after / (np.hypot(*before) * np.hypot(*after)))
 
 
-def around_hole(mask: NDArray[np.bool_], corner: tuple[int, int]) -> list[Stroke]:
+def around_hole(mask: Flags, corner: tuple[int, int]) -> list[Stroke]:
     """The one route around the largest hole in the ink, if that is larger than a letter's."""
     ink = mask.view(np.uint8)
     contours, relations = cv2.findContours(ink, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -229,18 +226,17 @@ class Geometry:
     @cached_property
     def lines(self) -> tuple[Stroke, ...]:
         """The strokes, each with the width of its pen."""
-        lines = []
-        for stroke in self.strokes:
-            width = stroke.width
-            if not stroke.is_ordered:
-                width = 0.0
-            elif width is None and self.ink is not None:
-                width = self._pen_width(stroke)
-            lines.append(replace(stroke, width=width))
-        return tuple(lines)
+        return tuple(replace(stroke, width=self._pen_width(stroke)) for stroke in self.strokes)
 
-    def _pen_width(self, stroke: Stroke) -> float:
-        """The width of the line that extraction finds where a stroke runs, else of its ink [px]."""
+    def _pen_width(self, stroke: Stroke) -> float | None:
+        """A stroke's own width, else that of the line that extraction finds there, else of its ink.
+
+        It is 0 for pixels in no order [px].
+        """
+        if not stroke.is_ordered:
+            return 0.0
+        if stroke.width is not None or self.ink is None:
+            return stroke.width
         for line in lines_of(self.ink, self.max_gap_px):
             if runs_along(stroke, line.path):
                 return line.width
@@ -359,9 +355,9 @@ class Geometry:
         if finding.code == "ink-at-end":
             ends = [stroke.end_points for stroke in self.strokes if len(stroke.end_points)]
             places = [*ends, *(pair.mean(axis=0, keepdims=True) for pair in ends)]
-            return bool(ends) and nearest_point(np.concatenate(places), place)[1] <= CLOSE_PX
+            return bool(ends) and distance_to(place, np.concatenate(places)) <= CLOSE_PX
         points = np.concatenate([stroke.points for stroke in self.strokes])
-        return nearest_point(points, place)[1] <= JOIN_PX
+        return distance_to(place, points) <= JOIN_PX
 
     def stroke(self, number: int) -> MendedStroke:
         """A stroke by its number from 0; raises `SettingError` if there is none."""
@@ -410,7 +406,7 @@ def away_from(piece: Leftover, finding: Finding) -> float:
 
     The pen's width in a bundle differs a little, and so do the edges of its pieces.
     """
-    return nearest_point(piece.places, finding.place_px)[1]
+    return distance_to(finding.place_px, piece.places)
 
 
 def ink_of(image: PlannedImage, settings: ExtractSettings) -> SliceInk:
@@ -490,7 +486,7 @@ def runs_along(stroke: Stroke, places: NDArray) -> bool:
 def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:
     """The pieces of ink at a place, which a click misses by a little."""
     entries = Geometry(ink=ink).account
-    return [one for one in entries if nearest_point(one.piece.places, place)[1] <= CLOSE_PX]
+    return [one for one in entries if distance_to(place, one.piece.places) <= CLOSE_PX]
 
 
 def with_route(geometry: Geometry, route: Stroke) -> tuple[Geometry, int]:
@@ -515,7 +511,7 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
 
     def distances() -> dict[int, float]:
         routes = geometry.candidates.items()
-        return {number: nearest_point(route.points, place)[1] for number, route in routes}
+        return {number: distance_to(place, route.points) for number, route in routes}
 
     if min(distances().values(), default=np.inf) > JOIN_PX:
         lines = {n: route_of(one) for n, one in geometry.numbered.items() if not len(one.junctions)}
@@ -619,7 +615,7 @@ def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Fin
     return tuple(
         finding
         for finding in findings
-        if finding.place_px is None or nearest_point(points, finding.place_px)[1] > JOIN_PX
+        if finding.place_px is None or distance_to(finding.place_px, points) > JOIN_PX
     )
 
 

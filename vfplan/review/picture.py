@@ -23,12 +23,12 @@ from vfplan.display import (
     nice_length,
 )
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import normals, runs
+from vfplan.geometry.lines import distance_to, nearest_to, normals, runs
 from vfplan.review import paper
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
-from vfplan.review.strokes import CLOSE_PX, nearest_point
+from vfplan.review.strokes import CLOSE_PX
 
 
 def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
@@ -227,7 +227,7 @@ def draw_picture(
     canvas = sheet.canvas[y:bottom, MARGIN : box.right + corner[0]]
     lines = [line for outline in plan.outlines for line in outline.lines]
     rendered = np.vstack([[(np.inf, np.inf)], *lines])
-    to_rendered = nearest_point(rendered, plan.strokes[0].points[0])[1] * zoom
+    to_rendered = distance_to(plan.strokes[0].points[0], rendered) * zoom
     panel = Panel(canvas, corner, zoom, to_rendered)
     spread = np.ptp(canvas, axis=2)
     coloured = (spread > np.median(spread) + COLOURED).astype(np.uint8)
@@ -341,7 +341,7 @@ def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
         start, along = outline.pull
         start, line = place(start), place(np.vstack(outline.lines))
         across = np.array([-along[1], along[0]])
-        middle = start + (nearest_point(line, start)[1] + PULL_GAP) * across
+        middle = start + (distance_to(start, line) + PULL_GAP) * across
         half, size = PULL_LENGTH / 2 * along, np.array(canvas.shape[1::-1])
         if ((middle >= 0) & (middle < size)).all():
             # All of the arrow lies on the canvas, with its head.
@@ -394,7 +394,7 @@ def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
     for number, points in enumerate(bridges, 1):
         about = [
             finding_name(k) for k, finding in enumerate(plan.findings, 1)
-            if finding.place_px and nearest_point(points, finding.place_px)[1] <= CLOSE_PX
+            if finding.place_px and distance_to(finding.place_px, points) <= CLOSE_PX
         ]  # fmt: skip
         yield f"bridge {number}", points, about
 
@@ -403,8 +403,8 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for place in plan.slicer_points:
-        stroke = min(plan.strokes, key=lambda line, at=place: nearest_point(line.points, at)[1])
-        nearest, _ = nearest_point(stroke.points, place)
+        stroke = min(plan.strokes, key=lambda line, at=place: distance_to(at, line.points))
+        nearest = nearest_to(place, stroke.points)
         across, point = normals(stroke.points, stroke.closed)[nearest], panel.place(place)
         gap = panel.outline_distance(stroke) + 3
         if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):

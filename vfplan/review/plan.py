@@ -19,7 +19,7 @@ from vfplan.bundle import rendered_values
 from vfplan.bundle.seal import is_bundle
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, command_of, count, millimetres
+from vfplan.display import MM, Report, command_of, count, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
@@ -68,6 +68,9 @@ from vfplan.review.rendered import (
 from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
 
+# Settings by name.
+Settings = dict[str, Any]
+
 
 @dataclass(frozen=True, eq=False)
 class Source:
@@ -112,7 +115,7 @@ class Source:
     fit: Fit = field(default_factory=Fit)
     inputs: dict[str, str] = field(default_factory=dict)
     sha256: dict[str, str] = field(default_factory=dict)
-    recipe: dict[str, Any] = field(default_factory=dict)
+    recipe: Settings = field(default_factory=dict)
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
     notes: tuple[Finding, ...] = ()
@@ -122,7 +125,7 @@ class Source:
     stack: tuple[StackedSlice, ...] = ()
     position: int = 0
 
-    def describe(self) -> dict[str, Any]:
+    def describe(self) -> Report:
         """The slice as the page needs it."""
         # The patient's sides at the borders of a DICOM slice.
         sides = None
@@ -201,14 +204,14 @@ class Plan:
     is_shaped
         Whether a hand has shaped the curve, so that extraction anew would undo that.
     answers
-        Finding -> who accepted it, and when. One with other words or at another place is another.
+        Finding -> the same, answered. One with other words or at another place is another.
     """
 
     source: Source
     geometry: Geometry
     fit: Fit
     is_shaped: bool = False
-    answers: dict[Finding, tuple[str | None, str]] = field(default_factory=dict)
+    answers: dict[Finding, Finding] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fixture: Fixture, name: str, image: PlannedImage | None = None) -> Plan:
@@ -229,13 +232,7 @@ class Plan:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What a person should look at, with the answers that were given."""
-        findings = []
-        for finding in self.outcome.findings:
-            if finding in self.answers:
-                by, at = self.answers[finding]
-                finding = replace(finding, answered_by=by or "", answered_utc=at)
-            findings.append(finding)
-        return tuple(findings)
+        return tuple(self.answers.get(finding, finding) for finding in self.outcome.findings)
 
     @property
     def why_not(self) -> list[str]:
@@ -355,7 +352,7 @@ class Plan:
             return ()
         return outlines_of(self.fixture, self.plane, (source.width_px, source.height_px))
 
-    def bodies(self) -> dict[str, Any]:
+    def bodies(self) -> Report:
         """What renders the fixture in a browser, and where that lies on the slice.
 
         `plane` takes (u, v, 1) [px] to the fixture's frame [m], and `back` a way there [m] onto the
@@ -556,7 +553,7 @@ def in_words(value: Any) -> str:
 
 def open_source(
     path: str | Path, markers: str | Path | None, markers2: str | Path | None,
-    slice_path: str | Path | None, curve_path: str | Path | None, given: dict[str, Any],
+    slice_path: str | Path | None, curve_path: str | Path | None, given: Settings,
 ) -> Source:  # fmt: skip
     """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
@@ -596,7 +593,7 @@ def open_source(
     return replace(source, fit=fit, sha256=source.sha256 | inputs, as_opened=None)
 
 
-def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
+def refuse_planning_of_planned(fixture: Fixture, given: Settings) -> None:
     """Refuse settings that would plan a fixture otherwise; a curve is not planned yet.
 
     An unchanged fixture is approved as it is in the file, so such a setting would have no effect.
@@ -611,7 +608,7 @@ def refuse_planning_of_planned(fixture: Fixture, given: dict[str, Any]) -> None:
         raise SettingError(text, code="planned-already", numbers={"settings": others})
 
 
-def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> None:
+def refuse_extraction_of_extracted(fixture: Fixture, given: Settings) -> None:
     """Refuse settings that would measure a bundle's curve otherwise; it is measured already."""
     names = {*PEN_SETTINGS, "stroke", "density_per_mm", *VECTOR_SETTINGS}
     if "colour" not in fixture.provenance.settings:
@@ -626,7 +623,7 @@ def refuse_extraction_of_extracted(fixture: Fixture, given: dict[str, Any]) -> N
         raise SettingError(text, code="extracted-already", numbers={"settings": others})
 
 
-def other_than_recipe(fixture: Fixture, kind: type, given: dict[str, Any]) -> list[str]:
+def other_than_recipe(fixture: Fixture, kind: type, given: Settings) -> list[str]:
     """What is given otherwise than the recipe of a bundle has it."""
     recipe = recalled(kind, fixture.provenance.settings)
     wanted = replace(recipe or kind(), **given)
@@ -661,7 +658,7 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     return replace(plan, source=source, geometry=source.geometry_with(ink), fit=fit)
 
 
-def split_settings(settings: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+def split_settings(settings: Settings) -> tuple[Settings, Settings]:
     """Settings by name, sorted into those of extraction and those of planning."""
     of_extraction, of_planning = {}, {}
     for name, value in settings.items():
@@ -703,7 +700,7 @@ def source_of_slice(
 
 
 def source_of_bundle(
-    path: Path, slice_path: Path | None, of_extraction: dict[str, Any], of_planning: dict[str, Any]
+    path: Path, slice_path: Path | None, of_extraction: Settings, of_planning: Settings
 ) -> Source:
     """What a review of a bundle begins with."""
     from vfplan.bundle.read import read_sealed

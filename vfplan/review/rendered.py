@@ -408,9 +408,7 @@ def place_in_words(fixture: Fixture) -> str:
 def stiffness_in_words(stiffness: Array) -> str:
     """The stiffness of the wall, one number where it is the same along all axes."""
     x, y, z = stiffness
-    if x == y == z:
-        return f"{x:g} N/m"
-    return f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
+    return f"{x:g} N/m" if x == y == z else f"{x:g} N/m along x, {y:g} along y, {z:g} along z"
 
 
 def axis_in_words(axis: Array) -> str:

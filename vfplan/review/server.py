@@ -44,6 +44,9 @@ from vfplan.review.steps import move_marker
 # Largest size of a draft. Thousands of steps take some megabytes.
 MAX_BYTES = MAX_TEXT_BYTES // 4
 
+# What the page and the server send each other, as JSON holds it.
+Message = dict[str, Any]
+
 
 class Draft:
     """The file of a draft, and what the draft belongs to.
@@ -256,7 +259,7 @@ class ReviewServer:
             return wish["by"]
         return None
 
-    def _approved(self, wish: dict[str, Any]) -> Fixture:
+    def _approved(self, wish: Message) -> Fixture:
         """The fixture that a person approves, if it is the one that the page shows."""
         if (wish.get("version"), wish.get("digest")) != (self._version, self.session.digest):
             text = "The plan has changed since. Look at it as it is now, and approve it again."
@@ -323,7 +326,7 @@ class ReviewServer:
                     return
                 self._take(connection, message)
 
-    def _take(self, connection: Any, message: dict[str, Any]) -> None:
+    def _take(self, connection: Any, message: Message) -> None:
         """Do what a message says, and answer it."""
         try:
             wish = message.get("preview", message.get("approve", {}))
@@ -379,7 +382,7 @@ class ReviewServer:
         self._send_all({"about": self._about})
         self._show(self._server.connections)
 
-    def _change(self, message: dict[str, Any], connection: Any) -> None:
+    def _change(self, message: Message, connection: Any) -> None:
         """Apply a step, undo or redo; the draft has it before any page shows it."""
         with self._lock:
             if self._closing:
@@ -430,12 +433,12 @@ class ReviewServer:
                 return
             self._show(self._server.connections, is_whole=True)
 
-    def _send_all(self, message: dict[str, Any]) -> None:
+    def _send_all(self, message: Message) -> None:
         for connection in list(self._server.connections):
             _send(connection, message)
 
 
-def _send(connection: Any, message: dict[str, Any]) -> None:
+def _send(connection: Any, message: Message) -> None:
     """Send a message; a page that has gone hears nothing."""
     from websockets.exceptions import ConnectionClosed
 

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.bundle import review_digest
+from vfplan.display import Report
 from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
@@ -28,6 +29,7 @@ from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.geometry import describe_candidate
 from vfplan.review.plan import Plan, Source, open_source
 from vfplan.review.rendered import described, digest_of, rendered_in_json, visible_name
+from vfplan.review.steps import Step
 
 # No places.
 NOTHING = np.zeros(0, complex)
@@ -40,8 +42,8 @@ class Session:
     """A review in progress; see the module. Make one with `Session.open`."""
 
     source: Source
-    steps: tuple[dict[str, Any], ...] = ()
-    undone: tuple[dict[str, Any], ...] = ()
+    steps: tuple[Step, ...] = ()
+    undone: tuple[Step, ...] = ()
     _plans: tuple[Plan, ...] = ()  # the source's own, then one a step
     # Who looked -> the points of the line that were in view at full size, as u + iv [px]. What was
     # looked at without a name ("") counts for everybody.
@@ -86,7 +88,7 @@ class Session:
 
     # Steps, and the way back.
 
-    def apply(self, step: dict[str, Any]) -> Session:
+    def apply(self, step: Step) -> Session:
         """The session after a step, or after a look, which the field `by` gives to a person.
 
         Raises
@@ -107,7 +109,7 @@ class Session:
             steps, plans = steps[:-1], plans[:-1]
         return replace(self, steps=(*steps, dict(step)), undone=(), _plans=(*plans, plan))
 
-    def looked_at(self, step: dict[str, Any], who: Any) -> Session:
+    def looked_at(self, step: Step, who: Any) -> Session:
         """The session after somebody had a part of a stroke in view at full size."""
         return self.with_seen(who, as_complex(steps_of_a_plan.points_in_view(self.current, step)))
 
@@ -134,7 +136,7 @@ class Session:
         return replace(self, steps=(), undone=(), _plans=self._plans[:1])
 
     @property
-    def steps_on_slice(self) -> tuple[dict[str, Any], ...]:
+    def steps_on_slice(self) -> tuple[Step, ...]:
         """The steps without the choice of the slice that they began with."""
         is_chosen = len(self.steps) > 0 and self.steps[0]["do"] == "choose_slice"
         return self.steps[is_chosen:]
@@ -146,7 +148,7 @@ class Session:
 
     # What the page shows.
 
-    def state(self, by: Any = "") -> dict[str, Any]:
+    def state(self, by: Any = "") -> Report:
         """All that the page shows to a person, as JSON holds it."""
         plan = self.current
         state = self.quick_state(by)
@@ -157,11 +159,11 @@ class Session:
         why_not = self.why_not(by)
         state |= {"rendered": None, "described": [], "outline_px": [], "bound_px": []}
         if plan.fixture is not None:
-            lines = [line for outline in plan.outlines for line in outline.lines]
             if plan.bound95_m is not None:
                 state["tre95_m"] = plan.bound95_m
             state["rendered"] = rendered_in_json(plan.fixture)
             state["described"] = described(plan.fixture)
+            lines = [line for outline in plan.outlines for line in outline.lines]
             state["outline_px"] = [line.round(2).tolist() for line in lines]
             state["bound_px"] = [
                 (bound_m / plan.metres_per_px).round(3).tolist() for _, bound_m in plan.bounds
@@ -172,7 +174,7 @@ class Session:
             "why_not": why_not, "approvable": not why_not, "digest": self.digest,
         }  # fmt: skip
 
-    def bodies(self) -> dict[str, Any]:
+    def bodies(self) -> Report:
         """What renders the plan as it stands, for the page's own engine; else why nothing does."""
         if self.current.fixture is None:
             return {"why_not": self.current.why_not[0]}
@@ -181,7 +183,7 @@ class Session:
         except VfplanError as error:
             return {"why_not": error.message}
 
-    def quick_state(self, by: Any = "") -> dict[str, Any]:
+    def quick_state(self, by: Any = "") -> Report:
         """`state` without what takes the whole plan: findings, and whether it is approvable."""
         plan, geometry, strokes = self.current, self.current.geometry, self.current.geometry.strokes
         steps = self.steps_on_slice
@@ -275,7 +277,7 @@ class Session:
 
 
 @lru_cache(maxsize=8)
-def marker_state(plan: Plan) -> dict[str, Any]:
+def marker_state(plan: Plan) -> Report:
     """The markers, their residuals and the bound; also of markers that are being dragged."""
     fit, registration = plan.fit, plan.fit.registration
     return {

@@ -24,7 +24,7 @@ import numpy as np
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import arc_lengths, length_of
+from vfplan.geometry.lines import arc_lengths, distance_to, length_of
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper, picture
@@ -32,7 +32,7 @@ from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out
-from vfplan.review.strokes import CLOSE_PX, nearest_point
+from vfplan.review.strokes import CLOSE_PX
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -202,8 +202,7 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
-            head += f", at ({coordinates(finding.place_px)})"
-            head += ink_at(plan, finding)
+            head += f", at ({coordinates(finding.place_px)}){ink_at(plan, finding)}"
         if finding.answered_by is not None:
             words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
         findings.append([(head, style, 0), (words, BODY, 30)])
@@ -393,7 +392,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
         if lines:
-            half_px = max(half_px, nearest_point(np.vstack(lines), points[worst])[1])
+            half_px = max(half_px, distance_to(points[worst], np.vstack(lines)))
         while zoom > 1 and half_px * zoom > 0.4 * INSET_PX:
             zoom //= 2
         caption = "Error and outline, to scale"

@@ -487,13 +487,12 @@ def answer(plan: Plan, step: Step) -> Plan:
     if not accepted:
         text = f"There is no finding {which!r}. There are {len(findings)}, from 0."
         raise SettingError(text, code="no-such-finding")
-    by = step.get("by")
-    if by is not None:
-        by = visible_name(label_of(step, "by"))
+    by = "" if step.get("by") is None else visible_name(label_of(step, "by"))
     utc = step.get("utc")
     if not isinstance(utc, str) or len(utc) != len("2026-01-31T12:00:00Z"):
         raise malformed(step, "utc", "a time such as 2026-01-31T12:00:00Z")
-    answered = replace(plan, answers=plan.answers | dict.fromkeys(accepted, (by, utc)))
+    answers = {found: replace(found, answered_by=by, answered_utc=utc) for found in accepted}
+    answered = replace(plan, answers=plan.answers | answers)
     answered.__dict__["outcome"] = plan.outcome  # Answers do not change it.
     return answered
 

@@ -36,9 +36,14 @@ from vfplan.curve.profiles import find_ends, read_profiles
 from vfplan.errors import SettingError
 from vfplan.fixture import FLAGS, Stroke
 from vfplan.geometry.lines import (
+    BEYOND,
+    Array,
+    Flags,
     arc_lengths,
+    distance_to,
     evenly,
     gaussian,
+    nearest_to,
     normals,
     running_median,
     runs,
@@ -112,14 +117,11 @@ JOIN_PX = 12.0
 # Length [px] of a stroke along which a drawn path runs, and does not merely cross it.
 ALONG_PX = 3 * JOIN_PX
 
-# How values go on beyond the ends of a line, by whether it is closed.
-BEYOND = {False: "edge", True: "wrap"}
-
 # The fields of a stroke that have a value a point.
 PER_POINT = ("points", "sigma", *FLAGS, "is_knot")
 
 
-def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[np.float64]:
+def faded(offset: NDArray, has_ink: Flags, closed: bool) -> Array:
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     from scipy.ndimage import distance_transform_edt
 
@@ -132,9 +134,7 @@ def faded(offset: NDArray, has_ink: NDArray[np.bool_], closed: bool) -> NDArray[
     return offset[nearest[part] % count] * np.exp(-0.5 * (distance[part] / 10.0) ** 2)
 
 
-def past_branches(
-    points: NDArray, joined: NDArray[np.bool_], alone: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def past_branches(points: NDArray, joined: Flags, alone: Flags) -> Flags:
     """Carry the points past every place where other ink joins the line; which were carried.
 
     There the centre of the ink is not that of the line. The line goes on as on both sides.
@@ -153,7 +153,7 @@ def past_branches(
     return passed
 
 
-def without_spurs(path: NDArray, bones: NDArray) -> NDArray[np.float64]:
+def without_spurs(path: NDArray, bones: NDArray) -> Array:
     """A closed path (M, 2) without the ends of ink that it goes around, there and back.
 
     bones: (N, 2) the pixels of the ink's skeleton, of which one is nearest on both ways
@@ -202,7 +202,7 @@ class SliceInk:
         return find_ink(self.rgb, Pen.of_colour(self.colour), region)
 
     @cached_property
-    def bones(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def bones(self) -> tuple[Array, Array]:
         """The pixels (N, 2) of the ink's skeleton, and how wide the ink is at each [px]."""
         if not len(self.found.pixels):
             return np.full((1, 2), -1e9), np.ones(1)  # Out of anybody's reach.
@@ -211,9 +211,7 @@ class SliceInk:
         to_paper = cv2.distanceTransform(box.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         return np.column_stack([u, v]) + corner.astype(float), 2.0 * to_paper[v, u] - 0.25
 
-    def nearest(
-        self, path: NDArray, closed: bool, reach_px: float
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    def nearest(self, path: NDArray, closed: bool, reach_px: float) -> tuple[Array, Flags, Array]:
         """Where the ink nearest to a path lies, across it.
 
         Parameters
@@ -323,9 +321,7 @@ class SliceInk:
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
         return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
-    def lacking(
-        self, ring: NDArray, alone: NDArray[np.bool_], pen_px: float
-    ) -> NDArray[np.float64]:
+    def lacking(self, ring: NDArray, alone: Flags, pen_px: float) -> Array:
         """(M,) what a ring's ink lacks on one side [px], with the sign of the other side's normal.
 
         alone: (M,) the points that no other ink joins, of which half the width is known
@@ -411,7 +407,7 @@ class SliceInk:
         return float(np.median(width[has_ink])) if has_ink.any() else 3.0
 
 
-def bridging(line: Stroke, gaps: NDArray[np.bool_]) -> Stroke:
+def bridging(line: Stroke, gaps: Flags) -> Stroke:
     """The line with these points, which show no ink, as bridges: no hand placed them."""
     bridged = line.bridged | gaps
     sigma = with_sway(replace(line, bridged=gaps), usual_bend(line.points, bridged))
@@ -430,13 +426,6 @@ def measured(path: NDArray, closed: bool, ink: SliceInk | None, free: tuple[bool
     return drawn_by_hand(path, closed) if ink is None else ink.draw(path, closed, REACH_PX, free)
 
 
-def nearest_point(points: NDArray, place: NDArray) -> tuple[int, float]:
-    """Which point is nearest to a place, and how far off it is [px]."""
-    distance = np.hypot(*(points - np.asarray(place, float)).T)
-    nearest = int(distance.argmin())
-    return nearest, float(distance[nearest])
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MendedStroke(Stroke):
     """A stroke on the slice, with what a person needs to mend it.
@@ -447,7 +436,7 @@ class MendedStroke(Stroke):
         (M,) bool, the points that can be moved.
     """
 
-    is_knot: NDArray[np.bool_]
+    is_knot: Flags
 
     @classmethod
     def of(cls, stroke: Stroke) -> MendedStroke:
@@ -484,7 +473,7 @@ class MendedStroke(Stroke):
 
     def insert_knot(self, at: NDArray) -> MendedStroke:
         """A further knot at the point nearest to a place."""
-        nearest, _ = nearest_point(self.points, at)
+        nearest = nearest_to(at, self.points)
         if self.is_knot[nearest]:
             text = (
                 f"There is a knot at ({at[0]:z.1f}, {at[1]:z.1f}) already. Choose a place between "
@@ -507,8 +496,8 @@ class MendedStroke(Stroke):
         # The spline through the knots around shows how the line would run without this one.
         around = self._beside(knot, -2, -1, 1, 2)
         spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
-        first, _ = nearest_point(spline, self.points[before])
-        last, _ = nearest_point(spline, self.points[after])
+        first = nearest_to(self.points[before], spline)
+        last = nearest_to(self.points[after], spline)
         drawn = np.vstack([self.points[before], spline[first + 1 : last], self.points[after]])
         return self._with_stretch(before, after, drawn, ink)
 
@@ -517,14 +506,14 @@ class MendedStroke(Stroke):
         stroke = self
         if self.closed:
             # A ring is opened at the first cut, so that a single cut leaves all of it.
-            first, _ = nearest_point(self.points, end if start is None else start)
+            first = nearest_to(end if start is None else start, self.points)
             # The point of the seam becomes the first and the last.
             stroke = self.part(np.r_[first : len(self.points), 0 : first + 1])
         first, last = 0, len(stroke.points) - 1
         if start is not None:
-            first, _ = nearest_point(stroke.points, start)
+            first = nearest_to(start, stroke.points)
         if end is not None and (start is not None or not self.closed):
-            last, _ = nearest_point(stroke.points, end)
+            last = nearest_to(end, stroke.points)
         if last - first < 3:
             raise SettingError(
                 "Nothing of the stroke is left between the cuts. The start has to lie before the "
@@ -542,7 +531,7 @@ class MendedStroke(Stroke):
         near, index = self._near(drawn)
         return bool(near[0] or near[-1] or (near.any() and np.ptp(index[near]) > ALONG_PX))
 
-    def _near(self, drawn: NDArray) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    def _near(self, drawn: NDArray) -> tuple[Flags, NDArray[np.int64]]:
         """Which points of a path lie on the stroke, and which of its points is nearest to each."""
         distance, index = _core.nearest(self.points, drawn)
         return distance <= JOIN_PX, index
@@ -560,8 +549,8 @@ class MendedStroke(Stroke):
             if self.closed:
                 # The ends cut a ring into two parts. The one nearer to the drawing is replaced.
                 middle = drawn[len(drawn) // 2]
-                _, forward = nearest_point(self.points[self._run(first, last)], middle)
-                _, backward = nearest_point(self.points[self._run(last, first)], middle)
+                forward = distance_to(middle, self.points[self._run(first, last)])
+                backward = distance_to(middle, self.points[self._run(last, first)])
                 is_turned = backward < forward
             if is_turned:
                 first, last, drawn = last, first, drawn[::-1]
@@ -685,7 +674,7 @@ class MendedStroke(Stroke):
             points += fade[::-1, None] * (drawn[-1] - points[-1])
         is_knot = spread_knots(points, False, self.length / max(len(self.knots), 1))
         if knot_at is not None:
-            is_knot = np.arange(len(points)) == nearest_point(points, knot_at)[0]
+            is_knot = np.arange(len(points)) == nearest_to(knot_at, points)
             is_knot[[0, -1]] = True
         stretch = MendedStroke(
             points=points, closed=False, sigma=line.sigma, edited=line.edited, hidden=line.hidden,
@@ -708,9 +697,7 @@ def concatenated(parts: list[MendedStroke], closed: bool) -> MendedStroke:
     return replace(parts[0], **values, closed=closed)
 
 
-def spread_knots(
-    points: NDArray, closed: bool, spacing_px: float | None = None
-) -> NDArray[np.bool_]:
+def spread_knots(points: NDArray, closed: bool, spacing_px: float | None = None) -> Flags:
     """(M,) bool, points at equal steps of arc; of an open stroke the first and the last too."""
     arc = arc_lengths(points, closed)
     if spacing_px is None:

@@ -29,6 +29,11 @@ from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.scenes import god_object, outline
 from vfplan.scenes.outline import Pieces, Run, Sides, Spheres, in_space
 
+# Corners (K, 3) [m] of scripted paths, by name.
+Routes = dict[str, Vector]
+# Corners of rectangles, and their sides from there, (M, 3) [m] each.
+Squares = tuple[Vector, Vector, Vector]
+
 
 @dataclass(frozen=True, eq=False)
 class Scene(ABC):
@@ -63,7 +68,7 @@ class Scene(ABC):
 
     @property
     @abstractmethod
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Corners (K, 3) [m] of each scripted HIP path, the first one free of contact."""
 
     @property
@@ -190,7 +195,7 @@ class Circle(Drawn):
         return (Run((outline.arc(np.zeros(2), self.radius, 0.0, 2 * np.pi),), closed=True),)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Once around, from 2 to 13 mm deep, outside; and the same from the inside out."""
         turn = np.linspace(0, 2 * np.pi, 361)
         deep = (7.5 - 5.5 * np.cos(3 * turn)) * 1e-3
@@ -235,7 +240,7 @@ class Wedge(Bend):
     """The bend met from outside: a convex edge."""
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Press on one leg, slide over the edge onto the other, lift off."""
         at = self._at
         # In front of the edge the path goes round it, where the proxy does not jump.
@@ -247,7 +252,7 @@ class Corner(Bend):
     """The bend met from inside: a concave corner."""
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Along each leg, 3 mm deep, into the other; and straight into the corner."""
         at = self._at
         return {
@@ -278,7 +283,7 @@ class Channel(Drawn):
         return (*outline.polyline(a + up, up - a), *outline.polyline(a - up, -a - up))
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """In at one end, pressed against each wall, out at the other end."""
         end = self.length * 500 + 15
         return {
@@ -305,7 +310,7 @@ class Omega(Drawn):
         return (*foot, outline.smooth(ring), *outline.polyline(ring[-1], -left_end))
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Beside the line, 3 mm from it on its upper side; on the line itself; inside the ring."""
         line = np.vstack([run.sample(1e-3) for run in self.runs])
         ring = self.runs[1].sample(1e-3)
@@ -349,7 +354,7 @@ class Teapot(Drawn):
         return tuple(runs)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """From the left over handle, lid and spout along the line; all around it."""
         line = np.vstack([outside(run.sample(1e-3), 2e-3) for run in self.runs])
         below = np.array([[0.0, -0.02, 0.0]])
@@ -380,7 +385,7 @@ class Point(Scene):
         return (Sides(np.zeros((1, 3)), (np.zeros((1, 3)),)),)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """From left to right just above it."""
         return {"across": corners_mm((-20, 1), (20, 1))}
 
@@ -409,7 +414,7 @@ class Segment(Scene):
         return (Sides(-side / 2, (side,)),)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Press on it from above, slide and lift off."""
         return {"above": corners_mm((3, 12, 0.4), (3, 2, 0.4), (8, 2, 0.4), (8, 12, 0.4))}
 
@@ -427,7 +432,7 @@ class Walls(Scene):
 
     @property
     @abstractmethod
-    def squares(self) -> tuple[Vector, Vector, Vector]:
+    def squares(self) -> Squares:
         """Corners and the sides u and v from them, each (M, 3) [m]."""
 
     @cached_property
@@ -449,12 +454,12 @@ class Sheet(Walls):
     centre: ClassVar[Vector] = np.array([0.45, 0.1, 0.45])
 
     @property
-    def squares(self) -> tuple[Vector, Vector, Vector]:
+    def squares(self) -> Squares:
         """The square."""
         return np.array([[0.4, 0.1, 0.4]]), np.array([[0.1, 0, 0]]), np.array([[0, 0, 0.1]])
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Press, slide and lift off on each side, and off an edge."""
         slide = corners_mm((-20, 15, -13), (-20, -10, -13), (21, -8, 17), (21, 15, 17))
         edge = corners_mm((20, 12, 3), (35, 1, 3), (60, 1, 3), (60, 12, 3))
@@ -477,14 +482,14 @@ class DoubleSheet(Walls):
     side: float = 0.06
 
     @property
-    def squares(self) -> tuple[Vector, Vector, Vector]:
+    def squares(self) -> Squares:
         """Below and above."""
         h, g = self.side / 2, self.gap / 2
         corner = np.array([[-h, -g, -h], [-h, g, -h]])
         return corner, np.array([[2 * h, 0, 0]] * 2), np.array([[0, 0, 2 * h]] * 2)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Press from above and from below until the HIP is past both sheets, slide, lift off."""
         press = corners_mm((-10, 15, -7), (-10, -5, -7), (11, -5, 8), (11, 15, 8))
         return {"above": press, "below": -press}
@@ -516,7 +521,7 @@ class Sphere(Scene):
         return (Spheres(np.zeros((1, 3)), np.array([self.radius])),)
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Press and slide outside, press and slide inside."""
         r = self.radius * 1e3
         outside = r * np.array([(0.94, 0.05, 0.1), (0.5, 0.7, 0.3), (-0.1, 0.8, 0.4)])
@@ -544,13 +549,13 @@ class ThreeWalls(Walls):
         return np.unique(super().points, axis=0)
 
     @property
-    def squares(self) -> tuple[Vector, Vector, Vector]:
+    def squares(self) -> Squares:
         """Across x, y and z."""
         sides = np.eye(3) * self.side
         return np.zeros((3, 3)), sides[[1, 2, 0]], sides[[2, 0, 1]]
 
     @property
-    def routes(self) -> dict[str, Vector]:
+    def routes(self) -> Routes:
         """Into the corner along the diagonal, and along a wall and an edge into it."""
         return {
             "diagonal": corners_mm((14, 15, 16), (-6, -5, -4), (14, 15, 16)),

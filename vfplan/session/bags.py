@@ -76,9 +76,7 @@ class Sender(NamedTuple):
 
 def bag_files(path: Path) -> list[Path]:
     """The files that a bag consists of, in order of their names."""
-    if path.is_file():
-        return [path]
-    return sorted(part for part in path.iterdir() if part.is_file())
+    return [path] if path.is_file() else sorted(part for part in path.iterdir() if part.is_file())
 
 
 def bag_stamp(path: Path) -> list[tuple[str, int, int, int]]:
@@ -243,9 +241,7 @@ def _messages(bag: Part, topic: str) -> Iterator[tuple[Sender, int, int, Any]]:
             header = getattr(message, "header", None)
             frames = (getattr(header, "frame_id", ""), getattr(message, "child_frame_id", ""))
             stamp = getattr(header, "stamp", None)
-            nanoseconds = 0
-            if stamp is not None:
-                nanoseconds = int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+            nanoseconds = 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
             yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 

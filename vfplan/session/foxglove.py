@@ -108,22 +108,21 @@ class FoxgloveChannels:
 
     def _shape(self, stamp: fg.Timestamp) -> fg.SceneEntity:
         """The fixture's triangles, or its lines; a bare cloud has none, and shows as points."""
-        bodies = {}
         if self._fixture.mesh is not None:
             triangles = fg.TriangleListPrimitive(
                 points=corners(self._fixture.points), indices=self._fixture.mesh.ravel().tolist(),
                 pose=pose(), color=BONE,
             )  # fmt: skip
-            bodies["triangles"] = [triangles]
+            bodies = {"triangles": [triangles]}
         else:
             kinds = (fg.LinePrimitiveLineType.LineStrip, fg.LinePrimitiveLineType.LineLoop)
-            bodies["lines"] = [
+            bodies = {"lines": [
                 fg.LinePrimitive(
                     type=kinds[stroke.closed], points=corners(stroke.points), thickness=LINE_M,
                     pose=pose(), color=BONE,
                 )
                 for stroke in self._fixture.strokes
-            ]  # fmt: skip
+            ]}  # fmt: skip
         return fg.SceneEntity(timestamp=stamp, frame_id=self._fixture.frame, id="fixture", **bodies)
 
     def _cloud(self, stamp: fg.Timestamp) -> fg.PointCloud:

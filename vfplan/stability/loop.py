@@ -289,9 +289,7 @@ def simulate(
 
     positions, velocities, proxies, spring_forces, held_forces = np.empty((5, ticks, 3))
     for tick in range(ticks):
-        measured = x
-        if robot.quantum_m is not None:
-            measured = np.round(x / robot.quantum_m) * robot.quantum_m
+        measured = x if robot.quantum_m is None else np.round(x / robot.quantum_m) * robot.quantum_m
 
         step = engine.step(measured)
         spring_forces[tick] = stiffness * step.force

@@ -43,6 +43,10 @@ Joined = Literal["straight", "spline", "slicer"]
 PLACES_A_PIECE = 16
 
 
+# DICOM images, each with its frames; of one without frames all are meant.
+Images = dict[str, list[int]]
+
+
 @dataclass(frozen=True, eq=False)
 class VectorDrawing:
     """A curve as a drawing program left it.
@@ -73,7 +77,7 @@ class VectorDrawing:
     joined: Joined
     sha256: str = ""
     warnings: tuple[str, ...] = ()
-    drawn_on: dict[str, list[int]] = field(default_factory=dict)
+    drawn_on: Images = field(default_factory=dict)
     type_difference_m: float = 0.0
     measured_from: str | None = None
 
@@ -241,13 +245,13 @@ def read_line(
 OPEN = ("POLYLINE", "INTERPOLATED", "OPEN_PLANAR", "OPEN_NONPLANAR")
 CLOSED = ("POLYGON", "CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
 # A kind, a name, the images that it is drawn on, coordinates [px or mm], and how many a point has.
-Drawn = tuple[str, str, dict[str, list[int]], Any, int]
+Drawn = tuple[str, str, Images, Any, int]
 
 
 def graphics(dataset: Any) -> Iterator[Drawn]:
     """The graphics of a presentation state; one that is no line in pixels is of no kind."""
     # Where an annotation names no images, those of the whole presentation state are meant.
-    images_of_series: dict[str, list[int]] = {}
+    images_of_series: Images = {}
     for series in dataset.get("ReferencedSeriesSequence") or ():
         images_of_series |= referenced_images(series)
     for item in dataset.get("GraphicAnnotationSequence") or ():
@@ -276,7 +280,7 @@ def report_curves(item: Any) -> Iterator[Drawn]:
     for part in item.get("ContentSequence") or ():
         width = {"SCOORD": 2, "SCOORD3D": 3}.get(str(part.get("ValueType", "")))
         if width is not None:
-            drawn_on: dict[str, list[int]] = {}
+            drawn_on: Images = {}
             for source in part.get("ContentSequence") or ():
                 drawn_on |= referenced_images(source, "ReferencedSOPSequence")
             kind, values = str(part.GraphicType)[:16], part.GraphicData
@@ -294,7 +298,7 @@ def contours(dataset: Any) -> Iterator[Drawn]:
             yield kind, name, referenced_images(contour, "ContourImageSequence"), values, 3
 
 
-def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> dict[str, list[int]]:
+def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> Images:
     """The images that an item refers to, each with its frames; without frames all are meant."""
     images = {}
     for image in item.get(sequence) or ():
@@ -304,7 +308,7 @@ def referenced_images(item: Any, sequence: str = "ReferencedImageSequence") -> d
 
 
 def check_drawn_on(
-    drawn_on: dict[str, list[int]], image: PlannedImage, frame: int | None, where: str
+    drawn_on: Images, image: PlannedImage, frame: int | None, where: str
 ) -> tuple[str, ...]:
     """A warning where it cannot be told whether a curve was drawn on an image.
 
