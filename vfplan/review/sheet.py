@@ -202,8 +202,7 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
-            head += f", at ({coordinates(finding.place_px)})"
-            head += ink_at(plan, finding)
+            head += f", at ({coordinates(finding.place_px)}){ink_at(plan, finding)}"
         if finding.answered_by is not None:
             words += acceptance(finding.answered_by, finding.answered_utc)
         findings.append([(head, style, 0), (words, BODY, 30)])

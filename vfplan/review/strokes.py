@@ -346,9 +346,8 @@ class SliceInk:
         moved = self._to_its_ends(line, free, width, reach_px)
         away = _core.nearest(moved.points, self.bones[0])[0] - width / 2 - tuned.EDGE_BLUR_PX
         others = self.bones[0][(away > 0) & (away <= STEP_OF_BONES_PX)]
-        stays = np.zeros(2, bool)
-        if len(others):
-            stays = free & (_core.nearest(others, moved.end_points)[0] <= reach_px)
+        away = np.hypot(*(others[:, None] - moved.end_points).T)
+        stays = free & (away.min(1, initial=np.inf) <= reach_px)
         line = self._to_its_ends(line, tuple(free & ~stays), width, reach_px)
         # Other ink that leads the end away from where the hand put it is not followed.
         is_led_away = stays & (np.hypot(*(line.end_points - path[[0, -1]]).T) > HAND_SIGMA_PX)
@@ -357,8 +356,8 @@ class SliceInk:
         # Along the line such an end is as good as the hand.
         sigma = line.sigma.copy()
         sigma[[0, -1]] = np.maximum(sigma[[0, -1]], HAND_SIGMA_PX * stays)
-        mended = MendedStroke.of(replace(line, sigma=sigma, edited=edited))
-        return mended.with_drawn_ends(path, free & edited[[0, -1]])
+        line = replace(line, sigma=sigma, edited=edited)
+        return MendedStroke.of(line).with_drawn_ends(path, free & edited[[0, -1]])
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
