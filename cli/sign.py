@@ -23,6 +23,7 @@ from vfplan.cli.run import CommandResult, command, command_line
 
 from vfplan.display import Report, quoted, wrote
 from vfplan.errors import CheckFailed
+from vfplan.findings import acceptance
 
 
 @command("sign")
@@ -123,7 +124,7 @@ def finding_lines(findings: list[Report], reviewed: dict[str, str] | None) -> li
     for finding in findings:
         line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"
         if finding["answered_by"] is not None:
-            line += f" (accepted by {finding['answered_by']}, {finding['answered_utc']})"
+            line += acceptance(finding["answered_by"], finding["answered_utc"])
         elif finding["severity"] == "doubt":
             line += " (not answered)"
         lines.append(line)

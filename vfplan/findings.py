@@ -59,6 +59,11 @@ class Finding:
         return self.text
 
 
+def acceptance(by: str, utc: str) -> str:
+    """What people read behind a finding that somebody answered: the plan stays as it is."""
+    return f" (accepted as it is by {by}, {utc})"
+
+
 def doubt(code: str, stage: str, text: str, **place: Any) -> Finding:
     """A finding that wants an answer; `place` is `place_px` or `place_m`."""
     return Finding(code, "doubt", text, stage, **place)

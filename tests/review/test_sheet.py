@@ -404,6 +404,7 @@ def test_text_from_files_can_do_no_harm():
     fixture = replace(shown.fixture, case="c" * 60)
     words = words_of(checked(drawn_ends.with_values(shown, fixture=fixture)))
     assert fixture.case in "".join(words)
+    assert "accepted as it is by" in " ".join(words)
     # Names are shortened beside their numbers.
     for marker in given:
         number = f" {1e3 * marker.residual_m:.2f} mm" if marker.is_used else " left out"

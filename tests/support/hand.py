@@ -101,7 +101,7 @@ class Hand:
             left = self.browser.until(f"{READY} ? [{open_doubts}] : null")[0]
             if not left:
                 return
-            self.press("Accept")
+            self.press("Accept as it is")
             self.browser.until(f"{READY} && {open_doubts} === {left - 1}")
 
     def fill(self, field, value, event="change"):

@@ -20,6 +20,7 @@ from vfplan.bundle.seal import opened_source, unsealed
 from vfplan.display import Report
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
 from vfplan.errors import BundleError, SceneError, VfplanError
+from vfplan.findings import acceptance
 from vfplan.fixture import Fixture, size_doubt
 
 Severity = Literal["error", "warning", "note"]
@@ -76,7 +77,7 @@ def finding_issues(content: Content) -> Iterator[Issue]:
     for finding in findings_of(content):
         text = finding.text
         if finding.answered_by is not None:
-            text += f" (accepted by {finding.answered_by}, {finding.answered_utc})"
+            text += acceptance(finding.answered_by, finding.answered_utc)
         yield Issue("/findings", finding.code, "warning" if finding.is_open else "note", text)
     if "/rendering/stiffness" in content and "/review@by" not in content:
         yield Issue(

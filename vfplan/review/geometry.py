@@ -290,8 +290,8 @@ class Geometry:
             if len(places):
                 within_px = own_bound(self.strokes)[edited].max()
                 text = (
-                    f"{len(places)} px of the curve lie where a person put them and no ink shows "
-                    f"them. They are taken to lie within {within_px:.1f} px (95 %)."
+                    f"{len(places)} px of the curve were placed by hand and not measured. "
+                    f"They are taken to lie within {within_px:.1f} px (95 %)."
                 )
                 place_px = tuple(places[0].tolist())
                 made.append(note("drawn-by-hand", "extract", text, place_px=place_px))

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
-from vfplan.findings import Finding
+from vfplan.findings import Finding, acceptance
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import arc_lengths, distance_to, length_of
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
@@ -204,7 +204,7 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         if finding.place_px is not None:
             head += f", at ({coordinates(finding.place_px)}){ink_at(plan, finding)}"
         if finding.answered_by is not None:
-            words += f" Answered by {finding.answered_by}, {finding.answered_utc}."
+            words += acceptance(finding.answered_by, finding.answered_utc)
         findings.append([(head, style, 0), (words, BODY, 30)])
     lists = [("Findings" if findings else "Findings: none", findings)]
     if plan.image is not None:

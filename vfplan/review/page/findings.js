@@ -55,11 +55,11 @@ export class Findings {
       more.append(this.inset(finding.place_px, FINDING_PX, `Finding #${k + 1} enlarged`));
     }
     if (finding.answered_by !== null) {
-      more.append(muted(finding.answered_by ? `Accepted by ${finding.answered_by}.` : "Accepted."));
+      more.append(muted(finding.answered_by ? `Accepted as it is by ${finding.answered_by}.` : "Accepted as it is."));
     } else if (finding.severity === "doubt") {
       const accept = () => this.accept(k);
-      more.append(make("button", { type: "button", class: "accept", onclick: accept }, "Accept"));
-      more.append(muted("Or mend it: then it goes by itself."));
+      more.append(make("button", { type: "button", class: "accept", onclick: accept }, "Accept as it is"));
+      more.append(muted("The plan then stays as shown. Or mend it: then the finding goes by itself."));
     } else {
       more.append(muted("For your information."));
     }

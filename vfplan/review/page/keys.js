@@ -10,7 +10,7 @@ const LIST = [
   ["F, 1", "fit; one to one"],
   ["H (hold)", "hide all that is drawn, to see the ink"],
   ["N, P", "next and previous finding"],
-  ["A", "accept the finding"],
+  ["A", "accept the finding as it is"],
   ["K, Shift-K", "next and previous knot"],
   ["J, Shift-J", "next and previous marker"],
   ["Arrows", "move what is selected by a pixel (Shift: ten, Alt: a tenth)"],
