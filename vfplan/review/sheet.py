@@ -209,17 +209,15 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         findings.append([(head, style, 0), (words, BODY, 30)])
     lists = [("Findings" if findings else "Findings: none", findings)]
     if plan.image is not None:
-        # Each has its number of the account, in which bridges stand too.
-        words, account = [], plan.account if plan.other_ink else ()
-        for entry in account[:MAX_NUMBERED]:
+        # Each has its number of the account, in which bridges are counted too.
+        words = []
+        for entry in plan.other_ink[:MAX_NUMBERED]:
             what = f"longest side {entry.size_px:.0f} px, area {entry.pixels} px"
             if entry.what != "ink":
                 what = f"{GAP}, {entry.pixels} px"
-            what += f" ({entry.share:.1%})"
-            if entry not in plan.other_ink:
-                what = "bridge"
-            words.append(f"{entry.number}: {what} at ({coordinates(entry.middle)})")
-        smaller = account[MAX_NUMBERED:]
+            where = f"({entry.share:.1%}) at ({coordinates(entry.middle)})"
+            words.append(f"{entry.number}: {what} {where}")
+        smaller = plan.other_ink[MAX_NUMBERED:]
         if smaller:
             words.append(
                 f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
