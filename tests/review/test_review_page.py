@@ -99,6 +99,7 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     assert np.allclose(hand.at((400, 300)), before, atol=1.0)
     browser.key("f")
     hand.finish()
+    assert browser.run(STATUS) == "approved"
     said = hand.program.communicate(timeout=30)
     assert (hand.program.returncode, output.exists()) == (0, True), said
     assert vfplan_cli("verify", output, "--keys", tmp_path / "surgeon.pub", "--json").sound
@@ -144,6 +145,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
             browser.until("document.getElementById('where').open")
             # The line stays in view, and an Enter too many does no harm.
             assert browser.run(f"{PREVIEW} && document.activeElement.id") == "not-drawn"
+            assert browser.run(STATUS) == "line not in the plan"
             hand.press(button)
         browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
         if strokes == 1:
@@ -388,6 +390,7 @@ def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(brow
 
 
 PREVIEW = "document.getElementById('preview').getAttribute('points')"
+STATUS = "document.getElementById('status').textContent"
 
 
 def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
@@ -695,6 +698,9 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     browser.until(silent)
     browser.press(*hand.at((start[0], start[1] + 60)), "mouseMoved", "none")
     assert float(browser.until("document.getElementById('felt').textContent").split()[0]) == 0.0
+    # In a window of another size the hand is elsewhere, until it moves.
+    browser.size(1300, 840)
+    browser.until(f"{silent} && document.getElementById('push').childElementCount === 0")
     # A plan that is refused is felt no longer, and the hint says why.
     label = session.current.fit.markers[2].label
     browser.run(f"review.step({{do: 'move_marker', marker: '{label}', to: [600, 300]}})")
