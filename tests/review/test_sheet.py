@@ -445,7 +445,10 @@ def test_bundle_without_a_slice_has_three_views(name):
     """A large cloud too is drawn in time."""
     fixture = getattr(bundles, name)()
     finding = doubt("size-unusual", "plan", "So.", place_m=tuple(fixture.points[0]))
-    sheet = checked(Plan.of(replace(fixture, findings=(finding,)), "f.h5"))
+    shown = Plan.of(replace(fixture, findings=(finding,)), "f.h5")
+    sheet = checked(shown)
+    words = "\n".join(words_of(sheet))
+    assert ("#2  wants an answer: slice-not-shown" in words) == shown.is_slice_missing
     views = [box for box in sheet.boxes if box.kind == "picture"]
     assert len(views) == 3
     for view in views:

@@ -392,11 +392,15 @@ def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
         for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
     ]  # fmt: skip
     for number, points in enumerate(bridges, 1):
-        about = [
-            finding_name(k) for k, finding in enumerate(plan.findings, 1)
-            if finding.place_px and nearest_point(points, finding.place_px)[1] <= CLOSE_PX
-        ]  # fmt: skip
-        yield f"bridge {number}", points, about
+        yield f"bridge {number}", points, findings_at(plan, points)
+
+
+def findings_at(plan: Plan, points: paper.Array) -> list[str]:
+    """The names of the findings whose place is one of these points [px of the slice]."""
+    return [
+        finding_name(k) for k, finding in enumerate(plan.findings, 1)
+        if finding.place_px and nearest_point(points, finding.place_px)[1] <= CLOSE_PX
+    ]  # fmt: skip
 
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
@@ -441,11 +445,13 @@ def draw_captions(
         sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 
+    named = []
     for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
-            tag(end, name + of_line, ground=LINE_COLOUR)
-    named = []
+            about = findings_at(plan, end[None])
+            tag(end, " ".join([name + of_line, *about]), name + of_line, ground=LINE_COLOUR)
+            named += about
     for name, points, about in bridges_of(plan):
         tag(points[len(points) // 2], " ".join([name, *about]))
         named += about
@@ -483,7 +489,7 @@ def draw_legend(
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
         rows.append(LegendRow(f"{words}in the slice, {length}", BLACK, ()))
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
-    if plan.other_ink:
+    if any(box.words.isdigit() for box in sheet.boxes):
         y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
     return y + 10
 

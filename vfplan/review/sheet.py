@@ -31,7 +31,7 @@ from vfplan.review import paper, picture
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import described, labels_left_out
+from vfplan.review.rendered import described, labels_left_out, slice_not_shown
 from vfplan.review.strokes import CLOSE_PX, nearest_point
 
 # Pixels of the page to one of the slice in an inset.
@@ -70,7 +70,7 @@ def verdict_of(plan: Plan) -> str:
     kind = f"A {plan.kind}. " if plan.kind else ""
     unanswered, reviewed = len(plan.fixture.open_findings), plan.fixture.reviewed
     if plan.is_slice_missing:
-        return f"{kind}The slice is missing, so no end of the line is shown"
+        return f"{kind}The slice is missing, so nobody sees whether the line ends there"
     if reviewed is not None and not unanswered:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
@@ -197,8 +197,11 @@ Block = list[tuple[str, paper.Style, float]]
 
 def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]]:
     """The findings, other ink, unnamed markers and what is rendered: (heading, entries) each."""
-    findings = []
-    for number, finding in enumerate(plan.findings, 1):
+    findings, shown = [], plan.findings
+    if plan.is_slice_missing and all(finding.code != "slice-not-shown" for finding in shown):
+        # Whoever accepts this sheet is asked about that.
+        shown = (*shown, slice_not_shown())
+    for number, finding in enumerate(shown, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
@@ -362,11 +365,11 @@ def insets_of(plan: Plan) -> list[Inset]:
         parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
         for part in range(parts):
             place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-            # A finding tells the length itself.
-            note = f"orange: {' '.join(about) or f'{along[-1]:.0f} px'}"
+            note = f"orange: {along[-1]:.0f} px"
             if parts > 1:
                 note += f", part {part + 1} of {parts}"
-            insets.append(Inset(name.capitalize(), place, note, bridge=points))
+            caption = " ".join([name.capitalize(), *about])
+            insets.append(Inset(caption, place, note, bridge=points))
     others = [
         (f"{entry.number}: {GAP}", entry.middle)
         for entry in plan.other_ink if entry.what != "ink"
