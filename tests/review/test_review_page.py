@@ -391,6 +391,7 @@ def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(brow
 
 PREVIEW = "document.getElementById('preview').getAttribute('points')"
 STATUS = "document.getElementById('status').textContent"
+FELT = STATUS.replace("status", "felt")
 
 
 def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
@@ -533,7 +534,7 @@ def test_reload_and_killed_server(browser, opened, run):
     assert hand.state("review.state.curve_px") == moved
     hand.program.kill()
     hand.program.wait()
-    browser.until("document.getElementById('status').textContent === 'connection lost'")
+    browser.until(f"{STATUS} === 'connection lost'")
     assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
     again = run(SLICE, *MARKERS)
     browser.open(again.address)
@@ -686,18 +687,18 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     for way in np.linspace(-40, 32, 20):
         browser.press(*hand.at((start[0], start[1] + way)), "mouseMoved", "none")
         time.sleep(0.05)
-    felt = browser.until("document.getElementById('felt').textContent")
+    felt = browser.until(FELT)
     assert float(felt.split()[0]) > 1.0
     # The arrow's head stays on the stage, and its newtons stand beside it.
     top = "document.querySelector('{}').getBoundingClientRect().top"
     assert browser.run(f"{top.format('.tool-force')} > {top.format('#stage')}")
     assert browser.run("document.querySelector('.tool-newtons').textContent").endswith(" N")
     # A hand that leaves the stage and comes back on the other side drags no tool along.
-    silent = "document.getElementById('felt').textContent === ''"
+    silent = f"{FELT} === ''"
     browser.press(*browser.run("[innerWidth - 30, innerHeight / 2]"), "mouseMoved", "none")
     browser.until(silent)
     browser.press(*hand.at((start[0], start[1] + 60)), "mouseMoved", "none")
-    assert float(browser.until("document.getElementById('felt').textContent").split()[0]) == 0.0
+    assert float(browser.until(FELT).split()[0]) == 0.0
     # In a window of another size the hand is elsewhere, until it moves.
     browser.size(1300, 840)
     browser.until(f"{silent} && document.getElementById('push').childElementCount === 0")

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import count, product
 from typing import Any, NamedTuple
 
 import cv2
@@ -22,6 +22,7 @@ from vfplan.display import (
     millimetres,
     nice_length,
 )
+from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import normals, runs
 from vfplan.review import paper
@@ -387,20 +388,23 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
 
 def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
     """Each bridge: its name, its points [px of the slice], and the names of its findings."""
-    bridges = [
-        stroke.points[run]
-        for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
-    ]  # fmt: skip
-    for number, points in enumerate(bridges, 1):
-        yield f"bridge {number}", points, findings_at(plan, points)
+    numbers = count(1)
+    for stroke in plan.strokes:
+        for run in runs(stroke.bridged, stroke.closed):
+            points = stroke.points[run]
+            yield f"bridge {next(numbers)}", points, findings_at(plan, points)
 
 
 def findings_at(plan: Plan, points: paper.Array) -> list[str]:
     """The names of the findings whose place is one of these points [px of the slice]."""
-    return [
-        finding_name(k) for k, finding in enumerate(plan.findings, 1)
-        if finding.place_px and nearest_point(points, finding.place_px)[1] <= CLOSE_PX
-    ]  # fmt: skip
+    placed = placed_findings(plan)
+    return [name for name, one in placed if nearest_point(points, one.place_px)[1] <= CLOSE_PX]
+
+
+def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
+    """The findings that have a place on the slice, each with its name."""
+    named = [(finding_name(number), one) for number, one in enumerate(plan.findings, 1)]
+    return [(name, one) for name, one in named if one.place_px is not None]
 
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
@@ -450,14 +454,14 @@ def draw_captions(
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
             about = findings_at(plan, end[None])
-            tag(end, " ".join([name + of_line, *about]), name + of_line, ground=LINE_COLOUR)
+            tag(end, " ".join([name + of_line, *about]), ground=LINE_COLOUR)
             named += about
     for name, points, about in bridges_of(plan):
         tag(points[len(points) // 2], " ".join([name, *about]))
         named += about
-    for number, finding in enumerate(plan.findings, 1):
-        if finding.place_px is not None and finding_name(number) not in named:
-            tag(finding.place_px, finding_name(number), ground=BLACK)
+    for name, finding in placed_findings(plan):
+        if name not in named:
+            tag(finding.place_px, name, ground=BLACK)
     unnamed = []
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"

@@ -70,7 +70,7 @@ def verdict_of(plan: Plan) -> str:
     kind = f"A {plan.kind}. " if plan.kind else ""
     unanswered, reviewed = len(plan.fixture.open_findings), plan.fixture.reviewed
     if plan.is_slice_missing:
-        return f"{kind}The slice is missing, so nobody sees whether the line ends there"
+        return f"{kind}The slice is missing, so the ends are not checked"
     if reviewed is not None and not unanswered:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
@@ -370,14 +370,10 @@ def insets_of(plan: Plan) -> list[Inset]:
                 note += f", part {part + 1} of {parts}"
             caption = " ".join([name.capitalize(), *about])
             insets.append(Inset(caption, place, note, bridge=points))
-    others = [
-        (f"{entry.number}: {GAP}", entry.middle)
-        for entry in plan.other_ink if entry.what != "ink"
-    ]  # fmt: skip
-    others += [
-        (f"{finding_name(number)}: {finding.code}", finding.place_px)
-        for number, finding in enumerate(plan.findings, 1) if finding.place_px is not None
-    ]  # fmt: skip
+    gaps = [entry for entry in plan.other_ink if entry.what != "ink"]
+    placed = picture.placed_findings(plan)
+    others = [(f"{entry.number}: {GAP}", entry.middle) for entry in gaps]
+    others += [(f"{name}: {finding.code}", finding.place_px) for name, finding in placed]
     for caption, place in others:
         # One that lies in an inset already is not enlarged again.
         reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]

@@ -12,7 +12,11 @@ export class Approval {
     this.app = app;
     this.view = view;
     view.settled.push(() => this.report());
-    const renew = () => app.state && this.render(app.state);
+    const renew = () => {
+      if (!app.state || app.socket.readyState !== 1) return; // a lost connection stays told
+      this.showStatus(app.state);
+      this.showReasons();
+    };
     new MutationObserver(renew).observe(byId("preview"), { attributeFilter: ["points"] });
     document.addEventListener("visibilitychange", () => this.report());
     byId("look").addEventListener("click", () => this.lookAlong());
