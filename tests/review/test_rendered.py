@@ -17,7 +17,7 @@ from vfplan.fixture import Guidance, StabilityVerdict
 from vfplan.planning.settings import FixtureSettings
 from vfplan.review import paper
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import described, in_one_line, outlines_of, rendered_in_json
+from vfplan.review.rendered import described, in_one_line, onto_plane, outlines_of, rendered_in_json
 from vfplan.review.session import Session
 from vfplan.review.sheet import draw_sheet, facts_of, verdict_of
 
@@ -131,10 +131,15 @@ def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
     fixture = made[name]
     T = fixture.registration.T_robot_image
     moved = CHANGES["pieces aside"](fixture)
-    for rendered, truth in ((fixture, fixture.points), (moved, fixture.points + ASIDE)):
-        [outline] = outlines_of(rendered, T, (871, 786))
+    # A slice at whose upper left border the line lies.
+    places_px = onto_plane(T)(fixture.points)
+    cropped = T @ np.column_stack([np.eye(3)[:, :2], [*places_px.min(axis=0), 1]])
+    truths = (fixture, fixture.points, T), (moved, fixture.points + ASIDE, T)
+    for rendered, truth, plane in (*truths, (fixture, fixture.points, cropped)):
+        [outline] = outlines_of(rendered, plane, (871, 786))
         line = np.vstack(outline.lines)
-        places = np.pad(line, ((0, 0), (0, 1)), constant_values=1.0) @ T.T
+        assert all(np.allclose(one[0], one[-1], atol=1e-3) for one in outline.lines)
+        places = np.pad(line, ((0, 0), (0, 1)), constant_values=1.0) @ plane.T
         assert np.abs(distance_to_line(places, truth) - reach).max() < 0.03e-3
         # It leads round both ends, so that nothing of the line is left out.
         assert distance_to_line(truth, places).max() < 1.01 * reach

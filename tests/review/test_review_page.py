@@ -99,6 +99,7 @@ def test_the_sample_from_slice_to_signed_fixture(browser, opened, tmp_path, vfpl
     assert np.allclose(hand.at((400, 300)), before, atol=1.0)
     browser.key("f")
     hand.finish()
+    assert browser.run(STATUS) == "approved"
     said = hand.program.communicate(timeout=30)
     assert (hand.program.returncode, output.exists()) == (0, True), said
     assert vfplan_cli("verify", output, "--keys", tmp_path / "surgeon.pub", "--json").sound
@@ -144,6 +145,7 @@ def test_a_line_is_drawn_in_one_go_and_one_that_lies_apart_is_asked_about(
             browser.until("document.getElementById('where').open")
             # The line stays in view, and an Enter too many does no harm.
             assert browser.run(f"{PREVIEW} && document.activeElement.id") == "not-drawn"
+            assert browser.run(STATUS) == "line not in the plan"
             hand.press(button)
         browser.until(f"review.state.curve_px.length === {strokes} && {READY}")
         if strokes == 1:
@@ -388,6 +390,8 @@ def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(brow
 
 
 PREVIEW = "document.getElementById('preview').getAttribute('points')"
+STATUS = "document.getElementById('status').textContent"
+FELT = STATUS.replace("status", "felt")
 
 
 def test_what_a_step_settled_is_offered_no_longer(browser, opened, tmp_path):
@@ -530,7 +534,7 @@ def test_reload_and_killed_server(browser, opened, run):
     assert hand.state("review.state.curve_px") == moved
     hand.program.kill()
     hand.program.wait()
-    browser.until("document.getElementById('status').textContent === 'connection lost'")
+    browser.until(f"{STATUS} === 'connection lost'")
     assert "steps are kept" in browser.run("document.getElementById('toast').textContent")
     again = run(SLICE, *MARKERS)
     browser.open(again.address)
@@ -683,18 +687,21 @@ def test_push_feels_what_the_robot_will_render(browser, opened):
     for way in np.linspace(-40, 32, 20):
         browser.press(*hand.at((start[0], start[1] + way)), "mouseMoved", "none")
         time.sleep(0.05)
-    felt = browser.until("document.getElementById('felt').textContent")
+    felt = browser.until(FELT)
     assert float(felt.split()[0]) > 1.0
     # The arrow's head stays on the stage, and its newtons stand beside it.
     top = "document.querySelector('{}').getBoundingClientRect().top"
     assert browser.run(f"{top.format('.tool-force')} > {top.format('#stage')}")
     assert browser.run("document.querySelector('.tool-newtons').textContent").endswith(" N")
     # A hand that leaves the stage and comes back on the other side drags no tool along.
-    silent = "document.getElementById('felt').textContent === ''"
+    silent = f"{FELT} === ''"
     browser.press(*browser.run("[innerWidth - 30, innerHeight / 2]"), "mouseMoved", "none")
     browser.until(silent)
     browser.press(*hand.at((start[0], start[1] + 60)), "mouseMoved", "none")
-    assert float(browser.until("document.getElementById('felt').textContent").split()[0]) == 0.0
+    assert float(browser.until(FELT).split()[0]) == 0.0
+    # In a window of another size the hand is elsewhere, until it moves.
+    browser.size(1300, 840)
+    browser.until(f"{silent} && document.getElementById('push').childElementCount === 0")
     # A plan that is refused is felt no longer, and the hint says why.
     label = session.current.fit.markers[2].label
     browser.run(f"review.step({{do: 'move_marker', marker: '{label}', to: [600, 300]}})")

@@ -114,7 +114,7 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
             colour = CYCLE[(number - 1) % len(CYCLE)]
             words = f"--stroke {number}"
             if number in error.forked or is_refused(error, line):
-                words = f"{number}: vfplan review"
+                words = f"{number}: only the review page takes it"
             if error.code == "line-dotted":
                 words = "the dotted line"
             axes.plot(*line.T, color=colour, lw=1.2, label=words)

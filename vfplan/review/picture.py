@@ -22,6 +22,7 @@ from vfplan.display import (
     millimetres,
     nice_length,
 )
+from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import distance_to, nearest_to, normals, runs
 from vfplan.review import paper
@@ -392,11 +393,21 @@ def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
         for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
     ]  # fmt: skip
     for number, points in enumerate(bridges, 1):
-        about = [
-            finding_name(k) for k, finding in enumerate(plan.findings, 1)
-            if finding.place_px and distance_to(finding.place_px, points) <= CLOSE_PX
-        ]  # fmt: skip
-        yield f"bridge {number}", points, about
+        yield f"bridge {number}", points, findings_at(plan, points)
+
+
+def findings_at(plan: Plan, points: paper.Array) -> list[str]:
+    """The names of the findings whose place is one of these points [px of the slice]."""
+    return [
+        name for name, finding in placed_findings(plan)
+        if distance_to(finding.place_px, points) <= CLOSE_PX
+    ]  # fmt: skip
+
+
+def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
+    """The findings that have a place on the slice, each with its name."""
+    named = [(finding_name(number), one) for number, one in enumerate(plan.findings, 1)]
+    return [(name, one) for name, one in named if one.place_px is not None]
 
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
@@ -441,17 +452,19 @@ def draw_captions(
         sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 
+    named = []
     for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
-            tag(end, name + of_line, ground=LINE_COLOUR)
-    named = []
+            about = findings_at(plan, end[None])
+            tag(end, " ".join([name + of_line, *about]), ground=LINE_COLOUR)
+            named += about
     for name, points, about in bridges_of(plan):
         tag(points[len(points) // 2], " ".join([name, *about]))
         named += about
-    for number, finding in enumerate(plan.findings, 1):
-        if finding.place_px is not None and finding_name(number) not in named:
-            tag(finding.place_px, finding_name(number), ground=BLACK)
+    for name, finding in placed_findings(plan):
+        if name not in named:
+            tag(finding.place_px, name, ground=BLACK)
     unnamed = []
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
@@ -483,7 +496,7 @@ def draw_legend(
         words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
         rows.append(LegendRow(f"{words}in the slice, {length}", BLACK, ()))
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
-    if plan.other_ink:
+    if any(box.words.isdigit() for box in sheet.boxes):
         y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
     return y + 10
 

@@ -40,8 +40,8 @@ from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
 Kind = Literal["wall", "guide"]
 
-# Nodes of the grid along the longer side of a picture, at least and at most. Between them the
-# outline is interpolated; a tool smaller than three steps wants a finer grid.
+# Nodes of the grid along the longer side, at least and at most. Between them the outline is
+# interpolated; a tool smaller than three steps wants a finer grid.
 GRID_NODES = (400, 1000)
 
 # Steps of the grid along a side of a block. A block far from the outline is asked about once.
@@ -202,14 +202,17 @@ def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outlin
     from skimage.measure import find_contours
 
     radius = region.contact_radius + region.point_radius
-    metres_per_px = float(np.linalg.norm(plane[:, :2], 2))
-    low, high = (max(size) / nodes for nodes in reversed(GRID_NODES))
+    metres_per_px, finest = np.linalg.svd(plane[:, :2], compute_uv=False).tolist()
+    # Ink at a border is walled off beyond it too.
+    sides = np.array(size) + 2 * radius / finest
+    low, high = (sides.max() / nodes for nodes in reversed(GRID_NODES))
     step = float(np.clip(radius / metres_per_px / 3, low, high))
+    begin = -radius / finest - 2 * step
     distance = ProxyEngine.of(region, offline=True).distance
-    columns, rows = (int(np.ceil(length / step / BLOCK)) + 1 for length in size)
+    columns, rows = np.ceil(sides / step / BLOCK).astype(int) + 1
 
     def asked(nodes: Array) -> Array:
-        places = np.column_stack([nodes[:, ::-1] * step, np.ones(len(nodes))])
+        places = np.column_stack([begin + nodes[:, ::-1] * step, np.ones(len(nodes))])
         return distance(places @ plane.T) - radius
 
     # From the middle of a block the distance changes by no more than the way.
@@ -217,7 +220,8 @@ def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outlin
     beyond = asked(blocks).reshape(rows, columns).repeat(BLOCK, axis=0).repeat(BLOCK, axis=1)
     near = np.argwhere(np.abs(beyond) <= (BLOCK / np.sqrt(2) + 2) * step * metres_per_px)
     beyond[tuple(near.T)] = asked(near.astype(float))
-    return Outline("wall", tuple(line[:, ::-1] * step for line in find_contours(beyond, 0.0)))
+    lines = find_contours(beyond, 0.0)
+    return Outline("wall", tuple(begin + line[:, ::-1] * step for line in lines))
 
 
 def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:

@@ -31,7 +31,7 @@ from vfplan.review import paper, picture
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import described, labels_left_out
+from vfplan.review.rendered import described, labels_left_out, slice_not_shown
 from vfplan.review.strokes import CLOSE_PX
 
 # Pixels of the page to one of the slice in an inset.
@@ -70,7 +70,7 @@ def verdict_of(plan: Plan) -> str:
     kind = f"A {plan.kind}. " if plan.kind else ""
     unanswered, reviewed = len(plan.fixture.open_findings), plan.fixture.reviewed
     if plan.is_slice_missing:
-        return f"{kind}The slice is missing, so no end of the line is shown"
+        return f"{kind}The slice is missing, so the ends are not checked"
     if reviewed is not None and not unanswered:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
@@ -197,8 +197,11 @@ Block = list[tuple[str, paper.Style, float]]
 
 def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]]:
     """The findings, other ink, unnamed markers and what is rendered: (heading, entries) each."""
-    findings = []
-    for number, finding in enumerate(plan.findings, 1):
+    findings, shown = [], plan.findings
+    if plan.is_slice_missing and all(finding.code != "slice-not-shown" for finding in shown):
+        # Whoever accepts this sheet is asked about that.
+        shown = (*shown, slice_not_shown())
+    for number, finding in enumerate(shown, 1):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
@@ -208,17 +211,15 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         findings.append([(head, style, 0), (words, BODY, 30)])
     lists = [("Findings" if findings else "Findings: none", findings)]
     if plan.image is not None:
-        # Each has its number of the account, in which bridges stand too.
-        words, account = [], plan.account if plan.other_ink else ()
-        for entry in account[:MAX_NUMBERED]:
+        # Each has its number of the account, in which bridges are counted too.
+        words = []
+        for entry in plan.other_ink[:MAX_NUMBERED]:
             what = f"longest side {entry.size_px:.0f} px, area {entry.pixels} px"
             if entry.what != "ink":
                 what = f"{GAP}, {entry.pixels} px"
-            what += f" ({entry.share:.1%})"
-            if entry not in plan.other_ink:
-                what = "bridge"
-            words.append(f"{entry.number}: {what} at ({coordinates(entry.middle)})")
-        smaller = account[MAX_NUMBERED:]
+            where = f"({entry.share:.1%}) at ({coordinates(entry.middle)})"
+            words.append(f"{entry.number}: {what} {where}")
+        smaller = plan.other_ink[MAX_NUMBERED:]
         if smaller:
             words.append(
                 f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
@@ -363,19 +364,15 @@ def insets_of(plan: Plan) -> list[Inset]:
         parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
         for part in range(parts):
             place = points[np.searchsorted(along, along[-1] * (part + 0.5) / parts)]
-            # A finding tells the length itself.
-            note = f"orange: {' '.join(about) or f'{along[-1]:.0f} px'}"
+            note = f"orange: {along[-1]:.0f} px"
             if parts > 1:
                 note += f", part {part + 1} of {parts}"
-            insets.append(Inset(name.capitalize(), place, note, bridge=points))
-    others = [
-        (f"{entry.number}: {GAP}", entry.middle)
-        for entry in plan.other_ink if entry.what != "ink"
-    ]  # fmt: skip
-    others += [
-        (f"{finding_name(number)}: {finding.code}", finding.place_px)
-        for number, finding in enumerate(plan.findings, 1) if finding.place_px is not None
-    ]  # fmt: skip
+            caption = " ".join([name.capitalize(), *about])
+            insets.append(Inset(caption, place, note, bridge=points))
+    gaps = [entry for entry in plan.other_ink if entry.what != "ink"]
+    placed = picture.placed_findings(plan)
+    others = [(f"{entry.number}: {GAP}", entry.middle) for entry in gaps]
+    others += [(f"{name}: {finding.code}", finding.place_px) for name, finding in placed]
     for caption, place in others:
         # One that lies in an inset already is not enlarged again.
         reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]

@@ -12,6 +12,12 @@ export class Approval {
     this.app = app;
     this.view = view;
     view.settled.push(() => this.report());
+    const renew = () => {
+      if (!app.state || app.socket.readyState !== 1) return; // a lost connection stays told
+      this.showStatus(app.state);
+      this.showReasons();
+    };
+    new MutationObserver(renew).observe(byId("preview"), { attributeFilter: ["points"] });
     document.addEventListener("visibilitychange", () => this.report());
     byId("look").addEventListener("click", () => this.lookAlong());
     byId("approve").addEventListener("click", () => this.approve());
@@ -63,9 +69,16 @@ export class Approval {
     this.timer = setTimeout(() => this.report(), REPORT_DELAY_MS);
   }
 
+  // A line that is drawn or dragged stands on the slice, and the plan does not have it.
+  isDrawing() {
+    return Boolean(byId("preview").getAttribute("points"));
+  }
+
   showStatus(state) {
+    if (this.app.ended) return;
     const hasCurve = state.curve_px.length > 0;
-    if (state.approvable) this.tell("ready to approve", "pass");
+    if (this.isDrawing()) this.tell("line not in the plan", "none");
+    else if (state.approvable) this.tell("ready to approve", "pass");
     else if (state.approved) this.tell(`approved by ${state.approved.by}`, "pass");
     else if (state.refusal && hasCurve) this.tell("refused", "fail");
     else if (state.refusal) this.tell("no curve yet", "fail");
@@ -86,8 +99,9 @@ export class Approval {
       else reasons.push(inPageWords(text));
     }
     if (state?.approvable && !this.name()) reasons.push("Write your name to approve the plan.");
+    if (this.isDrawing()) reasons.push("The new line is not part of the plan yet.");
     byId("why-not").replaceChildren(...reasons.map((text) => make("li", {}, text)));
-    byId("approve").disabled = !state?.approvable || !this.name();
+    byId("approve").disabled = !state?.approvable || !this.name() || this.isDrawing() || this.app.ended;
     byId("approve").textContent = this.app.about.signs ? "Approve and sign" : "Approve";
   }
 

@@ -297,7 +297,7 @@ export class Curve {
       [state.boxes.length, "of-box", "excluded"],
       [has("doubt"), "of-pin doubt", "a finding to answer"],
       [has("note"), "of-pin", "a finding for your information"],
-      [state.markers.some((one) => one.residual_px), "of-arrow", "from a marker to where the others put it, enlarged"],
+      [state.markers.some((one) => one.residual_px), "of-arrow", "from a marker to where the fit puts it, enlarged"],
       [state.rendered, "of-tool", "with Push: the tool"],
       [state.rendered, "of-force", "with Push: the force on the hand"],
     ].filter(([isDrawn]) => isDrawn).map(([, ...row]) => row);

@@ -275,6 +275,7 @@ function goToRefusal(refusal) {
 function finish(title, text) {
   app.ended = true;
   approval.tell(title.toLowerCase(), title === "Approved" ? "pass" : "none");
+  approval.showReasons();
   app.hideToast();
   byId("done-title").textContent = title;
   byId("done-text").textContent = text;

@@ -141,7 +141,7 @@ export class Markers {
     }
   }
 
-  // The path of a residual's arrow, from the marker to where the others put it.
+  // The path of a residual's arrow, from the marker to where the fit puts it.
   arrow(marker, [u, v], scale) {
     if (!marker.residual_px) return "";
     const [du, dv] = marker.residual_px.map((x) => x * scale);

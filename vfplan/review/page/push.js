@@ -16,10 +16,13 @@ export class Push {
     byId("stage").addEventListener("pointermove", (event) => {
       this.pointer = view.place(event);
     });
-    byId("stage").addEventListener("pointerleave", () => {
+    // The stage leaves the pointer, or the pointer the stage.
+    const forget = () => {
       this.pointer = null;
       this.endTouch();
-    });
+    };
+    byId("stage").addEventListener("pointerleave", forget);
+    window.addEventListener("resize", forget);
     tools.chosen = () => this.begin();
   }
 

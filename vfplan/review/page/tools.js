@@ -128,7 +128,7 @@ export class Tools {
 
   takeBackClick() {
     this.clicks.pop();
-    this.showDrawing(this.cross);
+    this.showDrawing(this.clicks.length && this.cross);
   }
 
   endDrawing(closed) {
