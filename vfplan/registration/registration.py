@@ -241,11 +241,7 @@ def outlier_findings(registration: Registration) -> list[Finding]:
         label, place = registration.labels[i], registration.place_px(i)
         distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
         if not registration.used[i]:
-            text = (
-                f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
-                "others put it. Touch it again to have it count."
-            )
-            findings.append(note("marker-left-out", "register", text, place_px=place))
+            findings.append(left_out_note(label, distance_m, place))
             continue
         away_mm = 1e3 * (loo_m if np.isfinite(loo_m) else distance_m)
         text = (
@@ -254,6 +250,15 @@ def outlier_findings(registration: Registration) -> list[Finding]:
         )
         findings.append(doubt("marker-suspect", "register", text, place_px=place))
     return findings
+
+
+def left_out_note(label: str | int, distance_m: float, place: Sequence[float] | None) -> Finding:
+    """What is told of a marker that the registration does not rest on."""
+    text = (
+        f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
+        "others put it. Touch it again to have it count."
+    )
+    return note("marker-left-out", "register", text, place_px=place)
 
 
 def consistent_markers(problem: Problem) -> Flags:
