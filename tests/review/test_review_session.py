@@ -842,9 +842,7 @@ def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path
             for one in (by_hand.current, planned)]  # fmt: skip
     assert told[0] == told[1] != []
     fixture = by_hand.current.fixture
-    words = [dict(facts_of(Plan.of(one, "")))["Markers"] for one in (fixture, planned)]
-    assert words[0] == words[1]
-    assert words[0].startswith("8 of 9, ")
+    assert dict(facts_of(by_hand.current))["Markers"].startswith("8 of 9, ")
     assert [m.label for m in by_hand.current.markers if not m.is_used] == ["x4"]
     vfplan.write_fixture(fixture, tmp_path / "f.h5")
     assert "affine, 8 of 9 markers" in summary_text(describe(tmp_path / "f.h5", work=True))

@@ -207,7 +207,7 @@ class Fit:
     def without(self, labels: Sequence[str]) -> Fit:
         """The fit that was given, resting on its markers but those of these labels."""
         markers = tuple(replace(one, is_used=one.label not in labels) for one in self.markers)
-        kept = replace(self, markers=markers, given=None)
+        kept = self.with_markers(markers)
         if kept.used == markers:
             return self
         given = replace(kept.pairs(), inputs={}, tool=self.given.tool, tip=self.given.tip)

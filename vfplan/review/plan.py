@@ -538,29 +538,29 @@ def sentence(text: str) -> str:
 
 def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     """A fixture by the markers in use of a fit, told of those that a person left out."""
-    left_out = [marker for marker in fit.markers if marker.is_whole and not marker.is_used]
-    if not left_out:
-        return planned
-    record, sigma = planned.registration, sigma_of(planned)
-    labels, places, depths_m, targets_m = zip(
-        *((one.label, one.place, one.depth_m, one.target_m) for one in left_out), strict=True
+    others = fit.with_markers(
+        tuple(replace(marker, is_used=not marker.is_used) for marker in fit.markers)
     )
-    source = fit.to_source(places, depths_m)
-    residuals_m = np.linalg.norm(fit.registration.apply(source) - targets_m, axis=1)
-    settings = {"markers_left_out": ",".join(filter(None, (*labels_left_out(planned), *labels)))}
+    if not others.used:
+        return planned
+    record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
+    residuals_m = np.linalg.norm(fit.registration.apply(left_out.source) - left_out.target, axis=1)
+    labels = filter(None, (*labels_left_out(planned), *left_out.labels))
+    settings = planned.provenance.settings | {"markers_left_out": ",".join(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.
-        rows = [one.sigma_m if len(one.sigma_m) == len(sigma[0]) else sigma[0] for one in left_out]
+        rows = [m.sigma_m if len(m.sigma_m) == len(sigma[0]) else sigma[0] for m in others.used]
         settings["markers_sigma_m"] = flat((*sigma, *rows))
-    if record.source_frame != "image":
-        places = (None,) * len(labels)
+    is_on_slice = record.source_frame == "image"
+    places = [marker.place if is_on_slice else None for marker in others.used]
     return replace(
         planned,
-        provenance=replace(planned.provenance, settings=planned.provenance.settings | settings),
-        findings=(*planned.findings, *map(left_out_note, labels, residuals_m, places)),
+        provenance=replace(planned.provenance, settings=settings),
+        findings=(*planned.findings, *map(left_out_note, left_out.labels, residuals_m, places)),
         registration=replace(
-            record, labels=(*record.labels, *labels), source=np.vstack([record.source, source]),
-            target=np.vstack([record.target, targets_m]),
+            record, labels=(*record.labels, *left_out.labels),
+            source=np.vstack([record.source, left_out.source]),
+            target=np.vstack([record.target, left_out.target]),
             residuals_m=np.r_[record.residuals_m, residuals_m],
         ),
     )  # fmt: skip
