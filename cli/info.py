@@ -57,9 +57,12 @@ def summary_text(data: Report) -> str:
         lines.append(f"  guide       tube {tube_mm:.6g} mm, K {stiffness:g} N/m, ends {ends}")
     # Where it lies, and what may slip through.
     if "/registration/source" in data:
+        left_out = [f for f in data["findings"] if f["code"] == "marker-left-out"]
+        markers = len(data["/registration/source"])
+        used = f"{markers - len(left_out)} of {markers}" if left_out else markers
         line = (
-            f"  registered  {data['/registration@model']}, {len(data['/registration/source'])} "
-            f"markers, FRE {millimetres(data['/registration@fre_rms_m'])}"
+            f"  registered  {data['/registration@model']}, {used} markers, "
+            f"FRE {millimetres(data['/registration@fre_rms_m'])}"
         )
         if "/registration@tre_rms_m" in data:
             line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,10 +14,12 @@ from review_slices import clear, fork
 
 import vfplan
 from vfplan.bundle import rendered_values
+from vfplan.bundle.content import table
 from vfplan.errors import InputError, SettingError
 from vfplan.planning.extraction import extract
 from vfplan.planning.plan import register
 from vfplan.planning.settings import ExtractSettings, FixtureSettings
+from vfplan.review.plan import RENDERED_IN_WORDS
 from vfplan.review.session import Session
 from vfplan.review.steps import STEPS
 from vfplan.robot import Robot, read_robot
@@ -120,15 +123,26 @@ def test_what_a_mend_makes_of_margin_and_gates_is_told(planned):
         session = session.apply({"do": "leave_out_marker", "marker": f"M{number}"})
     was, now = fixture.point_radius, session.current.outcome.fixture.point_radius
     assert now >= max(session.state()["tre95_m"], 1.2 * was)
-    (text,) = [f.text for f in session.current.findings if "/rendering@point_radius_m" in f.text]
-    assert f"{was:.9g}" in text
-    assert f"{now:.9g}" in text
+    (text,) = [f.text for f in session.current.findings if "Radius of each point" in f.text]
+    assert text == f"Radius of each point: {1e3 * now:.9g} mm, was {1e3 * was:.9g} mm."
     assert not session.state()["approvable"]
     # A gate is that of the plan, and the margin of a campaign holds for its own markers alone.
     step = {"do": "move_marker", "marker": "M4", "to": [192, 160]}
     for settings, code in (({"max_residual_m": 3e-4}, "residual-large"),
                            ({"margin": 1e-3}, "margin-of-other-markers")):  # fmt: skip
         assert planned(**settings)[1].apply(step).current.outcome.code == code
+
+
+def test_what_differs_is_told_in_the_words_of_the_page(planned):
+    _, session = planned(read_robot("fr3"), contact_radius=5e-3, stiffness=300.0)
+    session = session.apply({"do": "set_plan", "contact_radius": [3e-3]})
+    told = [f.text for f in session.current.findings if f.code == "differs-from-opened"]
+    assert told[0] == "Distance from the line: 3 mm, was 5 mm."
+    assert re.fullmatch(r"The line was fitted anew, up to \d\.\d\d µm off .* bundle\.", told[1])
+    # Every value has its words.
+    rendered = {row.path for row in table() if row.mark == "rendered"} | {"kind"}
+    of_line = {path for path in rendered if re.match("/(points|curve|pieces|mesh)", path)}
+    assert RENDERED_IN_WORDS.keys() == rendered - of_line
 
 
 def test_other_markers_are_planned_by_the_recipe_unless_told(planned, files, tmp_path):

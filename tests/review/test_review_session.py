@@ -35,8 +35,10 @@ from review_slices import (
     two_candidates,
 )
 from scipy.spatial import cKDTree
+from vfplan.cli.info import summary_text
 
 import vfplan
+from vfplan.bundle.validation import describe
 from vfplan.errors import CheckFailed, CurveError, ImageError, InputError, SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Stroke
@@ -821,3 +823,27 @@ def test_the_bound_of_the_whole_curve_holds_with_parts_drawn_by_hand(tmp_path):
         truth = np.pad(4e-4 * polyline(slice_.truth, False, 0.25), [(0, 0), (0, 1)])
         held.append(cKDTree(truth).query(reached)[0].max() <= session.state()["tre95_m"])
     assert np.mean(held) >= 0.93
+
+
+@pytest.mark.parametrize("settings", [{}, {"robust": True}])
+def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path, settings):
+    pairs = read_markers(*MARKERS)
+    off = pairs.target + [[0, 0, 4e-3 * (label == "x4")] for label in pairs.labels]
+    markers = marker_table(tmp_path / "m.csv", pairs.source, off, pairs.labels)
+    by_hand = Session.open(SLICE, markers, pixel_spacing_mm=0.5, **settings)
+    by_hand = by_hand.apply({"do": "leave_out_marker", "marker": "x4"})
+    planned = vfplan.plan(SLICE, markers, extraction=sample.source.extraction,
+                          settings=FixtureSettings(robust=True)).fixture  # fmt: skip
+    told = [[f for f in one.findings if f.code == "marker-left-out"]
+            for one in (by_hand.current, planned)]  # fmt: skip
+    assert told[0] == told[1] != []
+    fixture = by_hand.current.fixture
+    assert dict(facts_of(by_hand.current))["Markers"].startswith("8 of 9, ")
+    assert [m.label for m in by_hand.current.markers if not m.is_used] == ["x4"]
+    vfplan.write_fixture(fixture, tmp_path / "f.h5")
+    assert "affine, 8 of 9 markers" in summary_text(describe(tmp_path / "f.h5", work=True))
+    again = Session.open(tmp_path / "f.h5", slice=SLICE)
+    u, v = again.quick_state()["knots_px"][0][7]
+    moved = again.apply({"do": "move_knot", "stroke": 0, "knot": 7, "to": [u, v + 0.5]})
+    assert "marker-left-out" in codes_of(moved)
+    assert fixture.registration.labels == moved.current.fixture.registration.labels

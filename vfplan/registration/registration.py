@@ -238,11 +238,7 @@ def outlier_findings(registration: Registration) -> Iterator[Finding]:
         label, place = registration.labels[i], registration.place_px(i)
         distance_m, loo_m = registration.residuals_m[i], registration.loo_m[i]
         if not registration.used[i]:
-            text = (
-                f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
-                "others put it. Touch it again to have it count."
-            )
-            yield note("marker-left-out", "register", text, place_px=place)
+            yield left_out_note(label, distance_m, place)
             continue
         away_mm = 1e3 * (loo_m if np.isfinite(loo_m) else distance_m)
         text = (
@@ -250,6 +246,15 @@ def outlier_findings(registration: Registration) -> Iterator[Finding]:
             "or leave it out with --robust."
         )
         yield doubt("marker-suspect", "register", text, place_px=place)
+
+
+def left_out_note(label: str | int, distance_m: float, place: Sequence[float] | None) -> Finding:
+    """What is told of a marker that the registration does not rest on."""
+    text = (
+        f"Marker {label} was left out: it lies {1e3 * distance_m:.2f} mm from where the "
+        "others put it. Touch it again to have it count."
+    )
+    return note("marker-left-out", "register", text, place_px=place)
 
 
 def consistent_markers(problem: Problem) -> Flags:

@@ -204,6 +204,15 @@ class Fit:
             })  # fmt: skip
         return rows
 
+    def without(self, labels: Sequence[str]) -> Fit:
+        """The fit that was given, resting on its markers but those of these labels."""
+        markers = tuple(replace(one, is_used=one.label not in labels) for one in self.markers)
+        kept = self.with_markers(markers)
+        if kept.used == markers:
+            return self
+        given = replace(kept.pairs(), inputs={}, tool=self.given.tool, tip=self.given.tip)
+        return replace(kept, given=given)
+
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label."""
         labels = [marker.label for marker in self.markers]

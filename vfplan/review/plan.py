@@ -19,7 +19,7 @@ from vfplan.bundle import rendered_values
 from vfplan.bundle.seal import is_bundle
 from vfplan.curve.account import AccountEntry
 from vfplan.curve.coverage import Box
-from vfplan.display import MM, Report, command_of, count, millimetres
+from vfplan.display import MM, Report, command_of, count, micrometres, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
@@ -48,7 +48,7 @@ from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, r
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import CURVE95, ExtractSettings, FixtureSettings, overridden
 from vfplan.registration.checks import perspective_test
-from vfplan.registration.registration import describe_side
+from vfplan.registration.registration import describe_side, left_out_note
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice, ink_of
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -67,6 +67,24 @@ from vfplan.review.rendered import (
 )
 from vfplan.review.strokes import MendedStroke, SliceInk
 from vfplan.settings import MISFIT, flat, incomplete_recipe, recalled, recorded, value_as
+
+# What the page calls the values that the robot renders beside the line, and their units.
+RENDERED_IN_WORDS = {
+    "kind": ("What the robot renders", ""),
+    "/@frame": ("Frame", ""),
+    "/rendering@contact_radius_m": ("Distance from the line", " mm"),
+    "/rendering@point_radius_m": ("Radius of each point", " mm"),
+    "/rendering@band_m": ("Band", " mm"),
+    "/rendering@max_iterations": ("Iterations in a tick, at most", ""),
+    "/rendering/stiffness": ("Stiffness", " N/m"),
+    "/rendering/ignore_axis": ("Infinite along", ""),
+    "/guidance@radius_m": ("Radius of the guide", " mm"),
+    "/guidance@stiffness_n_per_m": ("Stiffness of the guide", " N/m"),
+    "/guidance@ends": ("Ends of the guide", ""),
+    "/guidance@lead_force_n": ("Pull of the guide", " N"),
+    "/guidance@lead_speed_m_s": ("Speed at which the pull ends", " m/s"),
+    "/guidance@stroke": ("Stroke that guides", ""),
+}
 
 # Settings by name.
 Settings = dict[str, Any]
@@ -483,8 +501,9 @@ class Plan:
             return Outcome(None, of_curve, sentence(error.message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
         settings = planned.provenance.settings | recorded(source.planning)
-        provenance = replace(planned.provenance, settings=settings)
-        return Outcome(replace(planned, provenance=provenance), (*of_curve, *planned.findings))
+        planned = replace(planned, provenance=replace(planned.provenance, settings=settings))
+        planned = with_left_out(planned, self.fit)
+        return Outcome(planned, (*of_curve, *planned.findings))
 
     def curve(self) -> Fixture:
         """The curve in the image's pixels, as `vfplan extract` would write it."""
@@ -514,19 +533,50 @@ def sentence(text: str) -> str:
     return text[:1].upper() + text[1:].removesuffix(".") + "."
 
 
+def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
+    """A fixture by the markers in use of a fit, told of those that a person left out."""
+    others = fit.with_markers(
+        tuple(replace(marker, is_used=not marker.is_used) for marker in fit.markers)
+    )
+    if not others.used:
+        return planned
+    record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
+    residuals_m = np.linalg.norm(fit.registration.apply(left_out.source) - left_out.target, axis=1)
+    labels = filter(None, (*labels_left_out(planned), *left_out.labels))
+    settings = planned.provenance.settings | {"markers_left_out": ",".join(labels)}
+    if sigma is not None:
+        # A deviation that nobody gave counts nowhere.
+        rows = [m.sigma_m if len(m.sigma_m) == len(sigma[0]) else sigma[0] for m in others.used]
+        settings["markers_sigma_m"] = flat((*sigma, *rows))
+    is_on_slice = record.source_frame == "image"
+    places = [marker.place if is_on_slice else None for marker in others.used]
+    return replace(
+        planned,
+        provenance=replace(planned.provenance, settings=settings),
+        findings=(*planned.findings, *map(left_out_note, left_out.labels, residuals_m, places)),
+        registration=replace(
+            record, labels=(*record.labels, *left_out.labels),
+            source=np.vstack([record.source, left_out.source]),
+            target=np.vstack([record.target, left_out.target]),
+            residuals_m=np.r_[record.residuals_m, residuals_m],
+        ),
+    )  # fmt: skip
+
+
 def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
     """A doubt for each rendered value that is not that of the opened bundle; one for the line."""
     before, after = rendered_values(opened), rendered_values(fixture)
-    texts, of_line = [], []
+    texts, is_other_line = [], False
     for name in before | after:
-        if np.array_equal(before.get(name), after.get(name)):
+        was, now = before.get(name), after.get(name)
+        if np.array_equal(was, now):
             continue
         if re.match("/(points|curve|pieces|mesh)", name):
-            of_line.append(name)
+            is_other_line = True
             continue
-        now, was = in_words(after.get(name)), in_words(before.get(name))
-        texts.append(f"{name} is {now}; in the opened bundle it is {was}.")
-    if of_line and fixture.frame == opened.frame:
+        heading, unit = RENDERED_IN_WORDS[name]
+        texts.append(f"{heading}: {in_words(now, unit)}, was {in_words(was, unit)}.")
+    if is_other_line and fixture.frame == opened.frame:
         from scipy.spatial import cKDTree
 
         # Both lines with a point every hundredth of a millimetre.
@@ -535,20 +585,19 @@ def differences(opened: Fixture, fixture: Fixture) -> list[Finding]:
             for one in (fixture, opened)
         )
         apart_m = 1e-5 * max(cKDTree(a).query(b)[0].max() for a, b in ((now, was), (was, now)))
-        texts.append(
-            f"The line ({', '.join(of_line)}) lies up to {millimetres(apart_m)} off that of the "
-            "opened bundle."
-        )
+        distance = millimetres(apart_m) if apart_m > 1e-5 else micrometres(apart_m)
+        texts.append(f"The line was fitted anew, up to {distance} off that of the opened bundle.")
     return [doubt("differs-from-opened", "plan", text) for text in texts]
 
 
-def in_words(value: Any) -> str:
-    """A rendered value in a sentence; `None` is one that is not there."""
+def in_words(value: Any, unit: str) -> str:
+    """A rendered value in a sentence, a length [m] in millimetres; `None` is not there."""
     if value is None:
         return "not set"
-    if isinstance(value, np.ndarray):
-        return ", ".join(f"{number:.9g}" for number in value.ravel().tolist())
-    return str(value)
+    if isinstance(value, str):
+        return value
+    numbers = np.ravel(value) * (MM if unit == " mm" else 1)
+    return ", ".join(f"{number:.9g}" for number in numbers.tolist()) + unit
 
 
 def open_source(
@@ -751,6 +800,9 @@ def source_of_bundle(
             tool=record.tool, tip=record.tip,
         )  # fmt: skip
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
+        # A robust fit leaves out anew what does not fit.
+        if not planning.robust:
+            fit = fit.without(labels_left_out(fixture))
     from vfplan.stability.study import judge_of  # Here, because a sheet needs none of it.
 
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}

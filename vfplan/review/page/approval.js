@@ -111,9 +111,8 @@ export class Approval {
     this.app.toast(text || LOST);
   }
 
-  // Parts of the line that are in view at one screen pixel a pixel or more count as looked at, but
-  // not in the view that the page opens with: perhaps nobody sits there. One part is sent at a time:
-  // the answer brings the next.
+  // Parts of the line that are in view at one screen pixel a pixel or more count as looked at. One
+  // part is sent at a time: the answer brings the next.
   report() {
     const state = this.app.state;
     if (!state || document.hidden || !this.view.isChosen || byId("draft").open) return;

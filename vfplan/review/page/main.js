@@ -269,7 +269,6 @@ function goToRefusal(refusal) {
   if (app.refusalShown || !refusal?.place_px || refusal.code === "several-candidates") return;
   app.refusalShown = true;
   view.goTo(refusal.place_px, 2 * view.zoom);
-  view.isChosen = false;
 }
 
 function finish(title, text) {

@@ -75,7 +75,7 @@ export class View {
     this.zoom = 1; // pixels of the window a pixel of the slice
     this.x = 0; // where the slice's (0, 0) lies on the stage
     this.y = 0;
-    this.isChosen = false; // whether a person chose this view, and not the page
+    this.isChosen = true; // but not by the name's bearer if it is what another one left
     this.isFitted = false; // whether all of the slice is shown, however large the window is
     this.settled = []; // called once the view rests
     this.zoomed = null; // called with each new zoom
@@ -101,10 +101,7 @@ export class View {
       this.fitAgain();
     }
     if (isOther || isTurned) this.greys.turn();
-    if (isOther) {
-      this.fitAgain();
-      this.isChosen = false;
-    }
+    if (isOther) this.fitAgain();
     for (const id of ["bone", "soft"]) byId(id).hidden = !state.image.grey_range;
     this.stack.render(state.image);
     this.showScaleBar();
