@@ -132,9 +132,8 @@ def vfplan_diff(a, b, session) -> CommandResult:
         if not is_tested:
             failed.append("not tested: the session touches neither fixture")
             lines.insert(0, "NOT TESTED: the session touches neither fixture")
-            clearance = comparison.get("clearance_min_m")
-            if clearance is not None:
-                lines.append(f"nearest: {millimetres(clearance, 1)}")
+            if "clearance_min_m" in comparison:
+                lines.append(f"nearest: {millimetres(comparison['clearance_min_m'], 1)}")
 
     verdict = "pass"
     next_step = "nothing: either bundle may stand for the other"
@@ -153,12 +152,11 @@ def vfplan_diff(a, b, session) -> CommandResult:
         if session is not None:
             calls = [("replay", path, session) for path in (a, b)]
         next_step = "; ".join(command_of(*words) for words in calls)
-    # A person reads what the bundles do; a program, whether they pass as the same.
-    told = verdict.replace("fail", "differ")
-    data["verdict"] = verdict
+    # A person reads that they differ; a program, that they do not pass as the same.
     return CommandResult(
-        data, "\n".join(lines), failed=", ".join(failed), verdict=told, next_step=next_step
-    )
+        data | {"verdict": verdict}, "\n".join(lines), failed=", ".join(failed),
+        verdict=verdict.replace("fail", "differ"), next_step=next_step,
+    )  # fmt: skip
 
 
 def compare_replays(a: Path, b: Path, session: Path) -> tuple[Report, bool]:

@@ -216,9 +216,7 @@ def replay_with_outputs(
         moving["pivot"] = arguments["pivot"]
 
     # The rule, and the limits of the robot and of the caller.
-    rule = arguments["rule"]
-    if rule is None and arguments["engine"] == "reference":
-        rule = "paper"
+    rule = arguments["rule"] or ("paper" if arguments["engine"] == "reference" else None)
     robot = read_robot(arguments["robot"])
     governed_robot = None
     if arguments["governor"] is not None:
@@ -359,8 +357,8 @@ def next_step(
         return "replay a session that begins outside the mesh; check --units and the registration"
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
-    if "time may not" in untested_reason(report):
-        return "replay a session whose time is in seconds"
+    if untested_reason(report):
+        return f"replay a session that is mended: {untested_reason(report)}"
     if "checks" not in report:
         return f"hold it against a robot's limits, such as: {again} --robot franka"
     if report["verdict"] == "fail":

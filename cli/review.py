@@ -212,7 +212,7 @@ def draw_sheet(
     from vfplan.review.rendered import rendered_in_json
     from vfplan.review.sheet import verdict_of, write_sheet
 
-    source, warnings, seal = arguments["source"], [], {}
+    source, cut, seal = arguments["source"], "", {}
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
     files = [source, *filter(None, (arguments["markers"], arguments["markers2"]))]
     written = [str(path) for path in (sheet_out, print_out) if path is not None]
@@ -237,7 +237,6 @@ def draw_sheet(
                 with naming_place(source):
                     figure, cut = draw_print(shown, arguments["paper"], seal.get("case", ""))
                     write_pdf(figure, page_of_plan)
-                warnings = [cut] if cut else []
     if is_bundle and shown.fixture.reviewed is not None:
         following = sign_command(source, {"case": shown.fixture.case} | seal)
     elif shown.image is None and not shown.is_slice_missing and is_bundle and len(files) == 1:
@@ -246,13 +245,8 @@ def draw_sheet(
     else:
         name, ending = "review", ["-o", approved]
         if shown.is_slice_missing:
-            ending = [
-                "--slice",
-                "IMAGE",
-                "--sheet-out",
-                sheet_out or file_beside(source, "sheet", ".png"),
-                "--overwrite",
-            ]
+            picture = sheet_out or file_beside(source, "sheet", ".png")
+            ending = ["--slice", "IMAGE", "--sheet-out", picture, "--overwrite"]
         elif shown.image is None:
             # A curve without a slice becomes a fixture first.
             name = "register" if is_bundle else "plan"
@@ -264,8 +258,8 @@ def draw_sheet(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
         f"digest {shown.digest}\n{wrote(sheet_out, print_out)}", findings=shown.findings,
-        warnings=warnings,
-        verdict=verdict_of(shown), next_step=f"look at {quoted(written[0])}, then {following}",
+        warnings=[cut] * bool(cut), verdict=verdict_of(shown),
+        next_step=f"look at {quoted(written[0])}, then {following}",
     )  # fmt: skip
 
 

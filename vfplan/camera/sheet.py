@@ -222,15 +222,13 @@ def cut_words(onto: Array, shape: tuple[int, ...], room: tuple[float, float]) ->
     """What of a slice of this shape, laid by `onto`, is beyond the room [mm] for it; else empty."""
     rows, columns = shape[:2]
     corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]])
-    corners = ((corners - [0.5, 0.5, 0]) @ onto[:2].T)[:, :2]
+    corners = (corners - [0.5, 0.5, 0]) @ onto[:2].T
     seen = np.clip(corners, -0.5 * np.array(room), 0.5 * np.array(room))
     if (seen == corners).all():
         return ""
-    (width, height), (seen_width, seen_height) = np.ptp(corners, axis=0), np.ptp(seen, axis=0)
-    return (
-        f"The page holds {seen_width:.0f} x {seen_height:.0f} mm of the slice's {width:.0f} x "
-        f"{height:.0f} mm. The review sheet shows all of it: --sheet-out."
-    )
+    held, whole = (" x ".join(f"{side:.0f}" for side in np.ptp(p, axis=0)) for p in (seen, corners))
+    rest = "The review sheet shows all of it: --sheet-out."
+    return f"The page holds {held} mm of the slice's {whole} mm. {rest}"
 
 
 def draw_board(paper: str) -> Figure:
