@@ -140,9 +140,8 @@ def vfplan_diff(a, b, session) -> CommandResult:
     one, other = (signature_text(read_sealed(path)[1]) for path in (a, b))
     if one != other:
         lines.append(f"the signatures differ, which are not compared: A is {one}, B is {other}")
-        next_step = "see when each was signed: " + "; ".join(
-            command_of("info", path) for path in (a, b)
-        )
+        calls = "; ".join(command_of("info", path) for path in (a, b))
+        next_step = f"see when each was signed: {calls}"
     if not is_tested:
         verdict = "not-tested"
         next_step = "give a session that touches the fixtures"

@@ -293,11 +293,9 @@ def untested_reason(report: Report) -> str:
         return "the session's time may not be in seconds"
     if 0 < report["ticks"] == report.get("inside_ticks"):
         return "the proxy was not led out of the fixture in which it began"
-    pressed = report.get("enclosed_episodes")
-    if pressed:
+    if pressed := report.get("enclosed_episodes"):
         return f"in {pressed} episodes the tool pressed from within the closed mesh"
-    untrue = report.get("stale_contact_ticks")
-    if untrue:
+    if untrue := report.get("stale_contact_ticks"):
         return f"in {untrue} ticks of contact the fixture's pose was too old, or had not come"
     return ""
 
