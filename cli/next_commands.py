@@ -1,6 +1,6 @@
 """The command that follows another one, to be pasted as it stands.
 
-In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, KEY.
+In capitals stands what only the person knows: IMAGE, MARKERS, SESSION, CASE.
 """
 
 from __future__ import annotations
@@ -78,9 +78,30 @@ def sign_command(fixture: Path, signed_for: dict[str, Any]) -> str:
     signed_for: what an earlier signature was for, if there is one; the new one is for the same.
         Without a case the command asks for one, because a robot may demand it
     """
-    words = ["sign", fixture, "--key", "KEY"]
+    first, key = private_key_beside(fixture)
+    words = ["sign", fixture, "--key", key]
     words += words_of_signature(signed_for | {"case": signed_for.get("case") or "CASE"})
-    return command_of(*words, "-o", file_beside(fixture, "signed"))
+    return first + command_of(*words, "-o", file_beside(fixture, "signed"))
+
+
+def private_key_beside(fixture: Path) -> tuple[str, Path | str]:
+    """What makes a private key first, where none is here or beside a bundle, and the key's file.
+
+    Of several keys only the person knows whose signature it is to be: "KEY".
+    """
+    from vfplan.bundle.seal import read_private
+
+    keys = {}
+    for path in (*Path().glob("*.key"), *fixture.parent.glob("*.key")):
+        with suppress(VfplanError):
+            read_private(path)
+            keys.setdefault(path.resolve(), path)
+    if keys:
+        return "", next(iter(keys.values())) if len(keys) == 1 else "KEY"
+    new = Path("planner.key")
+    if new.exists():
+        new = file_beside(new, "new", ".key")
+    return f"{command_of('keygen', '-o', new)} && ", new
 
 
 def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) -> str:
@@ -135,12 +156,13 @@ def page_command(
     overwrites: whether --overwrite, if it was typed, was meant for this output
     leaving_out: as `typed_options` takes it
     """
-    typed = typed_options("review", overwrites=overwrites, leaving_out=leaving_out)
+    first, typed = "", typed_options("review", overwrites=overwrites, leaving_out=leaving_out)
     names = {word.partition("=")[0] for word in typed}
     if "--case" in names and "--key" not in names:
         # The page gives a plan its case by a signature.
-        typed += ["--key", "KEY"]
-    return command_of("review", *files, *typed, "-o", output)
+        first, key = private_key_beside(output)
+        typed += ["--key", key]
+    return first + command_of("review", *files, *typed, "-o", output)
 
 
 def rectify_command(

@@ -10,12 +10,12 @@ from typing import Any
 
 import click
 from vfplan.cli import options
-from vfplan.cli.next_commands import page_shows, review_command
+from vfplan.cli.next_commands import file_beside, page_shows, review_command
 from vfplan.cli.options import FILE, DecimalNumber, WholeNumber, number_of, option, options_in_order
 from vfplan.cli.outputs import outputs, refuse_folder
 from vfplan.cli.run import CommandResult, command, command_line, progress, rough_ticks
 
-from vfplan.display import Report, command_of, count, in_singular, millimetres, wrote
+from vfplan.display import Report, command_of, count, in_singular, millimetres, quoted, wrote
 from vfplan.io.files import parse_decimal
 from vfplan.io.writing import not_written, write_whole
 from vfplan.settings import settings_from_options
@@ -322,7 +322,7 @@ def figure_lines(report: Report, indent: str = "") -> list[str]:
 
     told = report | {
         number.key: f"{number.text(report[number.key])} {number.unit}".rstrip()
-        for number in NUMBERS
+        for number in (number.suiting(report.get(number.key)) for number in NUMBERS)
         if number.key in report
     }
     figures = dict(FIGURES)
@@ -352,17 +352,20 @@ def next_step(
     index_page: the page of the report, if one was made
     wrote_files: whether the same command finds its own files when it is given again
     """
-    from vfplan.replaying.findings import has_touched
+    from vfplan.replaying.findings import has_touched, untested_reason
 
     again = command_line(overwrite=wrote_files)
     if "start_depth_m" in report:
         return "replay a session that begins outside the mesh; check --units and the registration"
     if not has_touched(report):
         return "replay a session that touches the fixture; check --units and the session's frame"
+    if untested_reason(report):
+        return f"replay a session that is mended: {untested_reason(report)}"
     if "checks" not in report:
         return f"hold it against a robot's limits, such as: {again} --robot franka"
     if report["verdict"] == "fail":
         if index_page is not None:
             return f"look at the ticks that failed: {index_page}"
-        return f"draw the session tick by tick: {again} --report DIR"
+        folder = quoted(file_beside(fixture, "report", ""))
+        return f"draw the session tick by tick: {again} --report {folder}"
     return command_of("stability", fixture, "--robot", str(robot or "franka"))

@@ -208,10 +208,11 @@ def draw_sheet(
     sheet_out: Path | None, print_out: Path | None, arguments: Arguments
 ) -> CommandResult:
     """Draw the review sheet, or the plan for a printer, or both."""
+    from vfplan.bundle.read import read_sealed
     from vfplan.review.rendered import rendered_in_json
     from vfplan.review.sheet import verdict_of, write_sheet
 
-    source = arguments["source"]
+    source, cut, seal = arguments["source"], "", {}
     is_bundle = source.name.lower().endswith(HDF5.suffixes)
     files = [source, *filter(None, (arguments["markers"], arguments["markers2"]))]
     written = [str(path) for path in (sheet_out, print_out) if path is not None]
@@ -219,6 +220,7 @@ def draw_sheet(
     with announce_if_slow(f"drawing the review sheet of {source.name}"):
         if is_bundle:
             shown = sheet_of_bundle(arguments)
+            seal = read_sealed(source)[1]
         else:
             settings = settings_from_options(ExtractSettings, arguments)
             with (
@@ -233,16 +235,18 @@ def draw_sheet(
                 from vfplan.camera.sheet import draw_print, write_pdf
 
                 with naming_place(source):
-                    write_pdf(draw_print(shown, arguments["paper"]), page_of_plan)
+                    figure, cut = draw_print(shown, arguments["paper"], seal.get("case", ""))
+                    write_pdf(figure, page_of_plan)
     if is_bundle and shown.fixture.reviewed is not None:
-        following = sign_command(source, {"case": shown.fixture.case})
+        following = sign_command(source, {"case": shown.fixture.case} | seal)
     elif shown.image is None and not shown.is_slice_missing and is_bundle and len(files) == 1:
         # The page shows drawn curves; whatever else is accepted by the digest of its sheet.
         following = accept_command(source, shown.digest)
     else:
         name, ending = "review", ["-o", approved]
         if shown.is_slice_missing:
-            ending = ["--slice", "IMAGE", "--sheet-out", sheet_out or "PNG", "--overwrite"]
+            picture = sheet_out or file_beside(source, "sheet", ".png")
+            ending = ["--slice", "IMAGE", "--sheet-out", picture, "--overwrite"]
         elif shown.image is None:
             # A curve without a slice becomes a fixture first.
             name = "register" if is_bundle else "plan"
@@ -254,7 +258,8 @@ def draw_sheet(
         {"digest": shown.digest, "sheet": sheet_out and str(sheet_out),
          "print": print_out and str(print_out), "rendered": rendered_in_json(shown.fixture)},
         f"digest {shown.digest}\n{wrote(sheet_out, print_out)}", findings=shown.findings,
-        verdict=verdict_of(shown), next_step=f"look at {quoted(written[0])}, then {following}",
+        warnings=[cut] * bool(cut), verdict=verdict_of(shown),
+        next_step=f"look at {quoted(written[0])}, then {following}",
     )  # fmt: skip
 
 

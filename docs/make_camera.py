@@ -41,7 +41,7 @@ def main() -> None:
         np.savetxt(half, places, "%s", ",")
         planned = vfplan.plan(slice_file, image, half)
     shown = Plan.of(planned.fixture, "elbow.h5", planned.extracted.image)
-    page = camera_scene.page(draw_print(shown, "a4"))
+    page = camera_scene.page(draw_print(shown, "a4")[0])
     plan = plan_of(planned.fixture)
     overlay = Overlay(plan, printed_tags(plan), camera_scene.CAMERA, measured_mm=SCALE_MM)
     if sys.argv[1:2] == ["--speed"]:

@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import bundles
 import camera_scene as scene
 import cv2
 import numpy as np
@@ -30,6 +31,7 @@ from vfplan.camera.overlay import Overlay
 from vfplan.camera.pose import Camera, find_tags, locate, make_finder, read_camera
 from vfplan.camera.sheet import (
     DICTIONARY,
+    cut_words,
     draw_board,
     draw_print,
     plan_of,
@@ -63,7 +65,7 @@ def write_film(path, frames):
 
 
 def printed(fixture):
-    return scene.page(draw_print(Plan.of(fixture, "plan.h5"), "a4"))
+    return scene.page(draw_print(Plan.of(fixture, "plan.h5"), "a4")[0])
 
 
 def photo(page, rng, **how):
@@ -175,6 +177,24 @@ def test_a_sheet_is_printed_in_true_millimetres_or_refused(desk, vfplan_cli):
         plan_of(fixture_of(LINE, axis=None))
     # A word on the case is no other plan.
     assert plan_of(replace(FIXTURE, case="C1")).digest == PLAN.digest
+
+
+def test_a_print_says_what_it_is_of_and_what_of_its_slice_has_no_room():
+    approved = replace(FIXTURE, reviewed=bundles.reviewed().reviewed)
+    for fixture, case, words in (
+        (FIXTURE, "", "p.h5, no named case, approved by nobody"),
+        (approved, "C$1$", "p.h5, case C$1$, approved by A. Planner, "),
+        (replace(FIXTURE, case="C2"), "C1", "p.h5, case C2, approved by nobody"),
+    ):
+        shown = Plan.of(fixture, "p.h5")
+        figure, cut = draw_print(shown, "a4", case)
+        first, digest = figure.axes[0].texts[0].get_text().split("\n")
+        assert first.startswith(words)
+        assert (digest, cut) == (f"digest {shown.digest}", "")
+    onto = np.array([[0.5, 0, -99.75], [0, 0.5, -49.75], [0, 0, 1]])
+    assert cut_words(onto, (200, 400, 3), (200, 100)) == ""
+    told = cut_words(onto, (200, 400, 3), (194, 159))
+    assert told.startswith("The page holds 194 x 100 mm of the slice's 200 x 100 mm.")
 
 
 def test_the_command_calibrates_and_shows_the_wall(page, desk, vfplan_cli):

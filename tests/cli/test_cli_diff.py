@@ -27,6 +27,8 @@ def test_a_difference_is_named_by_its_path_and_size(vfplan_cli, pair):
     (found,) = run.json["differences"]
     assert found == {"path": "/rendering/stiffness", "what": "value", "count": 1,
                      "first_index": [1], "max_abs": 100.0}  # fmt: skip
+    assert run.json["verdict"] == "fail"
+    assert "verdict: differ\n" in vfplan_cli("diff", pair / "a.h5", pair / "b.h5").stdout
 
 
 def test_parts_that_only_one_has_are_named(vfplan_cli, pair):

@@ -37,7 +37,7 @@ def test_the_next_step_of_an_approved_bundle_signs_it_for_its_case(vfplan_cli, t
     approved = tmp_path / "approved.h5"
     assert vfplan_cli(*words, digest, "-o", approved).sound
     for command in (("info",), ("stability", "--part=closed-loop", "--robot=franka")):
-        assert "--key KEY --case K9 -o" in vfplan_cli(*command, approved).stdout
+        assert "--key planner.key --case K9 -o" in vfplan_cli(*command, approved).stdout
 
 
 @pytest.mark.parametrize("image", [{}, {"image": None}])

@@ -39,7 +39,7 @@ def test_a_file_that_begins_like_an_option_gets_its_folder():
     (register_command(ODD, Path("my slice.png")), {"image": "my slice.png"}),
     (review_command(ODD, Path("my slice.png")), {"slice_path": "my slice.png"}),
     (page_command(ODD, None, Path("b 2.csv"), output=ODD), {"markers": "b 2.csv"}),
-    (sign_command(ODD, SEAL), {"key": "KEY", **SEAL}),
+    (sign_command(ODD, SEAL).split(" && ")[1], {"key": "planner.key", **SEAL}),
     (verify_command(ODD, "my keys.pub", SEAL), {"keys": "my keys.pub", **SEAL}),
 ])  # fmt: skip
 def test_names_with_blanks_and_apostrophes_are_understood(printed, known):
@@ -66,10 +66,22 @@ def test_a_bundle_that_is_there_already_is_not_named_again(tmp_path):
     assert file_beside(tmp_path / "f.h5", "signed") == tmp_path / "f-signed-2.h5"
 
 
+def test_a_key_is_made_first_where_there_is_none(vfplan_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "planner.key").write_text("of another program")
+    keygen, sign = sign_command(Path("out/f.h5"), {}).split(" && ")
+    assert vfplan_cli(*shlex.split(keygen)[1:]).sound
+    assert "--key planner-new.key --case CASE" in sign
+    assert sign_command(Path("out/f.h5"), {}) == sign
+    # Whose of two keys is to sign, only the person knows.
+    assert vfplan_cli("keygen", "-o", "b.key").sound
+    assert "sign out/f.h5 --key KEY " in sign_command(Path("out/f.h5"), {})
+
+
 # What a person knows who pastes a command, in place of the words in capitals.
 KNOWN = {
-    "MARKERS": "px.csv robot.csv", "IMAGE": "elbow.png", "SESSION": "session.csv", "KEY": "k.key",
-    "CASE": "C1", "KEYS.pub": "k.pub", "FIXTURE.h5": "approved.h5", "SIGNED.h5": "s.h5",
+    "MARKERS": "px.csv robot.csv", "IMAGE": "elbow.png", "SESSION": "session.csv", "CASE": "C1",
+    "KEY": "k.key", "KEYS.pub": "k.pub", "FIXTURE.h5": "approved.h5", "SIGNED.h5": "s.h5",
 }  # fmt: skip
 # Calls, one after the other in one folder, and the exit code of each. Each prints a command, which
 # is pasted: after "next:", or at the end of a refusal.

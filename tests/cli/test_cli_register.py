@@ -193,7 +193,8 @@ def test_a_photograph_is_made_flat_and_planned_with_every_option_that_was_typed(
     typed += ["--picture-out", "seen.png", "--max-residual", "0.9"]
     refused = vfplan_cli("plan", photo, marks, ROBOT, *typed, "-o", "x.h5", cwd=tmp_path)
     page, here = refused.error_line.split("on a page (")[1].split(") or with two commands: ")
-    assert page.endswith("--case K1 --colour red --max-residual 0.9 --key KEY -o x.h5")
+    assert page.startswith("vfplan keygen -o planner.key && vfplan review ")
+    assert page.endswith("--case K1 --colour red --max-residual 0.9 --key planner.key -o x.h5")
     for command in here.split(" && "):
         assert vfplan_cli(*shlex.split(command)[1:], cwd=tmp_path).sound
     fixture = vfplan.read_fixture(tmp_path / "x.h5")

@@ -108,7 +108,9 @@ def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     demand = ("--require-signature", public)
     assert vfplan_cli("replay", files[0], files[1], *demand).code == 4
     assert vfplan_cli("replay", signed, files[1], *demand, "--case", "C2").code == 4
-    run = vfplan_cli("replay", signed, files[1], *demand, "--case", "C1", "--json").sound
+    demand += ("--case", "C1", "--report", tmp_path / "page")
+    run = vfplan_cli("replay", signed, files[1], *demand, "--json").sound
+    assert "<p>Case C1; approved by nobody" in (tmp_path / "page" / "index.html").read_text()
     assert run.json["fixture"]["signed"] is True
     assert run.json["fixture"]["signature_checked"] is True
     assert vfplan_cli("replay", signed, files[1], "--case", "C1").code == 2

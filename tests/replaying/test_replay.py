@@ -152,7 +152,8 @@ def test_doubtful_time_units_and_held_positions_are_named():
                       (far, "never-near")):  # fmt: skip
         found = replay(fixture_of(line()), one, limits=LIMITS, rule="robust")
         assert codes_of(found) & doubts == ({code} - {None})
-        assert ("seconds" in open_words(found.metrics)) == (code == "session-time")
+        assert (found.verdict == "not-tested") == (code in ("session-time", "never-near"))
+        assert ("seconds" in verdict_sentence(found.metrics)) == (code == "session-time")
         assert found.metrics["samples_read"] == one.ticks
         assert found.metrics["samples_left_out"] == 0
 

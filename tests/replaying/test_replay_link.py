@@ -15,7 +15,7 @@ from replays import codes_of, fixture_of, line, probing
 import vfplan
 from vfplan.errors import SettingError
 from vfplan.geometry.lines import row_lengths, step_lengths
-from vfplan.replaying.findings import check_text, verdict_sentence
+from vfplan.replaying.findings import bound_text, check_text, verdict_sentence
 from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.metrics import Number
 from vfplan.replaying.replay import replay
@@ -188,22 +188,29 @@ def test_limits_hold_or_do_not():
         assert told in check_text(rounding | {"at_least": bound})
     assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "0.00"
     assert Number("energy_j", "mJ", 3).text(0.0156) == "15.6"
+    for value, unit in ((None, "µm"), (-9e-4, "µm"), (606.8, "m"), (-2e-3, "m")):
+        assert Number("clearance_min_m", "µm", 2).suiting(0.0, value).unit == unit
     with refuses(SettingError, "no-such-number") as refused:
         replay(fixture, session, limits=(("penetration_max_mm", "at_most", 1.0),))
-    assert "Give one of penetration_max_m, " in str(refused.value)
+    hint, names = str(refused.value).split(" Give one of ")
+    assert hint.endswith("Did you mean penetration_max_m?")
+    assert names.split(", ") == sorted(names.split(", "))
 
 
 def test_robot_limits_are_counted():
     session = probing(seed=1)
     weak = Robot("weak", 1.0, 1.0, 1000.0, force_limit_n=2.0, force_step_limit_n=0.02)
-    found = replay(fixture_of(line()), session, robot=weak)
+    own = [("force_max_n", "at_most", 99.0)]
+    found = replay(fixture_of(line()), session, robot=weak, limits=own)
+    texts = [bound_text(check) for check in found.metrics["checks"]]
+    assert texts == ["at most 99 N", "at most 2 N (robot weak)", "at most 0.02 N"]
     force = row_lengths(found.ticks.force)
     step = step_lengths(found.ticks.force)
     robot = found.metrics["robot"]
     assert robot["force_over_ticks"] == np.count_nonzero(force > 2.0)
     assert robot["force_step_over_ticks"] == np.count_nonzero(step > 0.02)
     assert "speed_over_ticks" not in robot
-    assert [c["pass"] for c in found.metrics["checks"]] == [False, False]
+    assert [c["pass"] for c in found.metrics["checks"]] == [True, False, False]
     slow = Session(session.time[::10], session.hip[::10])
     assert "session-rate" in codes_of(replay(fixture_of(line()), slow, robot=weak))
 

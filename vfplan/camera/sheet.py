@@ -183,14 +183,19 @@ def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
         raise MarkerError(message, where=path, code="tag-corners") from None
 
 
-def draw_print(shown: ReviewedPlan, paper: str) -> Figure:
-    """A page with the plan, its slice where that is given, the tags and the scale."""
-    plan = plan_of(shown.fixture)
+def draw_print(shown: ReviewedPlan, paper: str, signed_case: str = "") -> tuple[Figure, str]:
+    """A page with the plan, its slice where that is given, the tags and the scale.
+
+    With it a sentence on what of the slice has no room; empty where all of it has.
+    signed_case: the case of the bundle's signature
+    """
+    plan, cut = plan_of(shown.fixture), ""
     width, height = whole_of(plan)
     figure, axes = new_page(paper, height > width)
     if shown.image is not None and shown.plane is not None:
         onto = np.eye(3)
         onto[:2] = MM * (plan.T_sheet_fixture[:3] @ np.vstack([shown.plane, [0, 0, 1]]))[:2]
+        cut = cut_words(onto, shown.image.rgb.shape, (width, height - 2 * EDGE_MM))
         picture = axes.imshow(as_uint8(shown.image.rgb), interpolation="none", zorder=0)
         picture.set_transform(Affine2D(onto) + axes.transData)
         area = (-width / 2, EDGE_MM - height / 2), width, height - 2 * EDGE_MM
@@ -202,10 +207,28 @@ def draw_print(shown: ReviewedPlan, paper: str) -> Figure:
     lines += [(CLOUD, line) for line in plan.lines()]
     for colour, line in lines:
         axes.plot(*MM * line.T[:2], color=colour, lw=0.8, zorder=3, path_effects=HALO)
-    words = f"{shown.source.path.name}  {plan.digest}"
-    axes.text(-width / 2, EDGE_MM - 4 - height / 2, words, family="monospace", fontsize=7)
+    case, reviewed = shown.fixture.case or signed_case, shown.fixture.reviewed
+    words = f"{shown.source.path.name}, {f'case {case}' if case else 'no named case'}, approved by "
+    words += "nobody" if reviewed is None else f"{reviewed.by}, {reviewed.utc}"
+    axes.text(
+        -width / 2, EDGE_MM - 0.5 - height / 2, f"{words}\ndigest {shown.digest}\n{cut}".rstrip(),
+        family="monospace", fontsize=6, va="bottom", parse_math=False,
+    )  # fmt: skip
     draw_scale(axes, -width / 2 + 2, height / 2 - EDGE_MM + 4)
-    return figure
+    return figure, cut
+
+
+def cut_words(onto: Array, shape: tuple[int, ...], room: tuple[float, float]) -> str:
+    """What of a slice of this shape, laid by `onto`, is beyond the room [mm] for it; else empty."""
+    rows, columns = shape[:2]
+    corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]])
+    corners = (corners - [0.5, 0.5, 0]) @ onto[:2].T
+    seen = np.clip(corners, -0.5 * np.array(room), 0.5 * np.array(room))
+    if (seen == corners).all():
+        return ""
+    held, whole = (" x ".join(f"{side:.0f}" for side in np.ptp(p, axis=0)) for p in (seen, corners))
+    rest = "The review sheet shows all of it: --sheet-out."
+    return f"The page holds {held} mm of the slice's {whole} mm. {rest}"
 
 
 def draw_board(paper: str) -> Figure:

@@ -203,13 +203,14 @@ def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Findin
     )  # fmt: skip
 
 
-# Of each limit the number's name in the report, "at_most" or "at_least", and the bound.
-Limits = tuple[tuple[str, str, float], ...]
+# Of each limit the number's name in the report, "at_most" or "at_least", the bound, and the name
+# of the robot whose limit it is; of the caller's own there is none.
+Limits = tuple[tuple[str, str, float] | tuple[str, str, float, str], ...]
 
 
 def robot_limits(robot: Robot) -> Limits:
     """The robot's limits as checks of a replay's report."""
-    limits = [(number, "at_most", getattr(robot, key)) for key, number in LIMITS.values()]
+    limits = [(n, "at_most", getattr(robot, key), robot.name) for key, n in LIMITS.values()]
     return tuple(limit for limit in limits if limit[2] is not None)
 
 
@@ -220,19 +221,27 @@ def check_limits(report: Report, limits: Limits) -> list[Report]:
     Raises SettingError: a name that is no number of the report
     """
     checks = []
-    for name, sense, limit in limits:
+    for name, sense, limit, *robot in limits:
         value = report
         for part in name.split("."):
             value = value.get(part) if isinstance(value, dict) else None
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            numbers = [k for k, v in report.items() if isinstance(v, (int, float))]
-            # The number that was probably meant comes first.
-            similar = difflib.get_close_matches(name, numbers, len(numbers), 0.0)
-            message = f"the report has no number {name!r}. Give one of {', '.join(similar)}"
+        if not is_number(value):
+            numbers = sorted(key for key in report if is_number(report[key]))
+            (similar,) = difflib.get_close_matches(name, numbers, 1, 0.0)
+            message = f"the report has no number {name!r}. Did you mean {similar}? "
+            message += f"Give one of {', '.join(numbers)}"
             raise SettingError(message, code="no-such-number")
         holds = {"at_most": value <= limit, "at_least": value >= limit}[sense]
         checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
+        if robot and [other[0] for other in limits].count(name) > 1:
+            # The caller has one of this name too.
+            checks[-1]["robot"] = robot[0]
     return checks
+
+
+def is_number(value: Any) -> bool:
+    """Whether a limit may be set on it."""
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def has_touched(report: Report) -> bool:
@@ -257,7 +266,6 @@ def open_words(report: Report) -> str:
     jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
     words = (
         (recorded["gaps"], f"nothing is known of {recorded['gap_s']:.3g} s without samples"),
-        ("session-time" in codes, "its time may not be in seconds"),
         (session.get("cut"), "the recording was cut off"),
         (session.get("unstamped"), "the times are those of the log"),
         ("session-jump" in codes, "the tool jumps"),
@@ -281,13 +289,13 @@ def untested_reason(report: Report) -> str:
         return "the tool began inside the mesh, where nothing says which side is forbidden"
     if not has_touched(report):
         return "the tool never touched the fixture"
+    if any(finding["code"] == "session-time" for finding in report["findings"]):
+        return "the session's time may not be in seconds"
     if 0 < report["ticks"] == report.get("inside_ticks"):
         return "the proxy was not led out of the fixture in which it began"
-    pressed = report.get("enclosed_episodes")
-    if pressed:
+    if pressed := report.get("enclosed_episodes"):
         return f"in {pressed} episodes the tool pressed from within the closed mesh"
-    untrue = report.get("stale_contact_ticks")
-    if untrue:
+    if untrue := report.get("stale_contact_ticks"):
         return f"in {untrue} ticks of contact the fixture's pose was too old, or had not come"
     return ""
 
@@ -352,10 +360,11 @@ def beyond(metrics: Report, overlap_m: Any) -> tuple[str, Any]:
 
 
 def bound_text(check: Report) -> str:
-    """The bound of a limit, such as "at most 20 N"."""
+    """The bound of a limit and whose it is, such as "at most 20 N (robot franka)"."""
     (sense,) = {"at_most", "at_least"} & check.keys()
     factor, unit = unit_beside(check["name"])
-    return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}"
+    whose = f" (robot {check['robot']})" if "robot" in check else ""
+    return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}{whose}"
 
 
 def check_text(check: Report) -> str:

@@ -194,6 +194,13 @@ class Number(NamedTuple):
     label: str = ""
     column: str = ""
 
+    def suiting(self, *values: float | None) -> Number:
+        """The number in m where its values have outgrown its µm: a wrong unit is seen by that."""
+        largest = max((abs(value) for value in values if value is not None), default=0.0)
+        return (
+            self._replace(unit="m", decimals=3) if MM * largest > 1 and self.unit == "µm" else self
+        )
+
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none. Energies have three digits."""
         if value is None:

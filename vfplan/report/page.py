@@ -208,7 +208,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     told = [f"{f['severity']}: {f['code']}" for f in metrics["findings"] if f["severity"] != "info"]
     words = escape("; ".join([verdict_sentence(metrics), *told]))
     line = f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
-    body = [f"<header><h1>{title}</h1>{line}</header>", identity(replayed.fixture)]
+    body = [f"<header><h1>{title}</h1>{line}</header>", identity(replayed)]
     if "link" in metrics:
         body.append(f"<p>Replayed over a lossy link: {link_text(metrics['link'])}.</p>")
 
@@ -343,11 +343,13 @@ def table(head: list[str], rows: list[list[str]], kind: str = "") -> str:
     return f'<table class="{kind}">{text}<tbody>{body}</tbody></table>'
 
 
-def identity(fixture: Fixture) -> str:
-    """The case, who approved the plan, and which findings nobody answered; as HTML."""
+def identity(replayed: Replay) -> str:
+    """The case, by plan or signature, who approved it, and the findings left open; as HTML."""
+    fixture = replayed.fixture
+    case = fixture.case or replayed.metrics.get("fixture", {}).get("case")
     words = ["Of no named case", "approved by nobody", "no finding of the plan is unanswered"]
-    if fixture.case:
-        words[0] = f"Case {fixture.case}"
+    if case:
+        words[0] = f"Case {case}"
     if fixture.reviewed:
         words[1] = f"approved by {fixture.reviewed.by}, {fixture.reviewed.utc}"
     if fixture.open_findings:
@@ -394,7 +396,7 @@ def summary(metrics: Report) -> str:
         values = [column.get(number.key) for column in columns]
         if not number.label or values == [None] * len(values):
             continue
-        label = escape(number.label.format(drawn=drawn))
+        label, number = escape(number.label.format(drawn=drawn)), number.suiting(*values)
         rows.append([label, *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
