@@ -5,18 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import click
+from vfplan.cli import options
 from vfplan.cli.next_commands import register_command, review_command
-from vfplan.cli.options import (
-    FILE,
-    FIXTURE,
-    MM,
-    UNIT,
-    OutputFile,
-    option,
-    options_in_order,
-    output_option,
-    setting_options,
-)
+from vfplan.cli.options import FILE, FIXTURE, OutputFile, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
@@ -29,7 +20,7 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 @command("import")
 @click.argument("cloud", type=FILE, metavar="CLOUD.ply|stl|obj|csv|npy")
 @options_in_order(
-    option("--units", type=UNIT, required=True,
+    option("--units", type=options.UNIT, required=True,
            help="Unit of the numbers in the file."),
     option("--frame", type=click.Choice(["robot_base", "patient_lps"]),
            help="Frame of the numbers in the file.  [default: robot_base, or patient_lps if the "
@@ -37,10 +28,10 @@ AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
     option("--curve", type=click.Choice(["open", "closed"]),
            help="Take the points as one curve, in their order.  [default: a bare cloud, without a "
            "leak certificate]"),
-    option("--spacing", type=MM,
+    option("--spacing", type=options.MM,
            help="Distance between the samples that rules robust and paper take of a mesh [mm].  "
            "[default: R/10]"),
-    setting_options(FixtureSettings, "stiffness contact_radius point_radius"),
+    options.setting_options(FixtureSettings, "stiffness contact_radius point_radius"),
     option("--ignore-axis", type=click.Choice(list(AXES)), default="none",
            help="Extend the fixture without end along this axis."),
     output_option("Write the fixture to this bundle."),
@@ -101,8 +92,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     # Doubts about its size, about its engine, and about what was ignored.
     _, no_engine = engine_doubt(fixture) or ("", "")
     warnings = [size_doubt(fixture.points), no_engine]
-    ignored = fixture.provenance.settings.get("left_out")
-    if ignored:
+    if ignored := fixture.provenance.settings.get("left_out"):
         warnings.append(f"the file says more than the fixture holds, which is left out: {ignored}")
     return CommandResult(
         data, text, warnings=[*filter(None, warnings)], findings=fixture.findings,
@@ -143,8 +133,7 @@ def vfplan_export(fixture, output, study) -> CommandResult:
         what = f"{exported.pieces.count} lines and arcs"
     text = f"wrote {what} of frame {frame} to {quoted(output)}"
     verdict = f"exported {what}"
-    missing = left_out(exported, output)
-    if missing:
+    if missing := left_out(exported, output):
         data["left_out"] = missing
         verdict += f", without {', '.join(missing)}, which this format does not hold"
     warnings = []

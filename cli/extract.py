@@ -9,14 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import click
+from vfplan.cli import options
 from vfplan.cli.next_commands import page_command, rectify_command, register_command
-from vfplan.cli.options import (
-    EXTRACT_OPTIONS,
-    FILE,
-    options_in_order,
-    output_option,
-    setting_options,
-)
+from vfplan.cli.options import FILE, options_in_order, output_option, setting_options
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -50,7 +45,7 @@ REFUSED_WITH = {"stroke-number": ("--stroke", "--settings"), "place-off-curve": 
 @click.argument("image", type=FILE)
 @options_in_order(
     output_option("Write the curve to this bundle, in the frame of the image."),
-    EXTRACT_OPTIONS,
+    options.EXTRACT_OPTIONS,
     setting_options(ExtractSettings, "density_per_mm"),
 )  # fmt: skip
 def vfplan_extract(image, output, mask_out, overlay_out, **arguments) -> CommandResult:

@@ -75,7 +75,7 @@ def summary_text(data: Report) -> str:
     # Who answers for it.
     lines += seal_lines(seal)
     if "/rendering/stiffness" in data or data["findings"]:
-        lines += finding_lines(data["findings"], data["reviewed"])
+        lines += finding_lines(data)
     return "\n".join(lines)
 
 

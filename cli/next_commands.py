@@ -10,13 +10,13 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from vfplan.cli.main import cli
 from vfplan.cli.options import SETTINGS, SIGNED_FOR, settings_of_file
 
-from vfplan.display import command_of
+from vfplan.display import Report, command_of
 from vfplan.errors import VfplanError
 from vfplan.settings import option_words
 
@@ -72,7 +72,7 @@ def accept_command(fixture: Path, digest: str) -> str:
     return command_of(*words, "-o", file_beside(fixture, "approved"))
 
 
-def sign_command(fixture: Path, signed_for: dict[str, Any]) -> str:
+def sign_command(fixture: Path, signed_for: Report) -> str:
     """The command that signs a fixture which a person approved.
 
     signed_for: what an earlier signature was for, if there is one; the new one is for the same.
@@ -104,12 +104,12 @@ def private_key_beside(fixture: Path) -> tuple[str, Path | str]:
     return f"{command_of('keygen', '-o', new)} && ", new
 
 
-def verify_command(fixture: Path, keys: Path | str, signed_for: dict[str, Any]) -> str:
+def verify_command(fixture: Path, keys: Path | str, signed_for: Report) -> str:
     """The command that checks a signature, also that it is for this case and this robot."""
     return command_of("verify", fixture, "--keys", keys, *words_of_signature(signed_for))
 
 
-def words_of_signature(signed_for: dict[str, Any]) -> Iterator[str]:
+def words_of_signature(signed_for: Report) -> Iterator[str]:
     """The options that name what a signature is for: `case` and `robot_serial`."""
     for name, demand in SIGNED_FOR.items():
         if signed_for.get(name):
@@ -133,7 +133,7 @@ def public_key_beside(fixture: Path, key_id: str) -> Path | str:
     return "KEYS.pub"
 
 
-def approval_command(fixture: Path, content: dict[str, Any]) -> str:
+def approval_command(fixture: Path, content: Report) -> str:
     """The command that is open on a sound bundle's way to the robot: review, sign or verify.
 
     content: what it holds, as `vfplan.bundle.validation.describe` gives it

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -112,23 +111,26 @@ def numbers_of(
     positive: whether each must be above 0
     word: a word that may stand for none of them
     """
-    return Parsed(metavar, partial(parse_numbers, counts, positive, word))
+
+    def parse(text: str) -> tuple[float, ...]:
+        if text == word:
+            return ()
+        numbers = tuple(map(parse_decimal, text.split(",")))
+        if len(numbers) not in counts:
+            allowed = " or ".join(map(str, counts))
+            raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
+        if positive and not min(numbers) > 0:
+            raise ValueError(
+                f"{text!r} holds a number that is not above 0. The comma separates two numbers: "
+                "type 0.5 for a half"
+            )
+        return numbers
+
+    return Parsed(metavar, parse)
 
 
-def parse_numbers(counts: tuple[int, ...], positive: bool, word: str | None, text: str) -> Any:
-    """The numbers of a text, as a tuple; arguments as of `numbers_of`."""
-    if text == word:
-        return ()
-    numbers = tuple(map(parse_decimal, text.split(",")))
-    if len(numbers) not in counts:
-        allowed = " or ".join(map(str, counts))
-        raise ValueError(f"{text!r} has {count(len(numbers), 'number')}. Type {allowed}")
-    if positive and not min(numbers) > 0:
-        raise ValueError(
-            f"{text!r} holds a number that is not above 0. The comma separates two numbers: "
-            "type 0.5 for a half"
-        )
-    return numbers
+VECTOR = numbers_of(3, metavar="X,Y,Z", positive=False)
+RECTANGLE = numbers_of(4, metavar="U,V,W,H", positive=False)
 
 
 def number_of(metavar: str, scale: float = 1.0, least: float | None = None) -> Parsed:
@@ -251,7 +253,7 @@ def parse_stroke(text: str) -> str | int:
 
 def parse_rectangle(text: str) -> tuple[int, ...]:
     """U,V,W,H in whole pixels."""
-    values = parse_numbers((4,), False, None, text)
+    values = RECTANGLE.parse(text)
     for value in values:
         if not value.is_integer():
             raise ValueError(f"{text!r} holds a part of a pixel. Type whole numbers")
@@ -268,7 +270,7 @@ def parse_side(text: str) -> str | tuple[float, ...]:
     if text in ("above", "below"):
         return text
     try:
-        return parse_numbers((3,), False, None, text)
+        return VECTOR.parse(text)
     except ValueError:
         raise ValueError(
             f"{text!r} is no side. Type above, below, or X,Y,Z such as 0,0,1"
@@ -289,6 +291,9 @@ def parse_margin(text: str) -> str | float:
 OVERWRITE = option("--overwrite", is_flag=True, help="Replace output files that exist.")
 FIXTURE = click.argument("fixture", type=FILE, metavar="FIXTURE.h5")
 SESSION = click.argument("session", type=FILE, metavar="SESSION")
+MARKERS = options_in_order(
+    click.argument("markers", type=FILE), click.argument("markers2", type=FILE, required=False)
+)
 # As `vfplan.io.files.METRES`.
 UNIT = click.Choice(["m", "cm", "mm", "um", "in"])
 UNITS = option("--units", type=UNIT, default="m",
@@ -306,7 +311,6 @@ BROWSER = options_in_order(
 PAPER = option("--paper", type=click.Choice(["a4", "letter"]), default="a4",
                help="The printer's paper.")  # fmt: skip
 
-VECTOR = numbers_of(3, metavar="X,Y,Z", positive=False)
 # Form of a setting -> what reads it.
 FORMS = {
     kind.metavar: kind
@@ -502,7 +506,7 @@ def parse_whole(text: str) -> int:
     return int(text)
 
 
-def dict_of_pairs(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def dict_of_pairs(pairs: list[tuple[str, Any]]) -> Arguments:
     """An object of JSON; raises `InputError` where a name stands twice: which one counts?"""
     settings = dict(pairs)
     if len(settings) < len(pairs):

@@ -35,8 +35,7 @@ from vfplan.settings import Arguments, settings_from_options
     settings_file=True,
 )
 @click.argument("image", type=FILE)
-@click.argument("markers", type=FILE)
-@click.argument("markers2", type=FILE, required=False)
+@options.MARKERS
 @options_in_order(
     output_option("Write the fixture to this bundle.  [default: IMAGE's name with .h5, in the "
                   "working folder]", required=False),

@@ -12,16 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from vfplan.cli import options
 from vfplan.cli.next_commands import file_beside, flat_markers, plan_flat_command
-from vfplan.cli.options import (
-    FILE,
-    MM,
-    PNG,
-    OutputFile,
-    option,
-    options_in_order,
-    output_option,
-    setting_options,
-)
+from vfplan.cli.options import FILE, option, options_in_order, output_option, setting_options
 from vfplan.cli.outputs import outputs, refuse_outputs
 from vfplan.cli.run import CommandResult, announce_if_slow, command
 
@@ -40,10 +31,10 @@ if TYPE_CHECKING:
 
 @command("rectify", settings_file=True)
 @click.argument("image", type=FILE)
-@click.argument("markers", type=FILE)
-@click.argument("markers2", type=FILE, required=False)
+@options.MARKERS
 @options_in_order(
-    output_option("Write the flat picture to this file, and its markers beside it.", kind=PNG),
+    output_option("Write the flat picture to this file, and its markers beside it.",
+                  kind=options.PNG),
     setting_options(FixtureSettings, "find_markers max_residual_m common"),
     setting_options(ExtractSettings, "frame pixels max_megapixels"),
 )  # fmt: skip
@@ -123,12 +114,12 @@ def marker_table(pairs: Any, places: list[list[float]]) -> str:
 @options_in_order(
     option("--units", type=options.UNIT, default="m", help="Unit of the places."),
     option("--row-major", is_flag=True, help="Read 16 numbers row by row."),
-    option("--max-error", "max_error_m", type=MM, default="2",
+    option("--max-error", "max_error_m", type=options.MM, default="2",
            help="Refuse a tip whose 95 % error is larger [mm]; a wrong unit or order makes it so."),
     option("--tool", default="tool", metavar="NAME",
            help="Name of the tool, which a controller can demand."),
     output_option("Write tool and tip to this file, for `plan --tip`.", required=False,
-                  kind=OutputFile(".json")),
+                  kind=options.OutputFile(".json")),
 )  # fmt: skip
 def vfplan_tip(poses, output, tool, units, row_major, max_error_m) -> Any:
     """Find a tool's tip from poses in which the tip stays on one point.

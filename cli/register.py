@@ -24,8 +24,7 @@ from vfplan.display import Report, count, micrometres, millimetres, wrote
     settings_file=True,
 )
 @click.argument("curve", type=FILE, metavar="CURVE.h5")
-@click.argument("markers", type=FILE)
-@click.argument("markers2", type=FILE, required=False)
+@options.MARKERS
 @options_in_order(
     output_option("Write the fixture to this bundle."),
     option("--image", type=FILE, metavar="IMAGE",
@@ -106,11 +105,9 @@ def registered_text(report: Report) -> str:
         "  95 % bound of the error on the whole curve: "
         f"{millimetres(report['tre']['curve95_max_m'])}",
     ]
-    unused = [str(marker["label"]) for marker in residuals if not marker["used"]]
-    if unused:
+    if unused := [str(marker["label"]) for marker in residuals if not marker["used"]]:
         lines.append(f"  left out: {', '.join(unused)}")
-    suspect = [str(m["label"]) for m in used if m["label"] in report["outliers"]]
-    if suspect:
+    if suspect := [str(m["label"]) for m in used if m["label"] in report["outliers"]]:
         lines.append(f"  suspect: {', '.join(suspect)}")
     if "markers_found" in report:
         moved_px = max(marker["moved_px"] for marker in report["markers_found"])

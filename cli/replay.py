@@ -163,8 +163,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
             write_whole(index, [text.encode("utf-8", "backslashreplace")], overwrite=True)
     metrics = replayed.metrics
     warnings = list(options.not_compared(metrics["fixture"], arguments).values())
-    unanswered = len(replayed.fixture.open_findings)
-    if unanswered:
+    if unanswered := len(replayed.fixture.open_findings):
         image = None if replayed.fixture.image is None else "IMAGE"
         has_page = page_shows(replayed.fixture, has_slice=image is not None)
         review = review_command(fixture, image, has_page=has_page)

@@ -33,6 +33,7 @@ import click
 from vfplan.cli.options import FILE, option, options_in_order, settings_of_file
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
 
+from vfplan.display import Report
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
 from vfplan.io.files import now_utc, to_json_types
@@ -182,8 +183,7 @@ class PagedCommand(click.Command):
         if visible:
             with formatter.section("Options"):
                 formatter.write_dl(visible)
-        hidden_count = len(records) - len(visible)
-        if hidden_count:
+        if hidden_count := len(records) - len(visible):
             formatter.write_paragraph()
             formatter.write_text(f"{hidden_count} more options: {ctx.command_path} --help-all")
 
@@ -222,7 +222,7 @@ class CommandResult:
         Sentences about the call itself, which need no answer.
     """
 
-    data: dict[str, Any]
+    data: Report
     text: str = ""
     exit_code: int = 0
     warnings: list[str] = field(default_factory=list)
@@ -238,7 +238,7 @@ class CommandResult:
             object.__setattr__(self, "exit_code", 1)
 
 
-def statistics(report: dict[str, Any], place: str = "") -> Iterator[str]:
+def statistics(report: Report, place: str = "") -> Iterator[str]:
     """What a report holds, a line for each name that `--json` has, and for each record."""
     for name, value in report.items():
         if isinstance(value, dict):

@@ -5,19 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict
 
 import click
+from vfplan.cli import options
 from vfplan.cli.next_commands import public_key_of, review_command, sign_command, verify_command
-from vfplan.cli.options import (
-    FILE,
-    FIXTURE,
-    SIGNED_FOR,
-    OutputFile,
-    not_compared,
-    option,
-    options_in_order,
-    output_option,
-    signature_options,
-    trust,
-)
+from vfplan.cli.options import FILE, FIXTURE, option, options_in_order, output_option
 from vfplan.cli.outputs import is_overwriting, outputs
 from vfplan.cli.run import CommandResult, command, command_line
 
@@ -72,31 +62,30 @@ def vfplan_sign(fixture, output, key, **arguments) -> CommandResult:
 
 @command("verify")
 @FIXTURE
-@signature_options("--keys", required=True)
+@options.signature_options("--keys", required=True)
 def vfplan_verify(fixture, **arguments) -> CommandResult:
     """Check that FIXTURE.h5 is sound and signed by a trusted key (exit 4 if it is not)."""
     from vfplan.bundle.read import read_sealed
     from vfplan.review.rendered import in_one_line
 
-    signed, seal = read_sealed(fixture, trust=trust(arguments))
-    reviewed = signed.reviewed and asdict(signed.reviewed)
-    warnings = not_compared(seal, arguments)
+    signed, seal = read_sealed(fixture, trust=options.trust(arguments))
+    warnings = options.not_compared(seal, arguments)
     data = {
         **seal,
         "renders": in_one_line(signed),
         "not_compared": list(warnings),
         "findings": [finding.as_dict() for finding in signed.findings],
-        "reviewed": reviewed,
+        "reviewed": signed.reviewed and asdict(signed.reviewed),
     }
     lines = [f"sound, signed by key {data['key_id']}", f"  renders     {data['renders']}"]
     lines += seal_lines(data)
-    lines += finding_lines(data["findings"], reviewed)
+    lines += finding_lines(data)
     verdict = "signed by a trusted key"
     next_step = "load it on the robot"
     if warnings:
         words = " and ".join(warnings).replace("_", " ")
         verdict = f"signed by a trusted key, but its {words} was compared with nothing"
-        missing = [SIGNED_FOR[name] for name in warnings]
+        missing = [options.SIGNED_FOR[name] for name in warnings]
         next_step = f"say what it must be for: {' '.join([command_line(), *missing])}"
     if "despite_findings" in seal:
         lacks = {"findings were not answered": signed.open_findings,
@@ -117,11 +106,12 @@ def seal_lines(seal: Report) -> list[str]:
     return [f"  {word:<11} {seal[name]}" for name, word in words if name in seal]
 
 
-def finding_lines(findings: list[Report], reviewed: dict[str, str] | None) -> list[str]:
+def finding_lines(data: Report) -> list[str]:
     """Who reviewed the plan, and its findings, a line each."""
+    reviewed = data["reviewed"]
     who = "nobody" if reviewed is None else f"{reviewed['by']}, {reviewed['utc']}"
     lines = [f"  reviewed    by {who}"]
-    for finding in findings:
+    for finding in data["findings"]:
         line = f"  {finding['severity']:<11} {finding['code']}: {finding['text']}"
         if finding["answered_by"] is not None:
             line += acceptance(finding["answered_by"], finding["answered_utc"])
@@ -134,7 +124,7 @@ def finding_lines(findings: list[Report], reviewed: dict[str, str] | None) -> li
 @command("keygen")
 @output_option(
     "Write the private key to this file, and the public key beside it with the suffix .pub.",
-    kind=OutputFile(),
+    kind=options.OutputFile(),
 )
 def vfplan_keygen(output) -> CommandResult:
     """Make an Ed25519 key pair: a private key to sign with, and a public key for the robots."""

@@ -72,8 +72,7 @@ def vfplan_stability(
 
     refuse_folder(output, REPORT_FILE, PICTURE_FILE)
     judged_robot = read_robot(robot) or DEFAULT_ROBOT
-    typed = {name: value for name, value in robot_figures.items() if value is not None}
-    if typed:
+    if typed := {name: value for name, value in robot_figures.items() if value is not None}:
         judged_robot = replace(judged_robot, **typed)
     judged = None if fixture is None else read_fixture(fixture)
     with naming_place(fixture):

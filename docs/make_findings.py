@@ -114,6 +114,11 @@ def entries_of(tree: ast.Module, package: str) -> Iterator[Entry]:
 def entries_of_call(call: ast.Call, function: ast.FunctionDef, package: str) -> Iterator[Entry]:
     """The codes that a call gives; none where it gives none."""
     name = getattr(call.func, "id", getattr(call.func, "attr", ""))
+    if name == "told":  # a row a finding: when it is told, code, severity and sentence
+        for row in call.args[1:]:
+            finding = ast.Call(ast.Name("finding"), row.elts[1:], [])
+            yield from entries_of_call(finding, function, package)
+        return
     if name == "kind":  # a reader of tables raises the class of error that it was given
         name = "InputError"
     keywords = {keyword.arg: keyword.value for keyword in call.keywords}

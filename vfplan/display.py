@@ -28,8 +28,7 @@ MAX_DRAWN = 4000
 # Millimetres in a metre.
 MM = 1e3
 
-_LENGTHS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"), (1e-9, "nm"))
-_DURATIONS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs"), (1e-9, "ns"))
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def length(metres: float) -> str:
@@ -41,12 +40,12 @@ def length(metres: float) -> str:
         return "< 1 nm"
     if -1e-9 < metres < 0:
         return "> -1 nm"
-    return _in_units(metres, _LENGTHS)
+    return _in_units(metres, "m")
 
 
 def duration(seconds: float) -> str:
     """A time [s] as "0.71 s" or "16 µs"."""
-    return _in_units(seconds, _DURATIONS)
+    return _in_units(seconds, "s")
 
 
 def nice_length(longest: float) -> float:
@@ -68,9 +67,9 @@ def resolved(value: float, digits: int = 6) -> str:
     return f"{round(value, 9):z.{digits}g}"
 
 
-def _in_units(value: float, units: tuple[tuple[float, str], ...]) -> str:
-    factor, name = next((unit for unit in units if abs(value) >= unit[0]), units[-1])
-    return f"{three_digits(value / factor)} {name}"
+def _in_units(value: float, unit: str) -> str:
+    factor, prefix = next((p for p in _PREFIXES if abs(value) >= p[0]), _PREFIXES[-1])
+    return f"{three_digits(value / factor)} {prefix}{unit}"
 
 
 def millimetres(metres: float | None, decimals: int = 3) -> str:

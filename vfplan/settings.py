@@ -107,7 +107,7 @@ def recorded(settings: Any, prefix: str = "") -> dict[str, str | float | int | b
     return known | {f"{type(settings).__name__}.unset": unset}
 
 
-def recalled(kind: type, values: dict[str, Any], prefix: str = "") -> Any:
+def recalled(kind: type, values: Arguments, prefix: str = "") -> Any:
     """The settings that `recorded` gave, to the bit; `None` where none of this kind are recorded.
 
     Raises `InputError` for a setting that is missing or is not what its declaration says.

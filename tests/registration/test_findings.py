@@ -83,7 +83,7 @@ def test_an_exact_fit_has_no_outliers_whatever_its_rounding():
 def test_a_symmetric_layout_is_one_short_note(model):
     source = grid(jitter=0.0)
     for seed in range(20):
-        found = registration_findings(fit(source, planar(source, seed=seed), model))
+        found = [*registration_findings(fit(source, planar(source, seed=seed), model))]
         notes = [finding for finding in found if finding.code == "layout-symmetric"]
         doubts = [finding for finding in found if finding.code == "labels-doubtful"]
         assert len(notes) + len(doubts) == 1
@@ -119,7 +119,7 @@ def test_a_scale_that_departs_is_a_doubt(model):
 @pytest.mark.parametrize("unit", [1.0, 0.1])
 def test_a_scale_that_nothing_checks_is_a_note_with_the_pixel_that_the_markers_give(model, unit):
     target = unit * planar(grid(), noise=0.0)
-    found = registration_findings(fit_registration(grid(), target, model=model))
+    found = [*registration_findings(fit_registration(grid(), target, model=model))]
     assert [(finding.code, finding.severity) for finding in found] == [("scale-unchecked", "note")]
     assert f"one pixel is {1e3 * unit * PX:.3g} mm" in found[0].text
     assert codes(fit(grid(), target, model, pixel_spacing=unit * PX)) == []
@@ -137,7 +137,7 @@ def test_a_stretched_slice_is_a_doubt(model):
 def test_curve_points_beyond_the_markers():
     r = fit(grid(), planar(grid()))
     inside = np.tile([[400.0, 380], [420, 350]], (30, 1))
-    assert error_findings(target_error(r, inside)) == ()
+    assert not [*error_findings(target_error(r, inside))]
     far = np.array([[1200.0, 380]])
     error = target_error(r, np.vstack([inside, far]))
     assert error.is_extrapolated.tolist() == [False] * 60 + [True]

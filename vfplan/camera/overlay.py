@@ -22,7 +22,7 @@ import numpy as np
 from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, make_finder
 from vfplan.camera.sheet import SCALE_MM, Plan
-from vfplan.display import MM
+from vfplan.display import MM, Report
 from vfplan.errors import CheckFailed, InputError
 from vfplan.geometry.lines import normals, ring_of, runs
 from vfplan.images.read import as_uint8, is_picture_file, read_image
@@ -143,7 +143,7 @@ class Overlay:
             across = np.pad(widths * normals(line[:, :2], False), ((0, 0), (0, 1)))
             self.drawn += [(paper.BAND_COLOUR, 1, line + side * across) for side in (-1, 1)]
 
-    def see(self, frame: Picture) -> tuple[dict[str, Any], Pose | None]:
+    def see(self, frame: Picture) -> tuple[Report, Pose | None]:
         """The report of a frame, with the reason where no wall may be drawn, and the pose."""
         names = ("refused", "reprojection_px", "bound_mm", "pose_T_camera_sheet")
         report, pose = dict.fromkeys(names), None
@@ -175,7 +175,7 @@ class Overlay:
             report |= {"refused": "tags-misplaced", "reason": reason}
         return report, pose
 
-    def show(self, frame: Picture, time_s: float) -> dict[str, Any]:
+    def show(self, frame: Picture, time_s: float) -> Report:
         """Draw the plan on a frame that was taken at this time; returns the frame's report."""
         report, pose = self.see(frame)
         words, colour = f"No wall: {report.get('reason')}", paper.WALL_COLOUR

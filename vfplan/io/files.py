@@ -49,6 +49,9 @@ MAX_TEXT_BYTES = 1 << 28
 # Bytes of a line of text. No program that exports tables writes a longer one.
 MAX_LINE_BYTES = 1 << 16
 
+# A file, by its name.
+FilePath = str | Path
+
 # Unit of a table's or a mesh's numbers -> metres.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 

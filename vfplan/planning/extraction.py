@@ -16,6 +16,7 @@ from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import length_of
+from vfplan.io.files import FilePath
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
 from vfplan.settings import flat
@@ -70,8 +71,8 @@ class ExtractResult:
 
 
 def extract(
-    source: str | Path | PlannedImage, settings: ExtractSettings | None = None, *,
-    curve: str | Path | None = None, contact_radius: float = SMALL_RADIUS_M,
+    source: FilePath | PlannedImage, settings: ExtractSettings | None = None, *,
+    curve: FilePath | None = None, contact_radius: float = SMALL_RADIUS_M,
 ) -> ExtractResult:  # fmt: skip
     """Read a planned slice and extract its curve.
 
@@ -164,7 +165,7 @@ def slice_findings(image: PlannedImage, settings: ExtractSettings) -> tuple[Find
     return (*image.findings, note("pixel-spacing-uneven", "extract", text))
 
 
-def read_slice(path: str | Path, settings: ExtractSettings) -> PlannedImage:
+def read_slice(path: FilePath, settings: ExtractSettings) -> PlannedImage:
     """The slice, with pixels of a size that a bundle can hold.
 
     Raises `ImageError`, or `SettingError` where the size was typed.
@@ -201,7 +202,7 @@ def _refuse_settings(
 
 def read_vectors(
     image: PlannedImage,
-    path: str | Path,
+    path: FilePath,
     settings: ExtractSettings,
     contact_radius: float = SMALL_RADIUS_M,
 ) -> tuple[Extraction, str, dict[str, str]]:
@@ -245,9 +246,7 @@ def curve_type_doubt(difference_m: float) -> Finding:
     return doubt("slicer-curve-type", "extract", text)
 
 
-def vector_alone(
-    path: str | Path, settings: ExtractSettings, contact_radius: float
-) -> ExtractResult:
+def vector_alone(path: FilePath, settings: ExtractSettings, contact_radius: float) -> ExtractResult:
     """A curve in the patient's frame [m], or in the pixels of an image that is not given."""
     from vfplan.curve.account import fold_findings
     from vfplan.vectors.curve import FINE_M

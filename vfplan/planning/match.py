@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
 from vfplan.geometry.lines import Array, rms_length, row_lengths
-from vfplan.io.files import naming_place, open_number_table, read_bytes
+from vfplan.io.files import FilePath, naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
+from vfplan.settings import Arguments
 
 if TYPE_CHECKING:
     from vfplan.images.read import PlannedImage
@@ -50,10 +52,10 @@ class Record:
         For the provenance: the SHA-256 of each file read, and what was chosen or left out.
     """
 
-    report: dict[str, Any] = field(default_factory=dict)
+    report: Report = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     inputs: dict[str, str] = field(default_factory=dict)
-    settings: dict[str, Any] = field(default_factory=dict)
+    settings: Arguments = field(default_factory=dict)
 
     def doubt(self, code: str, stage: str, text: str, **place: Any) -> None:
         """Add a finding that wants an answer."""
@@ -75,12 +77,12 @@ class MatchResult:
 
 def match(
     curve: Fixture,
-    markers: str | Path | Correspondences,
-    markers2: str | Path | None,
+    markers: FilePath | Correspondences,
+    markers2: FilePath | None,
     settings: FixtureSettings,
     image: PlannedImage | None,
     record: Record,
-    tip: str | Path | None = None,
+    tip: FilePath | None = None,
 ) -> MatchResult:
     """Read the markers, fit the registration, and refuse what is plainly wrong.
 
@@ -114,9 +116,9 @@ def match(
         slice_image = None
 
     # The markers, and the curve in the frame that they carry it from.
+    spacing_mm = curve.image and curve.image.pixel_spacing_mm
     correspondences, where = markers, None
     if isinstance(markers, (str, Path)):
-        spacing_mm = curve.image and curve.image.pixel_spacing_mm
         correspondences = read_markers(
             markers, markers2, common=settings.common, spacing_mm=spacing_mm
         )
@@ -146,9 +148,8 @@ def match(
 
         # The transform, and the gates on it.
         pixel_spacing_m = None
-        if is_in_image and curve.image is not None and curve.image.pixel_spacing_mm is not None:
-            along_u, along_v = curve.image.pixel_spacing_mm
-            pixel_spacing_m = (along_u * 1e-3, along_v * 1e-3)
+        if is_in_image and spacing_mm is not None:
+            pixel_spacing_m = tuple(1e-3 * along for along in spacing_mm)
         registration = fit_registration(
             source, correspondences.target, model=settings.model, robust=settings.robust,
             labels=labels, pixel_spacing=pixel_spacing_m, sigma=correspondences.sigma,
@@ -249,17 +250,16 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, Arr
         )
     axes = place[:3, :2]
     spacing_mm = 1e3 * np.linalg.norm(axes, axis=0)
-    if curve.image is not None and curve.image.pixel_spacing_mm is not None:
-        given_mm = curve.image.pixel_spacing_mm
-        # Two decimals of one number differ by their rounding to single precision.
-        rounding = 8 * float(np.finfo(np.float32).eps)
-        if not np.allclose(given_mm, spacing_mm, rtol=rounding, atol=0):
-            raise SettingError(
-                f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of "
-                f"the slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm. Leave "
-                "--pixel-spacing out",
-                code="pixel-spacing-differs",
-            )
+    given_mm = curve.image and curve.image.pixel_spacing_mm
+    # Two decimals of one number differ by their rounding to single precision.
+    rounding = 8 * float(np.finfo(np.float32).eps)
+    if given_mm is not None and not np.allclose(given_mm, spacing_mm, rtol=rounding, atol=0):
+        raise SettingError(
+            f"the curve's pixel spacing is {given_mm[0]:g}, {given_mm[1]:g} mm, that of "
+            f"the slice in the patient {spacing_mm[0]:g}, {spacing_mm[1]:g} mm. Leave "
+            "--pixel-spacing out",
+            code="pixel-spacing-differs",
+        )
     pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
     scale = float(np.sqrt(spacing_mm.prod()))
     sigma = curve.sigma * scale * 1e-3 if curve.sigma is not None else None
@@ -315,7 +315,7 @@ MAX_TIP_RADIUS_M = 0.05
 
 
 def refine(
-    curve: Fixture, registration: Registration, path: str | Path, tip_radius: float, record: Record
+    curve: Fixture, registration: Registration, path: FilePath, tip_radius: float, record: Record
 ) -> Registration:
     """Refine the registration of a surface by the points in a file.
 
@@ -370,7 +370,7 @@ def refine(
     return refined.registration
 
 
-def read_points(path: str | Path) -> tuple[Array, str]:
+def read_points(path: FilePath) -> tuple[Array, str]:
     """(T, 3) places [m] that a robot touched, and their file's SHA-256; other columns are not read.
 
     Raises MarkerError: the file cannot be read, or has no such columns of finite numbers

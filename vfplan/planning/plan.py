@@ -18,7 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from vfplan.errors import CheckFailed, InputError, SettingError
 from vfplan.findings import Finding, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
 from vfplan.geometry.lines import Array, unit_normal
+from vfplan.io.files import FilePath
 from vfplan.planning.extraction import UNTURNED, ExtractResult, extract
 from vfplan.planning.match import MatchResult, Record, match, refine
 from vfplan.planning.settings import (
@@ -47,7 +48,7 @@ from vfplan.planning.tolerance import (
     choose,
     lines_and_arcs_of,
 )
-from vfplan.settings import flat, incomplete_recipe, recalled
+from vfplan.settings import Arguments, flat, incomplete_recipe, recalled
 
 if TYPE_CHECKING:
     from vfplan.engine.guide import Guide
@@ -89,14 +90,14 @@ class PlanResult:
 
 
 def plan(
-    image: str | Path,
-    markers: str | Path,
-    markers2: str | Path | None = None,
+    image: FilePath,
+    markers: FilePath,
+    markers2: FilePath | None = None,
     *,
     extraction: ExtractSettings | None = None,
-    curve: str | Path | None = None,
+    curve: FilePath | None = None,
     settings: FixtureSettings | None = None,
-    tip: str | Path | None = None,
+    tip: FilePath | None = None,
 ) -> PlanResult:
     """From a planned slice and its markers to a fixture in the robot's frame.
 
@@ -135,7 +136,7 @@ def plan(
 
 
 def refuse_wrong_order(
-    image: str | Path, markers: str | Path | None, markers2: str | Path | None
+    image: FilePath, markers: FilePath | None, markers2: FilePath | None
 ) -> None:
     """Refuse markers in the place of the slice.
 
@@ -165,14 +166,14 @@ def refuse_wrong_order(
 
 def register(
     unregistered: Fixture,
-    markers: str | Path | Correspondences,
-    markers2: str | Path | None = None,
+    markers: FilePath | Correspondences,
+    markers2: FilePath | None = None,
     settings: FixtureSettings | None = None,
     *,
     image: PlannedImage | None = None,
-    touched: str | Path | None = None,
+    touched: FilePath | None = None,
     tip_radius: float = 0.0,
-    tip: str | Path | None = None,
+    tip: FilePath | None = None,
 ) -> RegisterResult:
     """Carry a curve or a surface by markers to the robot, and say how it is rendered there.
 
@@ -266,11 +267,9 @@ def register(
     fixture = make_fixture(matched, registration, carried, rendering, asked, record)
     if settings.guide_m is not None:
         fixture = add_guidance(fixture, settings, record)
-    unusual_size = size_doubt(fixture.points)
-    if unusual_size is not None:
+    if unusual_size := size_doubt(fixture.points):
         record.doubt("size-unusual", "plan", unusual_size)
-    slow_tick = slow_tick_text(fixture) if fixture.pieces is not None else None
-    if slow_tick is not None:
+    if fixture.pieces is not None and (slow_tick := slow_tick_text(fixture)):
         record.doubt("tick-too-long", "plan", slow_tick)
     # Extraction's findings come first. A place [m] in the curve's old frame would mislead here.
     of_extraction = [replace(finding, place_m=None) for finding in unregistered.findings]
@@ -288,7 +287,7 @@ def register(
     return RegisterResult(fixture, registration, report, tuple(record.findings))
 
 
-def planning_of(bundle: Fixture, given: dict[str, Any]) -> FixtureSettings:
+def planning_of(bundle: Fixture, given: Arguments) -> FixtureSettings:
     """The settings by which a bundle is planned again: its recipe, with those given in their place.
 
     Raises `InputError` for a registered fixture without a recipe, and for an incomplete recipe.

@@ -13,7 +13,7 @@ that is another unit. `registration_findings` lists the rest. Nothing is repaire
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import combinations, permutations
@@ -86,7 +86,7 @@ def scale_departures(registration: Registration) -> list[tuple[float, float]]:
     return departures
 
 
-def scale_findings(registration: Registration) -> list[Finding]:
+def scale_findings(registration: Registration) -> Iterator[Finding]:
     """A scale that departs from the known one by more than its error, or that nothing checks."""
     departures = scale_departures(registration)
     if not departures:
@@ -96,18 +96,19 @@ def scale_findings(registration: Registration) -> list[Finding]:
             "The pixel size is not known, so the scale was not checked: one pixel is "
             f"{pixel_mm:.3g} mm by the markers. Give --pixel-spacing MM if you know it."
         )
-        return [note("scale-unchecked", "register", text)]
+        yield note("scale-unchecked", "register", text)
+        return
     departure, standard_error = max(departures, key=lambda pair: abs(pair[0]))
     if abs(departure) <= max(DEPARTURE, STANDARD_ERRORS * standard_error):
-        return []
+        return
     text = (
         f"The markers give a scale that departs by {departure:+.2%} from the known one (standard "
         f"error {standard_error:.2%}). Check the pixel spacing."
     )
-    return [doubt("scale-departs", "register", text)]
+    yield doubt("scale-departs", "register", text)
 
 
-def stretch_findings(registration: Registration) -> list[Finding]:
+def stretch_findings(registration: Registration) -> Iterator[Finding]:
     """Pixels that are not square, or not of the given ratio, where the model or a user says so.
 
     By the F test of an affine map against a similarity.
@@ -115,23 +116,23 @@ def stretch_findings(registration: Registration) -> list[Finding]:
     problem, used = registration.problem, registration.used
     affine = Affine(2)
     if problem.model.dimension != 2 or 3 * used.sum() <= affine.parameters:
-        return []
+        return
     free = fit_model(replace(problem, model=affine), used)
     square = fit_similarity(problem, used) if registration.model == "affine" else registration
     long, short = np.linalg.svd(free.m[:, :2], compute_uv=False)
     if registration.model == "affine" and long < MAX_STRETCH * short:
-        return []
+        return
     free_squares = max(free.variance * free.dof, problem.rounding_floor_m**2)
     square_squares = square.variance * square.dof
     more = square.dof - free.dof
     f = ((square_squares - free_squares) / more) / (free_squares / free.dof)
     if f_exceeds(more, free.dof, max(f, 0.0)) > RARE_PROBABILITY:
-        return []
+        return
     text = (
         f"By the markers a pixel is {long / short:.3g} times as long as wide. Look for a column "
         "in another unit, or for another --pixel-spacing or --model."
     )
-    return [doubt("pixels-stretched", "register", text)]
+    yield doubt("pixels-stretched", "register", text)
 
 
 # Good markers show so much perspective once in 200 sets: it wants an answer.
@@ -327,7 +328,7 @@ def label_mistake(registration: Registration) -> LabelMistake | None:
     if registration.pixel_spacing is not None and isinstance(everyone.model, Affine):
         # Four or five markers fit an affine map in almost any order. The true map is close to a
         # similarity where the pixel spacing is known.
-        judge = replace(everyone, model=Orthogonal(2, None, "similarity"))
+        judge = replace(everyone, model=Orthogonal(2, None))
     n = len(everyone.s)
     dof = 3 * n - judge.model.parameters
 
@@ -530,10 +531,8 @@ def cause_of_own_error(curve: Fixture, point: int) -> tuple[str, str, str]:
     return "ink", "the blur of the line", "Give a sharper picture"
 
 
-def registration_findings(registration: Registration) -> tuple[Finding, ...]:
+def registration_findings(registration: Registration) -> Iterator[Finding]:
     """What the markers say against themselves and is not refused."""
-    findings = []
-
     # Another order of the labels fits better than chance explains, or about as well.
     mistake = label_mistake(registration)
     if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
@@ -541,13 +540,13 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
             f"{mistake.sentence(registration.labels)} "
             f"(as given: {_mm(registration.fre_rms_m)}). Check the labels."
         )
-        findings.append(doubt("labels-doubtful", "register", text))
+        yield doubt("labels-doubtful", "register", text)
     elif mistake is not None:
         text = (
             "The markers form a symmetric pattern: exchanged labels would go unnoticed. Add one "
             "off it."
         )
-        findings.append(note("layout-symmetric", "register", text))
+        yield note("layout-symmetric", "register", text)
 
     # A slice that was photographed at an angle leaves residuals that no single marker explains.
     perspective = perspective_test(registration)
@@ -555,23 +554,22 @@ def registration_findings(registration: Registration) -> tuple[Finding, ...]:
         also = f", the {registration.model} model {_mm(registration.fle_rms_m)}"
         text = perspective.advice(registration.labels, also)
         text += "; the error bound does not count the angle."
-        findings.append(doubt("perspective", "register", text))
+        yield doubt("perspective", "register", text)
     else:
-        findings += outlier_findings(registration)
+        yield from outlier_findings(registration)
         if perspective is not None and perspective.is_possible:
             text = (
                 "If the slice is a photograph, its small angle may move the markers by "
                 f"{_mm(perspective.departure_m)}, which the error bound does not count."
             )
-            findings.append(note("perspective", "register", text))
+            yield note("perspective", "register", text)
 
-    findings += unchecked_findings(registration)
-    findings += scale_findings(registration)
-    findings += stretch_findings(registration)
-    return tuple(findings)
+    yield from unchecked_findings(registration)
+    yield from scale_findings(registration)
+    yield from stretch_findings(registration)
 
 
-def unchecked_findings(registration: Registration) -> list[Finding]:
+def unchecked_findings(registration: Registration) -> Iterator[Finding]:
     """Markers whose error would move the fixture and leave hardly a residual.
 
     Of three markers that is true whatever they measured, so it is a note. Of more it is a doubt
@@ -582,13 +580,14 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     share = np.linalg.eigvals(registration.hat).real.max(axis=1)
     unchecked = np.flatnonzero(registration.used & (share > UNCHECKED_LEVERAGE))
     if not len(unchecked):
-        return []
+        return
     if registration.used.sum() == 3:
         text = (
             "Three markers cannot check each other: an error across the slice moves the fixture "
             "and shows nowhere. A fourth marker would show it."
         )
-        return [note("markers-unchecked", "register", text)]
+        yield note("markers-unchecked", "register", text)
+        return
     names = ", ".join(str(registration.labels[i]) for i in unchecked)
     text = f"No other marker checks {names}: an error there moves the fixture and shows nowhere."
     place = registration.place_px(int(unchecked[0]))
@@ -606,21 +605,21 @@ def unchecked_findings(registration: Registration) -> list[Finding]:
     else:
         finding = note
         text += " Add a marker near it to be sure."
-    return [finding("markers-unchecked", "register", text, place_px=place)]
+    yield finding("markers-unchecked", "register", text, place_px=place)
 
 
-def error_findings(error: TargetError) -> tuple[Finding, ...]:
+def error_findings(error: TargetError) -> Iterator[Finding]:
     """That part of the curve lies beyond the markers."""
     beyond = int(error.is_extrapolated.sum())
     if not beyond:
-        return ()
+        return
     share = beyond / len(error.rms_m)
     text = (
         f"{share:.0%} of the curve lies beyond the markers, where the error grows. Add a marker "
         "there."
     )
     finding = note if share < EXTRAPOLATED_SHARE else doubt
-    return (finding("curve-extrapolated", "register", text),)
+    yield finding("curve-extrapolated", "register", text)
 
 
 def side_finding(registration: Registration) -> Finding | None:
@@ -643,12 +642,10 @@ def side_finding(registration: Registration) -> Finding | None:
 def describe_checks(registration: Registration) -> Report:
     """The scale against the known one, and the test for perspective, as `--json` reports them."""
     report = {}
-    departures = scale_departures(registration)
-    if departures:
+    if departures := scale_departures(registration):
         report["spacing_departure"] = [departure for departure, _ in departures]
         report["spacing_departure_sigma"] = [sigma for _, sigma in departures]
-    perspective = perspective_test(registration)
-    if perspective is not None:
+    if perspective := perspective_test(registration):
         report["perspective"] = {"p_value": perspective.p_value, "said": perspective.is_significant}
     return report
 

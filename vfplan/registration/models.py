@@ -39,7 +39,6 @@ class Affine:
     """Any linear map and a translation: 3 (k + 1) parameters."""
 
     dimension: int
-    name: ModelName = "affine"
 
     @property
     def parameters(self) -> int:
@@ -71,7 +70,6 @@ class Orthogonal:
 
     dimension: int
     scale: float | None
-    name: ModelName
 
     @property
     def parameters(self) -> int:
@@ -143,7 +141,7 @@ def make_model(name: ModelName, dimension: int, metric_scale: float) -> Model:
     """The model of a name; `metric_scale` is how many metres a unit of the normalised source is."""
     if name == "affine":
         return Affine(dimension)
-    return Orthogonal(dimension, metric_scale if name == "rigid" else None, name)
+    return Orthogonal(dimension, metric_scale if name == "rigid" else None)
 
 
 def rms(values: ArrayLike) -> float:
@@ -263,7 +261,7 @@ def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
     squares = np.linalg.eigvalsh(np.swapaxes(centred, 1, 2) @ centred)[:, ::-1]
-    rank = problem.model.dimension if problem.model.name == "affine" else 2
+    rank = problem.model.dimension if isinstance(problem.model, Affine) else 2
     return squares[:, rank - 1] > 1 / MAX_CONDITION**2
 
 
@@ -550,7 +548,7 @@ def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
 
 def fit_similarity(problem: Problem, used: Flags) -> Fit:
     """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
-    similarity = Orthogonal(problem.model.dimension, None, "similarity")
+    similarity = Orthogonal(problem.model.dimension, None)
     return fit_model(replace(problem, model=similarity), used)
 
 

@@ -40,11 +40,11 @@ from functools import cache, cached_property
 from itertools import combinations, islice
 from math import comb
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vfplan.display import Report
 from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
@@ -582,7 +582,7 @@ def is_mirrored(fit: Fit) -> bool:
 
 def registration_report(
     registration: Registration, points: ArrayLike, error: TargetError
-) -> dict[str, Any]:
+) -> Report:
     """The registration, its markers, and its predicted error along source `points` (M, 2|3).
 
     As `--json` reports it. What has no meaning for this source or model is absent, and what cannot

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from vfplan.display import count
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.geometry.lines import Array, row_lengths
-from vfplan.io.files import MAX_SETTINGS_BYTES, naming_place, read_text
+from vfplan.io.files import MAX_SETTINGS_BYTES, FilePath, naming_place, read_text
 from vfplan.registration.models import most_off, rms
 from vfplan.registration.registration import pointwise_bound
 
@@ -123,7 +122,7 @@ def refuse_unit(tip: Array) -> None:
         )  # fmt: skip
 
 
-def read_tip(path: str | Path) -> tuple[str, Array, str]:
+def read_tip(path: FilePath) -> tuple[str, Array, str]:
     """Tool and tip (3,) [m] of a file that `vfplan tip -o` wrote, and its SHA-256.
 
     Raises MarkerError: the file cannot be read, or is none of a tip

@@ -43,11 +43,11 @@ def finding(code: str, severity: str, text: str) -> Finding:
     return {"code": code, "severity": severity, "message": text}
 
 
-def told(numbers: Report, *findings: tuple[Any, Finding]) -> Iterator[Finding]:
-    """Those findings beside which something is true; their sentences name some of the numbers."""
-    for is_told, found in findings:
+def told(numbers: Report, *findings: tuple[Any, str, str, str]) -> Iterator[Finding]:
+    """Those findings before which something is true; their sentences name some of the numbers."""
+    for is_told, code, severity, text in findings:
         if is_told:
-            yield found | {"message": in_singular(found["message"].format_map(numbers))}
+            yield finding(code, severity, in_singular(text.format_map(numbers)))
 
 
 def replay_findings(
@@ -65,15 +65,15 @@ def replay_findings(
     numbers = {"depth_mm": 1e3 * depth_m, "rounded": rounded, "limit": UNIT_ROUNDED}
     yield from told(
         link | numbers,
-        (link.get("robot_stops"), finding("robot-stops", "error",
+        (link.get("robot_stops"), "robot-stops", "error",
             "{lost_longest} packets in a row are lost from tick {lost_longest_tick} on, and the "
-            "robot stops after {lost_limit}. Mend the link, or raise its speed.")),
-        ("start_depth_m" in record, finding("started-in-mesh", "error",
+            "robot stops after {lost_limit}. Mend the link, or raise its speed."),
+        ("start_depth_m" in record, "started-in-mesh", "error",
             "The tool begins {depth_mm:.3g} mm inside the closed mesh, and its inner side is "
-            "rendered. Begin outside; check units and registration.")),
-        (rounded, finding("poses-rounded", "info",
+            "rendered. Begin outside; check units and registration."),
+        (rounded, "poses-rounded", "info",
             "The quaternions of {rounded} poses differ from length 1 by more than {limit:g}, and "
-            "were taken at it. Record them with more digits.")),
+            "were taken at it. Record them with more digits."),
     )  # fmt: skip
     yield from run_findings(report | {"link": link}, parameters)
     # Where no robot was named: whether the forces would stop a common arm, the shipped Panda.
@@ -82,10 +82,10 @@ def replay_findings(
     is_beyond = report["force_step_max_n"] > panda.force_step_limit_n
     yield from told(
         report | {"limit_n": panda.force_step_limit_n},
-        (robot is None and is_beyond and is_fast, finding("force-step", "warning",
+        (robot is None and is_beyond and is_fast, "force-step", "warning",
             "The force changes by {force_step_max_n:.3g} N in one tick (tick "
             "{force_step_max_tick}), and a Franka arm stops above about {limit_n:g} N. Count such "
-            "ticks with --robot, or hold them back with --governor.")),
+            "ticks with --robot, or hold them back with --governor."),
     )  # fmt: skip
 
 
@@ -106,45 +106,44 @@ def recording_findings(session: Report, robot: Robot | None) -> Iterator[Finding
     }  # fmt: skip
     yield from told(
         session | numbers,
-        (recorded["gaps"], finding("session-gap", "warning",
+        (recorded["gaps"], "session-gap", "warning",
             "About {recorded[missing_samples]} samples are missing, in gaps of "
             "{recorded[gap_s]:.3g} s together; the longest interval is {recorded[dt_max_s]:.6g} s "
             "instead of {recorded[dt_nominal_s]:.6g} s. Record without gaps, or do not rely on the "
-            "ticks there.")),
-        (any(mended.values()), finding("session-unordered", "warning",
+            "ticks there."),
+        (any(mended.values()), "session-unordered", "warning",
             "{mended[swapped]} samples came late and were put in order; {mended[doubled]} were "
-            "there twice or far too late, and were left out. Check its source.")),
-        (is_held, finding("session-held", "warning",
+            "there twice or far too late, and were left out. Check its source."),
+        (is_held, "session-held", "warning",
             "Positions are held: they change {changes_hz:.4g} times a second, of "
             "{recorded[rate_hz]:.6g} samples. Speeds and force steps are those of the jumps "
-            "between. Record each sample, or resample at that rate with --rate.")),
-        (session.get("unstamped"), finding("session-stamp", "warning",
+            "between. Record each sample, or resample at that rate with --rate."),
+        (session.get("unstamped"), "session-stamp", "warning",
             "{unstamped} messages have no time of their own, so the times are those of the log. If "
-            "they are right, say --time log; if not, record the headers.")),
-        (session.get("ros_frame_id") not in (None, session["frame"]),
-         finding("session-frame", "info",
+            "they are right, say --time log; if not, record the headers."),
+        (session.get("ros_frame_id") not in (None, session["frame"]), "session-frame", "info",
             "The messages are in frame {ros_frame_id!r}, taken as {frame!r}. Check that it is the "
-            "same one.")),
-        (session.get("cut"), finding("session-cut", "warning",
-            "The recording was cut off, and all of it that is whole is replayed. Record it anew.")),
-        (session.get("open_end"), finding("session-open-end", "info",
+            "same one."),
+        (session.get("cut"), "session-cut", "warning",
+            "The recording was cut off, and all of it that is whole is replayed. Record it anew."),
+        (session.get("open_end"), "session-open-end", "info",
             "The file's last line has no line break, so its last number may be cut short. Compare "
-            "it with the recording, or leave the line out.")),
-        ("jumps" in session, finding("session-jump", "error",
+            "it with the recording, or leave the line out."),
+        ("jumps" in session, "session-jump", "error",
             "Ticks in which the tool moves faster than {jump_m_s:g} m/s: {jumps}. The highest "
             "speed is {speed_max_m_s:.6g} m/s, in tick {speed_max_tick}. Check --units and the "
-            "tracker.")),
-        (changes, finding("session-changes", "warning",
+            "tracker."),
+        (changes, "session-changes", "warning",
             "The fixture moved or was changed while this session was recorded, as its columns "
             "{columns} tell, and this replay renders it as planned. Give the files of that run: "
-            "--poses, --events.")),
-        (is_slow, finding("session-time", "warning",
+            "--poses, --events."),
+        (is_slow, "session-time", "warning",
             "The session has {rate_hz:.6g} samples a second, where {slowest_hz:g} to "
             "{fastest_hz:g} are usual, and a highest speed of {speed_max_m_s:.3g} m/s. Is the time "
-            "in seconds?")),
-        (not 0.9 < rate / robot_rate < 1.1, finding("session-rate", "warning",
+            "in seconds?"),
+        (not 0.9 < rate / robot_rate < 1.1, "session-rate", "warning",
             "The session was recorded at {rate_hz:.6g} Hz, and the robot runs at {robot_rate:g} "
-            "Hz. Resample it with --rate.")),
+            "Hz. Resample it with --rate."),
     )  # fmt: skip
 
 
@@ -162,44 +161,44 @@ def run_findings(report: Report, parameters: ProxyParameters) -> Iterator[Findin
     severity = "warning" if report["inside_ticks"] else "error"
     yield from told(
         report | numbers,
-        (clearance_m < -parameters.band - ROUNDING_M, finding("proxy-inside", severity,
+        (clearance_m < -parameters.band - ROUNDING_M, "proxy-inside", severity,
             "The proxy came {depth} inside the fixture, further than the band of {band}. Begin the "
-            "session outside{other_rule}.")),
-        (clearance_m > NEVER_NEAR_M, finding("never-near", "warning",
+            "session outside{other_rule}."),
+        (clearance_m > NEVER_NEAR_M, "never-near", "warning",
             "The tool never came nearer to the fixture than {clearance_min_m:.3g} m. Are the units "
-            "and the frame the fixture's?")),
-        (report["inside_ticks"], finding("started-inside", "warning",
+            "and the frame the fixture's?"),
+        (report["inside_ticks"], "started-inside", "warning",
             "In {inside_ticks} ticks the proxy was on its way out of the fixture, in which it was "
             "at the start or after a change. Start the hand outside, and change a fixture while "
-            "the tool is away.")),
-        (report.get("enclosed_episodes"), finding("started-in-mesh", "error",
+            "the tool is away."),
+        (report.get("enclosed_episodes"), "started-in-mesh", "error",
             "In {enclosed_episodes} episodes (of the 20 deepest) the tool pressed from within the "
-            "closed mesh. Begin outside; check units, poses and events.")),
-        (report.get("within_episodes"), finding("pressed-within", "warning",
+            "closed mesh. Begin outside; check units, poses and events."),
+        (report.get("within_episodes"), "pressed-within", "warning",
             "In {within_episodes} episodes (of the 20 deepest) the tool pressed from within the "
             "mesh, which is open, so it may have come in through an opening. Close the mesh, or "
-            "make sure that this side is meant.")),
-        (report.get("crossed_ticks"), finding("crossed", "warning",
+            "make sure that this side is meant."),
+        (report.get("crossed_ticks"), "crossed", "warning",
             "In {crossed_ticks} ticks after an exchange no way out was found on the proxy's side, "
-            "so it was led out another way. Exchange fixtures while the tool is away.")),
-        (report.get("stale_ticks"), finding("stale", "warning",
+            "so it was led out another way. Exchange fixtures while the tool is away."),
+        (report.get("stale_ticks"), "stale", "warning",
             "In {stale_ticks} of {ticks} ticks the pose was too old, or none had come. Check the "
-            "pose stream's rate.")),
-        (report.get("pose_jumps"), finding("pose-jump", "warning",
+            "pose stream's rate."),
+        (report.get("pose_jumps"), "pose-jump", "warning",
             "{pose_jumps} poses jumped, the first at {pose_jump_first_s:.6g} s: each is farther "
             "from the pose before than the frame may go meanwhile. Check the tracker and its "
-            "reference.")),
-        (report.get("poses_refused"), finding("poses-refused", "warning",
+            "reference."),
+        (report.get("poses_refused"), "poses-refused", "warning",
             "{poses_refused} poses were refused: too far away, of no rotation, or earlier than one "
-            "before. Check the pose stream.")),
-        (report.get("events_left"), finding("events-left", "warning",
-            "{events_left} events are of ticks after the session's last. Correct their ticks.")),
-        (is_paper and report["too_fast_ticks"], finding("too-fast", "warning",
+            "before. Check the pose stream."),
+        (report.get("events_left"), "events-left", "warning",
+            "{events_left} events are of ticks after the session's last. Correct their ticks."),
+        (is_paper and report["too_fast_ticks"], "too-fast", "warning",
             "In {too_fast_ticks} ticks the hand moved more than r1 = {r1_mm:.3g} mm, as far as the "
-            "proxy may in one. Move more slowly, or take rule 'robust'.")),
-        (active, finding("active", "warning",
+            "proxy may in one. Move more slowly, or take rule 'robust'."),
+        (active, "active", "warning",
             "In {active} episodes the fixture gave the hand more energy than holding each force "
-            "for a tick explains. Lower the stiffness, or move more slowly{or_link}.")),
+            "for a tick explains. Lower the stiffness, or move more slowly{or_link}."),
     )  # fmt: skip
 
 
@@ -214,13 +213,12 @@ def robot_limits(robot: Robot) -> Limits:
     return tuple(limit for limit in limits if limit[2] is not None)
 
 
-def check_limits(report: Report, limits: Limits) -> list[Report]:
+def check_limits(report: Report, limits: Limits) -> Iterator[Report]:
     """Each limit against the report.
 
     report: as a replay gives it; `a.b` names b within a
     Raises SettingError: a name that is no number of the report
     """
-    checks = []
     for name, sense, limit, *robot in limits:
         value = report
         for part in name.split("."):
@@ -232,11 +230,11 @@ def check_limits(report: Report, limits: Limits) -> list[Report]:
             message += f"Give one of {', '.join(numbers)}"
             raise SettingError(message, code="no-such-number")
         holds = {"at_most": value <= limit, "at_least": value >= limit}[sense]
-        checks.append({"name": name, "value": value, sense: limit, "pass": bool(holds)})
+        check = {"name": name, "value": value, sense: limit, "pass": bool(holds)}
         if robot and [other[0] for other in limits].count(name) > 1:
             # The caller has one of this name too.
-            checks[-1]["robot"] = robot[0]
-    return checks
+            check["robot"] = robot[0]
+        yield check
 
 
 def is_number(value: Any) -> bool:
@@ -300,12 +298,13 @@ def untested_reason(report: Report) -> str:
     return ""
 
 
-def verdict_of(report: Report, checks: list[Report]) -> str:
+def verdict_of(report: Report) -> str:
     """How a replay ended: "pass", "fail" or "not-tested".
 
     A replay passes if every limit holds and nothing makes it untested. A verdict speaks of the
     ticks that were recorded; `open_words` says what it leaves open.
     """
+    checks = report.get("checks", [])
     if any(not check["pass"] for check in checks):
         return "fail"
     return "not-tested" if not checks or untested_reason(report) else "pass"
@@ -362,14 +361,14 @@ def beyond(metrics: Report, overlap_m: Any) -> tuple[str, Any]:
 def bound_text(check: Report) -> str:
     """The bound of a limit and whose it is, such as "at most 20 N (robot franka)"."""
     (sense,) = {"at_most", "at_least"} & check.keys()
-    factor, unit = unit_beside(check["name"])
+    factor, unit = unit_beside(check)
     whose = f" (robot {check['robot']})" if "robot" in check else ""
     return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}{whose}"
 
 
 def check_text(check: Report) -> str:
     """A limit and the value that was measured."""
-    factor, unit = unit_beside(check["name"])
+    factor, unit = unit_beside(check)
     value, bound = factor * check["value"], factor * check.get("at_most", check.get("at_least"))
     found = str(value) if isinstance(value, int) else three_digits(round(value, 6))
     # Digits that are not shown may decide.
@@ -378,11 +377,11 @@ def check_text(check: Report) -> str:
     return f"{check['name']} is {found}{unit}, {bound_text(check)} is allowed"
 
 
-def unit_beside(name: str) -> tuple[float, str]:
-    """How many of its unit are in the report's, and that unit after a blank.
+def unit_beside(check: Report) -> tuple[float, str]:
+    """How many of a number's unit are in the report's, and that unit after a blank.
 
     Ticks have none, as their name tells them.
     """
-    unit = unit_of(name)
+    unit = unit_of(check["name"])
     unit = {"m": "mm", "J": "mJ"}.get(unit, unit)
     return FACTORS.get(unit, 1), f" {unit}" if unit and not unit.startswith("tick") else ""

@@ -26,7 +26,7 @@ from vfplan.engine.parameters import ProxyParameters
 from vfplan.engine.proxy import as_rendered, best_rule
 from vfplan.errors import SessionError, SettingError
 from vfplan.fixture import Fixture
-from vfplan.io.files import naming_place
+from vfplan.io.files import FilePath, naming_place
 from vfplan.replaying.changing import ChangingFixture
 from vfplan.replaying.findings import (
     Limits,
@@ -266,8 +266,8 @@ class Replay:
 
 
 def replay(
-    fixture: Fixture | str | Path,
-    session: SessionSource | str | Path,
+    fixture: Fixture | FilePath,
+    session: SessionSource | FilePath,
     *,
     rule: str | None = None,
     engine: str = "native",
@@ -278,8 +278,8 @@ def replay(
     keep: int | None = None,
     sinks: Sequence[Sink] = (),
     trust: Any = None,
-    poses: Poses | str | Path | None = None,
-    events: Sequence[Event] | str | Path | None = None,
+    poses: Poses | FilePath | None = None,
+    events: Sequence[Event] | FilePath | None = None,
     moving: dict[str, Any] | None = None,
 ) -> Replay:
     """Replay a session against a fixture.
@@ -446,8 +446,8 @@ def replay(
             "real_time_factor": numbers["duration_s"] / common["elapsed_s"],
         }
         if limits:
-            metrics["checks"] = check_limits(metrics, limits)
-        metrics["verdict"] = verdict_of(metrics, metrics.get("checks", []))
+            metrics["checks"] = [*check_limits(metrics, limits)]
+        metrics["verdict"] = verdict_of(metrics)
         kept = run.kept
         results.append(Replay(run.rule, engine, kept.ticks, metrics, fixture, kept.stride))
     if len(results) == 1:

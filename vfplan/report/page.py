@@ -49,20 +49,24 @@ MAX_ZOOMS = 40
 MORE_THAN_THE_ENGINE = {"link", "governor", "exchanges"}
 
 
-def placing(fixture: Fixture) -> tuple[Array, Array]:
-    """The picture's axes as columns, (3, 2) in a plane or (3, 3), and the point that is 0 [m]."""
-    return plane_basis(fixture.ignore_axis), fixture.points.mean(axis=0)
+def placing(fixture: Fixture) -> tuple[Array, Callable[[Array], Array]]:
+    """The picture's axes as columns, (3, 2) in a plane or (3, 3), and what takes places there [mm].
+
+    The middle of the fixture's points is 0.
+    """
+    basis, centre = plane_basis(fixture.ignore_axis), fixture.points.mean(axis=0)
+    return basis, lambda places: MM * (places - centre) @ basis
 
 
-def scene_data(fixture: Fixture) -> dict[str, Any]:
+def scene_data(fixture: Fixture) -> Report:
     """What stands still in the scene."""
-    basis, centre = placing(fixture)
+    basis, placed = placing(fixture)
     step = -(-len(fixture.points) // MAX_DRAWN)
     return {
         "dims": basis.shape[1],
         "axes": axis_names(basis),
         "basis": basis.tolist(),
-        "centre": centre.tolist(),
+        "centre": fixture.points.mean(axis=0).tolist(),
         "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
         "forbids": fixture.region is not None,
@@ -70,20 +74,20 @@ def scene_data(fixture: Fixture) -> dict[str, Any]:
         and {
             "radius": MM * fixture.guidance.radius,
             "cap": {"stop": "round", "open": "butt"}[fixture.guidance.ends],
-            "lines": [_flat(MM * (line - centre) @ basis, 3) for line in fixture.guiding_lines],
+            "lines": [_flat(placed(line), 3) for line in fixture.guiding_lines],
         },
-        "cloud": _flat(MM * (fixture.points[::step] - centre) @ basis, 3),
+        "cloud": _flat(placed(fixture.points[::step]), 3),
     }
 
 
-def scrubber_data(replayed: Replay) -> dict[str, Any]:
+def scrubber_data(replayed: Replay) -> Report:
     """Frames as flat lists in the picture's axes; the third axis of a planar scene is left out.
 
     Lengths in mm to 1 µm, times in s, forces in N. Longer sessions show of each stretch the tick
     with the deepest penetration.
     """
     ticks = thinned(replayed.ticks, -(-len(replayed.ticks) // MAX_DRAWN))
-    basis, centre = placing(replayed.fixture)
+    basis, placed = placing(replayed.fixture)
     episodes = replayed.metrics["episodes"]
     drawn, beyond_m = beyond(replayed.metrics, replayed.ticks.overlap)
     every = replace(replayed.ticks, overlap=beyond_m)
@@ -98,8 +102,8 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
         **scene_data(replayed.fixture),
         "played": played_data(replayed),
         "time": _flat(ticks.time, 6),
-        "hip": _flat(MM * (ticks.hip - centre) @ basis, 3),
-        "proxy": _flat(MM * (ticks.proxy - centre) @ basis, 3),
+        "hip": _flat(placed(ticks.hip), 3),
+        "proxy": _flat(placed(ticks.proxy), 3),
         "normal": _flat(ticks.normal @ basis, 3),
         "force": _flat(ticks.force @ basis, 4),
         "depth": _flat(MM * ticks.penetration, 4),
@@ -112,7 +116,7 @@ def scrubber_data(replayed: Replay) -> dict[str, Any]:
     }
 
 
-def played_data(replayed: Replay) -> dict[str, Any] | None:
+def played_data(replayed: Replay) -> Report | None:
     """What the page's own engine needs to make the session's ticks again, and their SHA-256.
 
     `None` where ticks were left out, or where more than the engine made them.
@@ -130,7 +134,7 @@ def played_data(replayed: Replay) -> dict[str, Any] | None:
     }
 
 
-def envelope(ticks: TickBlock, span: Sequence[float], columns: int) -> dict[str, Any]:
+def envelope(ticks: TickBlock, span: Sequence[float], columns: int) -> Report:
     """Smallest and largest force [N] and depth [mm] of stretches of equal length.
 
     The depth is the overlap, where there is any.
@@ -151,13 +155,13 @@ def tick_row(fixture: Fixture) -> Callable[[NDArray[np.void]], list[float]]:
 
     t, state, status, HIP, proxy, normal and force in the picture's axes, |F| and |proxy - HIP|.
     """
-    basis, centre = placing(fixture)
+    basis, placed = placing(fixture)
 
     def row(tick: NDArray[np.void]) -> list[float]:
         parts = [
             [tick["t"], tick["state"], tick["status"]],
-            MM * (tick["hip"] - centre) @ basis,
-            MM * (tick["proxy"] - centre) @ basis,
+            placed(tick["hip"]),
+            placed(tick["proxy"]),
             tick["normal"] @ basis,
             tick["force"] @ basis,
             [np.linalg.norm(tick["force"]), MM * np.linalg.norm(tick["proxy"] - tick["hip"])],
@@ -224,12 +228,13 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         body.append(section("On the slice", picture(on_slice, "depth on the slice")))
     else:
         body.append(in_space)
-    body.append(section("Over time", picture(timeline(replayed), "force and depth over time")))
-    body.append(section("Summary", summary(metrics) + checks(metrics) + findings(metrics)))
-
-    # Then all of it, to look into.
-    body.append(section("Frame by frame", scrubber(replayed)))
-    body.append(section("Contact episodes", episodes(metrics)))
+    body += [
+        section("Over time", picture(timeline(replayed), "force and depth over time")),
+        section("Summary", summary(metrics) + checks(metrics) + findings(metrics)),
+        # Then all of it, to look into.
+        section("Frame by frame", scrubber(replayed)),
+        section("Contact episodes", episodes(metrics)),
+    ]
     if is_on_slice:
         body.append(in_space)
     if metrics.get("arc_m") is not None:
@@ -269,7 +274,7 @@ def part(name: str, package: str = "vfplan.report") -> str:
     return (files(package) / name).read_text("utf-8")
 
 
-def scripts(data: dict[str, Any], script: str) -> str:
+def scripts(data: Report, script: str) -> str:
     """The page's data, and what draws it: the common scripts, then the text of its own."""
     # "</" inside the data would end the script element.
     text = json.dumps(data, allow_nan=False).replace("</", "<\\/")
@@ -451,11 +456,12 @@ def episodes(metrics: Report) -> str:
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
     text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
-    more = episode_count(metrics) - len(listed)
-    return f"{text}<p>and {more} more</p>" if more else text
+    if more := episode_count(metrics) - len(listed):
+        text += f"<p>and {more} more</p>"
+    return text
 
 
-def settings_table(values: dict[str, Any]) -> str:
+def settings_table(values: Report) -> str:
     """Values by their names; empty ones, parts of their own and long lists are left out."""
     rows = [
         [escape(name), code(value)]
