@@ -26,6 +26,7 @@ wrong, and `numbers` holds the values that the message speaks of: no caller has 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,6 +66,12 @@ class VfplanError(Exception):
             self.code = code
         self.numbers = dict(numbers or {})
 
+    def __init_subclass__(cls) -> None:
+        """The code of a class is its name, unless it gives itself another: "check-failed"."""
+        if "code" not in vars(cls):
+            name = cls.__name__.removesuffix("Error")
+            cls.code = re.sub("(?<=[a-z])(?=[A-Z])", "-", name).lower()
+
     @property
     def kind(self) -> str:
         """The class name, as scripts read it from `--json`."""
@@ -77,14 +84,11 @@ class VfplanError(Exception):
 class InputError(VfplanError):
     """Bad input: the caller's data cannot be used."""
 
-    code = "input"
     exit_code = 3
 
 
 class ImageError(InputError):
     """An image that cannot be read or used."""
-
-    code = "image"
 
 
 class CurveError(InputError):
@@ -110,71 +114,52 @@ class MarkerError(InputError):
 class SessionError(InputError):
     """A recording of HIP positions that cannot be replayed."""
 
-    code = "session"
-
 
 class SceneError(InputError, ValueError):
     """A point cloud or a HIP path the engine cannot render."""
-
-    code = "scene"
 
 
 class BundleError(VfplanError):
     """A bundle that had to be loaded and cannot be trusted."""
 
     exit_code = 4
-    code = "bundle"
 
 
 class CorruptError(BundleError):
     """The bytes are not what was written."""
 
-    code = "corrupt"
-
 
 class UnsafeError(BundleError):
     """The file uses a feature that the format forbids."""
-
-    code = "unsafe"
 
 
 class VersionError(BundleError):
     """A format version that this program does not read."""
 
-    code = "version"
-
 
 class SignatureError(BundleError):
     """A signature is missing, wrong, or by an unknown key."""
-
-    code = "signature"
 
 
 class CheckFailed(VfplanError):  # noqa: N818 - a verdict, not a malfunction
     """A check found something: a gate that did not hold, an invalid file, a difference."""
 
-    code = "check-failed"
-    exit_code = 1
-
 
 class SettingError(VfplanError, ValueError):
     """A parameter outside its range."""
 
-    code = "setting"
     exit_code = 2
 
 
 class OutputError(VfplanError):
     """An output path that exists already or cannot be written."""
 
-    code = "output"
     exit_code = 2
 
 
 class MissingExtra(VfplanError):  # noqa: N818 - names the missing thing
     """An optional dependency that this call needs is not installed."""
 
-    code = "missing-extra"
     exit_code = 2
 
 

@@ -260,13 +260,8 @@ class Pieces:
     def of(self, kept: Flags) -> Pieces:
         """Those of the strokes kept, (S,), numbered anew."""
         mine, number = kept[self.stroke], np.cumsum(kept, dtype=np.int32) - 1
-        return Pieces(
-            self.vertices[mine],
-            self.bulges[mine],
-            number[self.stroke[mine]],
-            self.closed[kept],
-            self.error,
-        )
+        vertices, bulges, stroke = self.vertices[mine], self.bulges[mine], self.stroke[mine]
+        return Pieces(vertices, bulges, number[stroke], self.closed[kept], self.error)
 
 
 # What may be said of each point of a stroke.
@@ -484,10 +479,13 @@ class Fixture:
         strokes = []
         for number, closed in enumerate(self.curve.closed):
             rows = self.curve.stroke == number
-            known = (self.sigma, self.curve.bridged, self.curve.edited)
-            known = [_rows_of(values, rows) for values in known]
-            strokes.append(Stroke(self.points[rows], bool(closed), *known))
+            strokes.append(Stroke(self.points[rows], bool(closed), *self._known_of(rows)))
         return tuple(strokes)
+
+    def _known_of(self, rows: Flags) -> list[NDArray | None]:
+        """The deviations of some points of the curve, and which are bridged and edited."""
+        known = (self.sigma, self.curve.bridged, self.curve.edited)
+        return [None if values is None else values[rows] for values in known]
 
     @property
     def guiding_lines(self) -> list[NDArray[np.float64]]:
@@ -535,14 +533,9 @@ class Fixture:
         strokes = np.arange(len(self.curve.closed)) != self.guidance.stroke
         new_number = np.cumsum(strokes, dtype=np.int32) - 1
         pieces = self.pieces.of(strokes) if self.pieces is not None else None
-        curve = Curve(
-            new_number[self.curve.stroke[rows]],
-            self.curve.closed[strokes],
-            _rows_of(self.curve.bridged, rows),
-            pieces,
-            _rows_of(self.curve.edited, rows),
-        )
-        sigma = _rows_of(self.sigma, rows)
+        number, closed = new_number[self.curve.stroke[rows]], self.curve.closed[strokes]
+        sigma, bridged, edited = self._known_of(rows)
+        curve = Curve(number, closed, bridged, pieces, edited)
         return replace(self, points=self.points[rows], sigma=sigma, curve=curve, guidance=None)
 
     # How it is rendered. A fixture that is not rendered raises `AttributeError`.
@@ -560,10 +553,6 @@ class Fixture:
         if self.rendering is None:
             raise AttributeError(f"a fixture in frame {self.frame!r} without rendering parameters")
         return self.rendering
-
-
-def _rows_of(values: NDArray | None, rows: Flags) -> NDArray | None:
-    return None if values is None else values[rows]
 
 
 def size_doubt(points: Array) -> str | None:

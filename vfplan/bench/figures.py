@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, Record, clouds, grouped
+from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, Record, Records, clouds, grouped
 from vfplan.display import Report
 from vfplan.figures.style import new_figure, save_png, style, subplots
 from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
@@ -95,7 +95,7 @@ def draw_summary(document: Report, path: Path) -> None:
     save_png(figure, path)
 
 
-def looks_of(results: list[Record]) -> dict[str, Look]:
+def looks_of(results: Records) -> dict[str, Look]:
     """A colour and a marker for each method; a variant of a rule has the rule's colour."""
     spare = cycle((HIP, FORCE, PROXY, CONTACT))
     colours = dict(RULES)
@@ -109,7 +109,7 @@ def looks_of(results: list[Record]) -> dict[str, Look]:
 
 
 def draw_panel(
-    axes: Axes, results: list[Record], looks: dict[str, Look], stage: str, slowest: float
+    axes: Axes, results: Records, looks: dict[str, Look], stage: str, slowest: float
 ) -> None:
     """Draw the results of one scene; `slowest` is where the front's staircase ends."""
     axes.set(xscale="log", yscale="log")
@@ -134,7 +134,7 @@ def draw_panel(
                           label="chosen", **CHOSEN)  # fmt: skip
 
 
-def draw_marks(axes: Axes, records: list[Record], stage: str, **look: Any) -> None:
+def draw_marks(axes: Axes, records: Records, stage: str, **look: Any) -> None:
     """A mark at the time and error of each record; its whisker ends at p99.9."""
     x, tail, error, _ = np.array([place_of(record, stage) for record in records]).T
     axes.errorbar(x, error, xerr=[0 * x, tail - x], **look)

@@ -53,7 +53,9 @@ from vfplan.bench.record import (
     Array,
     BenchRun,
     Record,
-    Setting,
+    Records,
+    Scenes,
+    Settings,
     errors_of,
     mark_pareto,
     measure_runs,
@@ -82,7 +84,7 @@ HEIGHT_PX = 3 * WIDTH_PX // 4
 SUBPIXELS = 8
 
 
-def extract_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+def extract_scenes(quick: bool) -> Scenes:
     """The runs of each pen and quality."""
     scales, pens_px, qualities = [0.5, 0.75, 1.0, 1.5, 2.0], [1.5, 3.0, 5.0], [None, 90, 75, 50]
     if quick:
@@ -211,7 +213,7 @@ PIXEL_M = 0.5e-3
 DEFAULT_MARKERS = 9
 
 
-def register_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+def register_scenes(quick: bool) -> Scenes:
     """The runs of each noise and print."""
     noises_mm, counts, draws = [0.05, 0.2, 1.0], [4, 6, 9, 16, 25, 49], 100
     if quick:
@@ -307,7 +309,7 @@ class TrueCurve:
         return in_space(normals(self.fine[:, :2], self.run.closed))
 
 
-def sample_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+def sample_scenes(quick: bool) -> Scenes:
     """The runs of each curve."""
     tolerances, curves = [1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7], lines()
     if quick:
@@ -343,7 +345,7 @@ def sample_run(
     surface: Array,
     hips: Array,
     method: str,
-    settings: dict[str, Setting],
+    settings: Settings,
     chosen: bool = False,
 ) -> BenchRun:
     """One method of sampling with one setting, and the engine's ticks on the cloud it gives."""
@@ -396,7 +398,7 @@ SAMPLINGS: dict[str, Callable[..., Array]] = {
 }
 
 
-def plan_scenes(quick: bool) -> Iterator[list[BenchRun]]:
+def plan_scenes(quick: bool) -> Scenes:
     """The runs with the shipped and with exact markers."""
     tolerances = [1e-4, 1e-5] if quick else [3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6]
     # Every fifth place of the true surface counts, 0.1 mm apart.
@@ -420,13 +422,13 @@ def plan_scenes(quick: bool) -> Iterator[list[BenchRun]]:
 
 def plan_methods(
     tolerances: list[float],
-) -> Iterator[tuple[str, dict[str, Setting], ExtractSettings, FixtureSettings]]:
+) -> Iterator[tuple[str, Settings, ExtractSettings, FixtureSettings]]:
     """The paths through the pipeline: name, setting for the table, and settings of both steps.
 
     The default at every tolerance, and the others at the one that is chosen: they take seconds.
     """
     as_it_is, chosen = ExtractSettings(), FixtureSettings()
-    listed: dict[str, Setting] = {"tolerance_m": TOLERANCE_M}
+    listed: Settings = {"tolerance_m": TOLERANCE_M}
     for tolerance in tolerances:
         yield "ridge", {"tolerance_m": tolerance}, as_it_is, replace(chosen, tolerance_m=tolerance)
     yield "skeleton", listed, ExtractSettings(method="skeleton"), chosen
@@ -498,8 +500,8 @@ def bench(
         peer.check()
     repeats = FEWEST_REPEATS if quick else REPEATS
     started = time.perf_counter()
-    records: list[Record] = []
-    refused: list[Record] = []
+    records: Records = []
+    refused: Records = []
     for stage in stages:
         for runs in scenes[stage](quick):
             with progress(f"{stage}: {runs[0].scene}", 1 + repeats) as advance:

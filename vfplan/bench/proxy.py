@@ -36,7 +36,8 @@ from vfplan.bench.record import (
     Array,
     BenchRun,
     Record,
-    Setting,
+    Scenes,
+    Settings,
     errors_of,
     timed_ticks,
 )
@@ -92,10 +93,8 @@ class BallMesh(Meshed, Sphere):
 class BoxMesh(Meshed, Walls):
     """A box of 60 x 40 x 30 mm around the origin as twelve triangles."""
 
-    @property
-    def half(self) -> Array:
-        """Half its sides [m]."""
-        return np.array([0.03, 0.02, 0.015])
+    # Half its sides [m].
+    half: ClassVar[Array] = np.array([0.03, 0.02, 0.015])
 
     @property
     def squares(self) -> tuple[Array, Array, Array]:
@@ -276,7 +275,7 @@ def exact_engine(scene: Scene) -> tuple[ProxyEngine, dict[str, Any]]:
     return engine, {"points": len(scene.points), "lines_and_arcs": pieces.count}
 
 
-def proxy_scenes(quick: bool, peers: Sequence[Peer]) -> Iterator[list[BenchRun]]:
+def proxy_scenes(quick: bool, peers: Sequence[Peer]) -> Scenes:
     """The runs of each scene and route."""
     spacings = (1e-3, 0.5e-3) if quick else (2e-3, 1e-3, 0.5e-3, 0.25e-3)
     for case in cases(quick):
@@ -326,7 +325,7 @@ def chosen_run(case: Case) -> BenchRun:
     """
     scene = case.scene
     choice = choose(TOLERANCE_M, R, planar=scene.ignore_axis is not None)
-    settings: dict[str, Setting] = {"tolerance_m": choice.tolerance_m}
+    settings: Settings = {"tolerance_m": choice.tolerance_m}
     if isinstance(scene, Drawn):
         settings["arcs_m"] = DEFAULT_ARCS_M
         engine, figures = exact_engine(replace(scene, spacing=FINE_M))
@@ -348,7 +347,7 @@ def chosen_run(case: Case) -> BenchRun:
 def engine_run(
     case: Case,
     name: str,
-    settings: dict[str, Setting],
+    settings: Settings,
     engine: ProxyEngine,
     figures: dict[str, Any],
     chosen: bool = False,

@@ -11,7 +11,7 @@ options.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
 from typing import Any, NamedTuple
@@ -27,6 +27,8 @@ from vfplan.planning.settings import FixtureSettings
 
 Setting = str | float | int | bool | None
 Record = dict[str, Any]
+Records = list[Record]
+Settings = dict[str, Setting]
 Advance = Callable[[int], None]
 
 # How far the chosen settings may move the surface [m].
@@ -55,7 +57,7 @@ class BenchRun:
     # What is compared, by whom, how it is set
     scene: str
     method: str
-    settings: dict[str, Setting]
+    settings: Settings
     # Does the work once: the answer and the times of its parts (K,) [µs] (one element for a call,
     # one a tick for an engine)
     run: Callable[[], tuple[Any, Array]]
@@ -68,11 +70,15 @@ class BenchRun:
     peer: bool = False
 
 
+# The runs of a stage, scene by scene.
+Scenes = Iterator[list[BenchRun]]
+
+
 # What of a run stands in its record.
 LISTED = ("scene", "method", "settings", "unit", "chosen", "peer")
 
 
-def mark_pareto(records: list[Record]) -> None:
+def mark_pareto(records: Records) -> None:
     """Set `pareto` in every record: nothing of its stage and scene is as good and cheaper.
 
     A record is dominated when another's `error_rms` and `time_us_median` are both no larger and
@@ -86,9 +92,9 @@ def mark_pareto(records: list[Record]) -> None:
             record["pareto"] = not is_beaten.any()
 
 
-def grouped(records: list[Record], *names: str) -> dict[Any, list[Record]]:
+def grouped(records: Records, *names: str) -> dict[Any, Records]:
     """The records by what they have under some names, in order."""
-    groups: dict[Any, list[Record]] = {}
+    groups: dict[Any, Records] = {}
     for record in records:
         groups.setdefault(itemgetter(*names)(record), []).append(record)
     return groups
@@ -115,7 +121,7 @@ def timed_ticks(engine: ProxyEngine, hips: Array) -> tuple[Trace, Array]:
 
 def measure_runs(
     stage: str, runs: Sequence[BenchRun], repeats: int, advance: Advance = lambda count: None
-) -> tuple[list[Record], list[Record]]:
+) -> tuple[Records, Records]:
     """Measure the runs of one scene: a record for each, and those that refused their input.
 
     Every round does each run once, in another order each time; the first round warms caches up
@@ -136,7 +142,7 @@ def measure_runs(
     """
     rng = np.random.default_rng(0)
     measured: list[tuple[BenchRun, Record, list[Array]]] = []
-    refused: list[Record] = []
+    refused: Records = []
     for bench_run in runs:
         record = {name: getattr(bench_run, name) for name in LISTED} | {"stage": stage}
         try:
@@ -201,7 +207,7 @@ def summaries(document: Report) -> dict[str, str]:
     return sentences
 
 
-def stage_sentence(stage: str, results: list[Record]) -> str:
+def stage_sentence(stage: str, results: Records) -> str:
     """Time and error of the chosen setting over all scenes, and of each peer."""
     (_, chosen), *peers = clouds(stage, results).items()
     part = LOOKS[stage].part
@@ -213,7 +219,7 @@ def stage_sentence(stage: str, results: list[Record]) -> str:
     return sentence + "."
 
 
-def clouds(stage: str, results: list[Record]) -> dict[str, list[Record]]:
+def clouds(stage: str, results: Records) -> dict[str, Records]:
     """One record a scene: of the chosen setting, and of each peer's setting that errs least."""
     groups = {"chosen": [result for result in results if result.get("chosen")]}
     outside = [result["method"] for result in results if result.get("peer")]
@@ -224,7 +230,7 @@ def clouds(stage: str, results: list[Record]) -> dict[str, list[Record]]:
     return groups
 
 
-def cost_text(part: str, records: list[Record]) -> str:
+def cost_text(part: str, records: Records) -> str:
     """What the records take and how far they err, in the median and at most."""
     time = duration(1e-6 * float(np.median([r["time_us_median"] for r in records])))
     if part == "tick":

@@ -18,7 +18,7 @@ from vfplan.bundle.leak import open_edges
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.images.dicom import open_dataset, pixel_axes, refuse_costly
-from vfplan.io.files import now_utc, read_bytes
+from vfplan.io.files import naming_place, now_utc, read_bytes
 
 Vector = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
@@ -51,14 +51,15 @@ def study_slice(study: str | Path | None) -> tuple[Any, str]:
         text = "A .dcm belongs to a patient's study. Give a slice of it: --study SLICE.dcm"
         raise SettingError(text, code="study-missing")
     data, digest = read_bytes(Path(study))
-    refuse_costly(data, str(study))
-    with open_dataset(io.BytesIO(data), str(study), InputError) as dataset:
-        for keyword in ("StudyInstanceUID", "FrameOfReferenceUID", "ImagePositionPatient"):
-            if not dataset.get(keyword):
-                text = f"has no {keyword}. Give a slice of the study that was planned on"
-                raise InputError(text, where=study, code="study-incomplete")
-        dataset.pop("PixelData", None)
-        return dataset, digest
+    with naming_place(study):
+        refuse_costly(data)
+        with open_dataset(io.BytesIO(data), InputError) as dataset:
+            for keyword in ("StudyInstanceUID", "FrameOfReferenceUID", "ImagePositionPatient"):
+                if not dataset.get(keyword):
+                    text = f"has no {keyword}. Give a slice of the study that was planned on"
+                    raise InputError(text, code="study-incomplete")
+            dataset.pop("PixelData", None)
+            return dataset, digest
 
 
 def slice_axes(source: Any) -> tuple[Vector, Vector]:

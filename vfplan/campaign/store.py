@@ -213,9 +213,8 @@ def read_block(path: Path, block: int) -> dict[str, NDArray]:
             raise ValueError
     except (pyarrow.ArrowException, OSError, KeyError, TypeError, ValueError):
         raise InputError(
-            "is a damaged block. Remove it to have it made anew", where=path,
-            code="damaged-block",
-        ) from None  # fmt: skip
+            "is a damaged block. Remove it to have it made anew", where=path, code="damaged-block"
+        ) from None
     return columns
 
 
@@ -352,10 +351,7 @@ def margins(
 
 
 def summary(
-    question: Question,
-    table: dict[str, Array],
-    beyond_m: list[float],
-    probabilities: list[float],
+    question: Question, table: dict[str, Array], beyond_m: list[float], probabilities: list[float]
 ) -> Report:
     """What `vfplan campaign --json` says of the question and the trials of `read_campaign`."""
     depth = table["depth_m"]

@@ -239,6 +239,10 @@ class Item:
     flags: int = 0
 
 
+# Path -> its item.
+Items = dict[str, Item]
+
+
 def text_type(size: int, padding: int = 1) -> bytes:
     """The datatype of a text of `size` bytes in UTF-8; padding 1: NUL, 2: blanks."""
     return struct.pack("<BBBBI", 0x13, padding | 0x10, 0, 0, size)
@@ -257,7 +261,7 @@ def stored(value: object, kind: str) -> tuple[bytes, bytes, bytes]:
     return datatype, space_of(data.shape), data.tobytes()
 
 
-def items_of(content: Content) -> dict[str, Item]:
+def items_of(content: Content) -> Items:
     """The groups and datasets of a content by their paths, the root first."""
     items = {"/": Item()}
     for row in rows_of(content):
@@ -274,14 +278,14 @@ def items_of(content: Content) -> dict[str, Item]:
     return items
 
 
-def add(items: dict[str, Item], path: str, item: Item) -> None:
+def add(items: Items, path: str, item: Item) -> None:
     """Put an item under its path, and a link to it into its group."""
     parent, _, name = path.rpartition("/")
     items[path] = item
     items[parent or "/"].links[name.encode()] = path
 
 
-def to_payload(items: dict[str, Item]) -> bytes:
+def to_payload(items: Items) -> bytes:
     """The HDF5 file of these items, up to a multiple of 8 bytes; its end of file is to be set."""
     headers, data, at = {}, {}, 48
     for path, item in items.items():

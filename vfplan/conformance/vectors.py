@@ -19,7 +19,7 @@ from vfplan.bundle import seal
 from vfplan.bundle.content import Content, to_content
 from vfplan.bundle.write import completed
 from vfplan.conformance import fixtures
-from vfplan.conformance.fixtures import Item, MessageType, add, space_of
+from vfplan.conformance.fixtures import Item, Items, MessageType, add, space_of
 
 # Length of a seal with short texts [bytes].
 SEAL = seal.LENGTHS[0]
@@ -33,7 +33,7 @@ def content_of(name: str) -> Content:
     return completed(to_content(getattr(fixtures, name)()))
 
 
-def items(name: str) -> dict[str, Item]:
+def items(name: str) -> Items:
     """The items of a fixture, to be changed; "later": of a later minor version.
 
     That file is sound, and has parts that this version does not know.
@@ -51,9 +51,9 @@ def floats(*values: float) -> Item:
     return Item(datatype=F8, dataspace=space_of((len(values),)), data=fixtures.floats(values))
 
 
-def payload_of(name: str) -> bytes:
-    """The payload of a fixture, stating the end of the whole file."""
-    payload = fixtures.to_payload(items(name))
+def payload_of(name: str, more: bytes = b"") -> bytes:
+    """The payload of a fixture, with more bytes behind it, stating the end of the whole file."""
+    payload = fixtures.to_payload(items(name)) + more
     return seal.with_end_of_file(payload, len(payload) + SEAL)
 
 
@@ -67,7 +67,7 @@ def of_content(content: Content) -> bytes:
     return of_items(fixtures.items_of(content))
 
 
-def of_items(items: dict[str, Item]) -> bytes:
+def of_items(items: Items) -> bytes:
     """The bundle of items, whatever they are."""
     return b"".join(seal.sealed_file(fixtures.to_payload(items)))
 
@@ -282,8 +282,7 @@ def end_of_file_before_the_seal() -> bytes:
 
 def with_more_bytes(more: bytes) -> bytes:
     """The minimal fixture with more bytes behind its last object."""
-    payload = fixtures.to_payload(items("minimal")) + more
-    return sealed_as_it_is(seal.with_end_of_file(payload, len(payload) + SEAL))
+    return sealed_as_it_is(payload_of("minimal", more))
 
 
 def with_seal(at: int, value: bytes, data: bytes | None = None) -> bytes:

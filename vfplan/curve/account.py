@@ -14,6 +14,7 @@ from vfplan import _core
 from vfplan.curve import choose, tuned
 from vfplan.curve.candidates import (
     Candidate,
+    Candidates,
     box_of,
     connected,
     find_pieces,
@@ -366,7 +367,7 @@ def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[F
     return findings
 
 
-def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) -> list[Finding]:
+def doubts_of_line(line: Candidate, lines: Candidates, ink: Ink, pen: Pen) -> list[Finding]:
     """What makes a line look like a part of the picture's surroundings, and what to take instead.
 
     A bar on the border, a scale, a box or an icon is told apart by where it lies, its shape and its
@@ -410,7 +411,7 @@ def doubts_of_line(line: Candidate, lines: list[Candidate], ink: Ink, pen: Pen) 
     return doubts
 
 
-def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) -> list[Finding]:
+def shorter_findings(left: Candidates, lines: Candidates, ink: Ink) -> list[Finding]:
     """A doubt for each line that is no frame, and too short to be one of all candidates."""
     drawn = [line for line in lines if not choose.is_frame(line, ink)]
     least = tuned.SMALL_SHARE * max(line.length for line in drawn)
@@ -421,9 +422,7 @@ def shorter_findings(left: list[Candidate], lines: list[Candidate], ink: Ink) ->
     ]  # fmt: skip
 
 
-def ahead_findings(
-    line: Candidate, others: list[Candidate], max_gap_px: float
-) -> Iterator[Finding]:
+def ahead_findings(line: Candidate, others: Candidates, max_gap_px: float) -> Iterator[Finding]:
     """Lines that were left out, beyond a gap that is too long for ink at an end."""
     nearest = tuned.END_REACH_GAPS * max_gap_px - line.width
     for other in others:

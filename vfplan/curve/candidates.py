@@ -105,6 +105,10 @@ class Candidate:
         return replace(line, path=path, bridged=np.roll(line.bridged, start))
 
 
+# Lines of ink in the order of their numbers, or some of them.
+Candidates = list[Candidate]
+
+
 def branches_of(bone: Flags) -> tuple[list[tuple[Pixels, bool]], Pixels]:
     """The pixels (u, v) of each branch of a skeleton in order, and whether it is a ring.
 
@@ -229,7 +233,7 @@ def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
-def find_pieces(ink: Ink, groups: list[Pixels]) -> list[Candidate]:
+def find_pieces(ink: Ink, groups: list[Pixels]) -> Candidates:
     """The line of every piece of ink that may be one or a part of one, the longest first."""
     large = [group for group in groups if np.ptp(group, axis=0).max() > tuned.SPECK_PX]
     lines = [line for group in large if (line := _line_of(group, ink)) is not None]
@@ -298,7 +302,7 @@ def _length(path: NDArray, closed: bool) -> float:
     return length_of(path, closed) / STAIR + 1.0
 
 
-def find_candidates(pieces: list[Candidate], max_gap_px: float) -> list[Candidate]:
+def find_candidates(pieces: Candidates, max_gap_px: float) -> Candidates:
     """The lines of pieces, joined over gaps where tangents agree; the longest first."""
     # A dot and a panel are no part of a line.
     lines = [piece for piece in pieces if piece.length >= tuned.MIN_ASPECT / 2 * piece.width]
@@ -366,7 +370,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     )
 
 
-def _best_gap(lines: list[Candidate], max_gap_px: float) -> tuple[int, int, int, int] | None:
+def _best_gap(lines: Candidates, max_gap_px: float) -> tuple[int, int, int, int] | None:
     """The gap that is bridged at the least cost, as (line, end, line, end)."""
     longest = sorted((i for i, line in enumerate(lines) if line.may_go_on),
                      key=lambda i: -lines[i].length)[:MAX_JOINED]  # fmt: skip
@@ -442,7 +446,7 @@ def _same_pen(one: Candidate, other: Candidate) -> bool:
     return all(1 / tuned.ALIKE < x / max(y, 1e-9) < tuned.ALIKE for x, y in pairs)
 
 
-def _joined(lines: list[Candidate], i: int, end_i: int, j: int, end_j: int) -> list[Candidate]:
+def _joined(lines: Candidates, i: int, end_i: int, j: int, end_j: int) -> Candidates:
     """The lines with two of them joined at these ends, or one closed to a ring."""
     one, other = lines[i], lines[j]
     others = [line for k, line in enumerate(lines) if k not in (i, j)]

@@ -13,6 +13,7 @@ from vfplan import _core
 from vfplan.curve import tuned
 from vfplan.curve.candidates import (
     Candidate,
+    Candidates,
     dotted_line,
     find_candidates,
     find_groups,
@@ -48,14 +49,14 @@ def two_runs_finding(place: tuple[float, float]) -> Finding:
 
 
 def choose_lines(
-    lines: list[Candidate],
-    passing: list[Candidate],
+    lines: Candidates,
+    passing: Candidates,
     choice: Choice,
     ink: Ink,
     pen: Pen,
     region: Region,
     max_gap_px: float,
-) -> list[Candidate]:
+) -> Candidates:
     """Those of the passing lines that are meant; raises `CurveError` where that is left open.
 
     Candidates are the longest line and those that are at least half as long. A frame is none. A
@@ -81,7 +82,7 @@ def choose_lines(
     return candidates[:1]
 
 
-def in_number_order(lines: list[Candidate], ink: Ink) -> list[Candidate]:
+def in_number_order(lines: Candidates, ink: Ink) -> Candidates:
     """The lines as `--stroke N` counts them: the longest first, and frames last."""
     return sorted(lines, key=lambda line: is_frame(line, ink))
 
@@ -123,9 +124,7 @@ def describe(path: NDArray, closed: bool, length: float) -> str:
     )
 
 
-def _several_error(
-    candidates: list[Candidate], numbered: list[Candidate], max_gap_px: float
-) -> CurveError:
+def _several_error(candidates: Candidates, numbered: Candidates, max_gap_px: float) -> CurveError:
     told = []
     for line in candidates[:DESCRIBED]:
         words = describe(line.path, line.closed, line.length)
@@ -152,7 +151,7 @@ def _several_error(
     return error
 
 
-def _no_line_error(lines: list[Candidate], ink: Ink, pen: Pen, region: Region) -> CurveError:
+def _no_line_error(lines: Candidates, ink: Ink, pen: Pen, region: Region) -> CurveError:
     """The refusal where the pen drew no line, or frames only."""
     if region == Region() and (ink.rgb == ink.rgb[..., :1]).all():
         return CurveError(
@@ -223,7 +222,7 @@ def advice_on_pens(others: list[tuple[str, Candidate]]) -> str:
     )
 
 
-def with_other_pens(error: CurveError, lines: list[Candidate], ink: Ink, pen: Pen) -> CurveError:
+def with_other_pens(error: CurveError, lines: Candidates, ink: Ink, pen: Pen) -> CurveError:
     """The refusal with all lines, which names much longer lines of other pens."""
     if error.code == "line-dotted":
         return error

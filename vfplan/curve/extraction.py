@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from vfplan.curve import account, candidates, choose, tuned
 from vfplan.curve.account import AccountEntry
-from vfplan.curve.candidates import Candidate
+from vfplan.curve.candidates import Candidate, Candidates
 from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError, SettingError
@@ -28,7 +28,7 @@ REACH_PX = 10.0
 Place = tuple[float, float] | None
 
 
-def lines_through(lines: list[Candidate], start: Place, end: Place) -> list[Candidate]:
+def lines_through(lines: Candidates, start: Place, end: Place) -> Candidates:
     """The lines that pass by the named places (u, v) [px].
 
     Raises `CurveError` where there are lines and none passes by all of the places. The error names

@@ -54,7 +54,7 @@ def begins_like_dicom(data: bytes) -> bool:
 
 @contextmanager
 def open_dataset(
-    file: BinaryIO, where: str, kind: type[InputError], *, needs_preamble: bool = True
+    file: BinaryIO, kind: type[InputError], *, needs_preamble: bool = True
 ) -> Iterator[Any]:
     """Yield a DICOM file's data set, while pydicom neither logs nor warns.
 
@@ -63,8 +63,8 @@ def open_dataset(
 
     Parameters
     ----------
-    file, where
-        The file and its name for messages.
+    file
+        Its name for messages is the caller's to add.
     kind
         The class of the error when the file cannot be read.
     needs_preamble
@@ -90,12 +90,12 @@ def open_dataset(
         text = f"the DICOM file cannot be read ({type(error).__name__}). Export it again."
         if isinstance(error, AttributeError):
             text = f"the DICOM file has no {error.name or 'such attribute'}. Export it again."
-        raise kind(text, where=where, code="dicom-unreadable") from None
+        raise kind(text, code="dicom-unreadable") from None
     finally:
         log.setLevel(level)
 
 
-def refuse_costly(data: bytes, where: str) -> None:
+def refuse_costly(data: bytes) -> None:
     """Refuse a file whose parsing could fill memory or time.
 
     It is asked of files that are parsed outside the sandbox. Raises `InputError`.
@@ -116,7 +116,7 @@ def refuse_costly(data: bytes, where: str) -> None:
         text = f"has {items} items; at most {MAX_ITEMS} are read. Export fewer structures."
         numbers = {"items": items, "items_max": MAX_ITEMS}
     if text:
-        raise InputError(text, where=where, code="dicom-costly", numbers=numbers)
+        raise InputError(text, code="dicom-costly", numbers=numbers)
 
 
 def pixels_begin(data: bytes) -> int:
@@ -219,7 +219,7 @@ def read_dicom(
     """
     with memory_file(data) as file:
         parts = run_in_sandbox(
-            "vfplan.images.dicom:decode", where, frame, imager_spacing, max_pixels,
+            "vfplan.images.dicom:decode", frame, imager_spacing, max_pixels,
             file=file, where=where, kind=ImageError,
         )  # fmt: skip
         shape, dtype, spacing_mm, place, instance, remarks, grey_range = next(parts)
@@ -242,11 +242,11 @@ def prepare() -> None:
 
 
 def decode(
-    file: BinaryIO, where: str, frame: int | None, imager_spacing: bool, max_pixels: int
+    file: BinaryIO, frame: int | None, imager_spacing: bool, max_pixels: int
 ) -> Iterator[list[Any] | tuple[NDArray]]:
     """What `read_dicom` returns: a head with all but the pixels, then rows of pixels."""
     raise_limits_for(file)
-    with open_dataset(file, where, ImageError) as dataset:
+    with open_dataset(file, ImageError) as dataset:
         if not any(name in dataset for name in PIXEL_ELEMENTS):
             modality = dataset.get("Modality") or "no image"
             raise ImageError(
@@ -274,11 +274,11 @@ def decode(
         yield (rgb[first : first + rows],)
 
 
-def describe(file: BinaryIO, where: str) -> Iterator[list[Any]]:
+def describe(file: BinaryIO) -> Iterator[list[Any]]:
     """The series of a file, its title, and the height of each frame along the slices' normal."""
     raise_limits_for(file)
     heights = []
-    with open_dataset(file, where, ImageError) as dataset:
+    with open_dataset(file, ImageError) as dataset:
         frames = int(dataset.get("NumberOfFrames") or 1)
         has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
         for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):

@@ -61,6 +61,9 @@ class Tag(IntEnum):
     EXTRA = 0x0152
 
 
+# A directory's whole numbers by their tag.
+Tags = dict[int, int]
+
 # What EXTRA says of a sample: that the colours are multiplied by it, or are to be.
 PREMULTIPLIED, ALPHA = 1, 2
 # Photometric interpretation of four inks.
@@ -89,7 +92,7 @@ class Header:
     kind: Literal["PNG", "JPEG", "TIFF", "BMP"]
     end: int
     is_opaque: bool = False
-    tags: tuple[dict[int, int], ...] = ({},)
+    tags: tuple[Tags, ...] = ({},)
     orientations: tuple[int, ...] = ()
     made_flat: bytes = b""
 
@@ -106,7 +109,7 @@ def png_header(data: bytes, max_pixels: int) -> Header:
     # The colour types without alpha: grey, colour, palette.
     is_opaque = data[25] in (0, 2, 3)
     frames = 1
-    tags: dict[int, int] = {}
+    tags: Tags = {}
     position = len(PNG_START)
     kind, made_flat = b"", b""
     while kind != b"IEND":
@@ -137,7 +140,7 @@ def with_made_flat(png: bytes, text: str) -> bytes:
     return png[:PNG_HEADER_END] + chunk + png[PNG_HEADER_END:]
 
 
-def exif_tags(exif: bytes) -> dict[int, int]:
+def exif_tags(exif: bytes) -> Tags:
     """The whole numbers of the first directory of EXIF."""
     if exif[:4] not in TIFF_BYTE_ORDERS:
         return {}
@@ -148,7 +151,7 @@ def exif_tags(exif: bytes) -> dict[int, int]:
 def jpeg_header(data: bytes, max_pixels: int) -> Header:
     """The header of a JPEG."""
     is_sized, scans = False, 0
-    tags: dict[int, int] = {}
+    tags: Tags = {}
     position = 2
     # Up to the marker of the picture's end.
     while (marker := data[position + 1]) != 0xD9:
@@ -240,7 +243,7 @@ def unturned(data: bytes, orientations: tuple[int, ...]) -> bytes:
     return bytes(changed)
 
 
-def tiff_directories(data: bytes) -> Iterator[tuple[dict[int, int], int]]:
+def tiff_directories(data: bytes) -> Iterator[tuple[Tags, int]]:
     """The whole numbers of each directory of a TIFF, by their tag, and where its orientation is.
 
     EXIF is written so too. A directory without an orientation has it at 0.

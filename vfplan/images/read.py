@@ -278,7 +278,7 @@ def read_stack(path: Path) -> tuple[StackedSlice, ...]:
         if not is_dicom(start):
             continue
         job = "vfplan.images.dicom:describe"
-        series, title, heights = run_once(job, where, file=opened, where=where, kind=ImageError)
+        series, title, heights = run_once(job, file=opened, where=where, kind=ImageError)
         for number, height in enumerate(heights, start=1):
             frame = number if len(heights) > 1 else None
             order = (title, series, height is None, height or 0.0, len(rows))
@@ -378,9 +378,7 @@ def made_flat(image: PlannedImage, numbers: Sequence[float]) -> PlannedImage:
 
     homography, (width, height, spacing_mm) = np.reshape(numbers[:9], (3, 3)), numbers[9:]
     rgb = cv2.warpPerspective(image.rgb, homography, (int(width), int(height)))
-    return replace(
-        image, rgb=rgb, pixel_spacing_mm=(spacing_mm, spacing_mm), T_patient_image=None
-    )  # fmt: skip
+    return replace(image, rgb=rgb, pixel_spacing_mm=(spacing_mm, spacing_mm), T_patient_image=None)
 
 
 def flat_findings(text: str) -> list[Finding]:

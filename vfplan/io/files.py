@@ -55,6 +55,9 @@ FilePath = str | Path
 # Unit of a table's or a mesh's numbers -> metres.
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
+# Names of columns or markers.
+Names = tuple[str, ...]
+
 SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
 
 # Largest number in a small table [px or m], and in a tick that is shown [s, m or N]. Nothing real
@@ -88,6 +91,10 @@ REMARK = re.compile('\ufeff?[ \t]*(#|"?sep=)', re.IGNORECASE)
 _DECIMAL = re.compile(r"[ \t]*([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)[ \t]*")
 
 
+# The class of the errors that a reader raises.
+ErrorKind = type[InputError]
+
+
 @contextmanager
 def naming_place(where: object | None) -> Iterator[None]:
     """Add a place to refusals of input that are raised inside and name none; `None` adds none."""
@@ -104,7 +111,7 @@ def flags(names: str) -> int:
     return sum(getattr(os, name, 0) for name in names.split())
 
 
-def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
+def opened_file(path: Path, kind: ErrorKind = InputError) -> BinaryIO:
     """A regular file, open for reading.
 
     Raises an error of the `kind` given if there is none, it is a directory, a pipe or a device,
@@ -129,7 +136,7 @@ def opened_file(path: Path, kind: type[InputError] = InputError) -> BinaryIO:
     return open(descriptor, "rb")
 
 
-def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) -> bytes:
+def read_whole(path: Path, max_bytes: int, kind: ErrorKind = InputError) -> bytes:
     """The bytes of a regular file of at most `max_bytes` bytes.
 
     A file that is longer is refused before it is read. Raises as `opened_file` does.
@@ -148,7 +155,7 @@ def read_whole(path: Path, max_bytes: int, kind: type[InputError] = InputError) 
 
 
 def read_bytes(
-    path: Path, max_bytes: int = MAX_FILE_BYTES, kind: type[InputError] = InputError
+    path: Path, max_bytes: int = MAX_FILE_BYTES, kind: ErrorKind = InputError
 ) -> tuple[bytes, str]:
     """A file's bytes and their SHA-256; raises as `read_whole` does."""
     data = read_whole(path, max_bytes, kind)
@@ -163,7 +170,7 @@ class OpenedFile:
     path, kind: as for `opened_file`, which raises
     """
 
-    def __init__(self, path: Path, kind: type[InputError] = InputError) -> None:
+    def __init__(self, path: Path, kind: ErrorKind = InputError) -> None:
         with opened_file(path, kind) as file:
             self._descriptor = os.dup(file.fileno())
         weakref.finalize(self, os.close, self._descriptor)
@@ -354,13 +361,13 @@ class Table:
     """A table as text; nothing in it is a number yet."""
 
     # Column names as written, without surrounding blanks.
-    header: tuple[str, ...]
+    header: Names
     header_line: int
     rows: tuple[Row, ...]
     separator: str
     # The file, for messages.
     where: str
-    kind: type[InputError]
+    kind: ErrorKind
 
     def number(self, row: Row, column: str, label: str = "") -> float:
         """The number in a cell.
@@ -381,7 +388,7 @@ class Table:
             text = text.replace(",", ".")
         return parse_number(text, what, place, self.kind)
 
-    def numbers(self, columns: tuple[str, ...], labels: Sequence[str] = ()) -> NDArray[np.float64]:
+    def numbers(self, columns: Names, labels: Sequence[str] = ()) -> NDArray[np.float64]:
         """(N, K) the numbers in some columns; raises as `number` and `check_decimals`.
 
         labels: of the rows, for messages
@@ -393,7 +400,7 @@ class Table:
         numbers = [[self.number(row, column, label) for column in columns] for row, label in rows]
         return np.array(numbers).reshape(-1, len(columns))
 
-    def check_decimals(self, columns: tuple[str, ...]) -> None:
+    def check_decimals(self, columns: Names) -> None:
         """Refuse a table whose numbers have decimal commas here and decimal points there."""
         with_mark = [
             [row.line for row in self.rows if any(mark in row.cells[name] for name in columns)]
@@ -405,13 +412,13 @@ class Table:
             raise self.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
 
 
-def read_text(path: str | Path, max_bytes: int, kind: type[InputError]) -> tuple[str, str]:
+def read_text(path: str | Path, max_bytes: int, kind: ErrorKind) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
     return decode_text(data, str(path), kind), sha256
 
 
-def decode_text(data: bytes, where: str, kind: type[InputError]) -> str:
+def decode_text(data: bytes, where: str, kind: ErrorKind) -> str:
     """Bytes as text: UTF-8, or UTF-16 with a byte order mark; raises the kind of error given."""
     encoding = "utf-16" if data.startswith(UTF16_MARKS) else "utf-8-sig"
     try:
@@ -421,7 +428,7 @@ def decode_text(data: bytes, where: str, kind: type[InputError]) -> str:
         raise kind(text, where=where, code="not-text") from None
 
 
-def parse_table(text: str, where: str, kind: type[InputError]) -> Table:
+def parse_table(text: str, where: str, kind: ErrorKind) -> Table:
     """A table from text.
 
     Raises the kind of error given: no text, a separator that is not clear, a column twice, a row of
@@ -466,7 +473,7 @@ def without_blank_end(cells: list[str], count: int) -> list[str]:
 
 
 def require_length(
-    cells: list[str], header: tuple[str, ...], place: str, kind: type[InputError],
+    cells: list[str], header: Names, place: str, kind: ErrorKind,
     advice: str = "Give each row as many",
 ) -> None:  # fmt: skip
     """Raise the kind of error given for a row that has another number of cells than the header."""
@@ -478,7 +485,7 @@ def require_length(
         )  # fmt: skip
 
 
-def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
+def _separator_of(header_line: str, place: str, kind: ErrorKind) -> str:
     unquoted = re.sub('"[^"]*"', "", header_line)
     present = [separator for separator in SEPARATORS if separator in unquoted] or [","]
     if len(present) > 1:
@@ -491,7 +498,7 @@ def _separator_of(header_line: str, place: str, kind: type[InputError]) -> str:
 
 
 def split_rows(
-    text: str, where: str, kind: type[InputError], separator: str = ","
+    text: str, where: str, kind: ErrorKind, separator: str = ","
 ) -> list[tuple[int, list[str]]]:
     """The rows that hold anything, each with its line; LF, CRLF and CR end a line.
 
@@ -506,7 +513,7 @@ def split_rows(
         raise kind(text, where=place, code="table-broken") from None
 
 
-def parse_number(value: object, what: str, where: str, kind: type[InputError]) -> float:
+def parse_number(value: object, what: str, where: str | None, kind: ErrorKind) -> float:
     """A finite number of at most 1e9 in size.
 
     value: text, or what JSON holds
@@ -536,14 +543,14 @@ class NumberTable:
     open_stream: Callable[[], BinaryIO]
     # The file, for messages, and the class of its errors.
     where: str
-    kind: type[InputError]
+    kind: ErrorKind
     # Column names in lower case, without surrounding blanks.
-    columns: tuple[str, ...]
+    columns: Names
     separator: str
     # Lines above the first row of numbers.
     header_lines: int
 
-    def blocks(self, columns: tuple[str, ...]) -> Iterator[NDArray[np.float64]]:
+    def blocks(self, columns: Names) -> Iterator[NDArray[np.float64]]:
         """Yield some rows at a time, (n, len(columns)).
 
         What the other columns hold does not matter. Raises the table's kind of error: a line too
@@ -567,7 +574,7 @@ class NumberTable:
                 yield parse_block(self, unfinished, line, marks, indices)
 
 
-def named_columns(table: NumberTable, units: str) -> tuple[str, ...]:
+def named_columns(table: NumberTable, units: str) -> Names:
     """The columns x, y and z, whose names may end in a known unit: x_mm or x [mm].
 
     Raises the table's kind of error: an axis without a column, or with two; a unit that is not
@@ -608,7 +615,7 @@ def other_unit(unit: str) -> str:
     return "Register the curve first" if unit == "px" else f"Give --units {unit}"
 
 
-def require_line(line: bytes, place: str, kind: type[InputError]) -> None:
+def require_line(line: bytes, place: str, kind: ErrorKind) -> None:
     """Raise the kind of error given for a line that is longer than any program writes."""
     if len(line) > MAX_LINE_BYTES:
         text = f"the line is longer than {MAX_LINE_BYTES} bytes. Give a table of shorter rows"
@@ -616,8 +623,8 @@ def require_line(line: bytes, place: str, kind: type[InputError]) -> None:
 
 
 def open_number_table(
-    open_stream: Callable[[], BinaryIO], where: str, kind: type[InputError],
-    wanted: tuple[str, ...] = (), *, header_optional: bool = False,
+    open_stream: Callable[[], BinaryIO], where: str, kind: ErrorKind,
+    wanted: Names = (), *, header_optional: bool = False,
 ) -> NumberTable:  # fmt: skip
     """A table of numbers, of which the header has been read and checked.
 
@@ -728,7 +735,7 @@ def parse_block(
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(indices))
 
 
-def split_line(text: str, separator: str, place: str, kind: type[InputError]) -> list[str]:
+def split_line(text: str, separator: str, place: str, kind: ErrorKind) -> list[str]:
     """The cells of one line, of which some may be quoted."""
     if '"' not in text:
         return text.split(separator)

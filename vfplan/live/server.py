@@ -39,6 +39,7 @@ from vfplan.geometry.lines import Array
 from vfplan.io.sandbox import Loopback, reply
 from vfplan.live.sources import MAX_CLIENTS, SILENT_S, WAIT_S, PositionStream, host_and_port
 from vfplan.report.page import document, part, scene_data, scripts, tick_row
+from vfplan.session.bags import TickRows
 from vfplan.session.events import POSE_COLUMNS
 
 HEADER = struct.Struct(">H12s20sQQQ")
@@ -243,7 +244,7 @@ def static_bodies(fixture: Fixture) -> list[tuple[str, Array, str, Any]]:
     ]
 
 
-def tick_messages(tick: NDArray[np.void], silent: str = "") -> bytes:
+def tick_messages(tick: TickRows, silent: str = "") -> bytes:
     """What moves: HIP, proxy, force and status of a tick of `SHOWN`, stamped with its receipt.
 
     silent: what else should come and does not, in words

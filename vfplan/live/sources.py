@@ -11,11 +11,10 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SettingError
 from vfplan.io.files import MAX_NUMBER
-from vfplan.session.bags import TICK, as_ticks
+from vfplan.session.bags import TICK, TickRows, as_ticks
 from vfplan.session.result import read_result
 
 # How a datagram begins: its magic, and version 1 in two bytes.
@@ -57,7 +56,7 @@ MAX_CLIENTS = 32
 MAX_DELAY_S = 0.5
 
 
-def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
+def decode(data: bytes) -> tuple[int, int, TickRows]:
     """How many datagrams went before one, how many ticks the controller dropped, and its ticks.
 
     The ticks are 1 to 11 of `vfplan.session.bags.TICK`; `index` counts every tick of the loop,
@@ -90,7 +89,7 @@ def decode(data: bytes) -> tuple[int, int, NDArray[np.void]]:
 # (n,) ticks of `vfplan.session.bags.TICK`, and what is counted so far by its name in the report:
 # ticks that the controller dropped, datagrams that did not arrive or were none, and why the first
 # of these was none.
-Portion = tuple[NDArray[np.void], dict[str, Any]]
+Portion = tuple[TickRows, dict[str, Any]]
 
 
 def stream_of(source: str, fixture_sha256: str | None) -> Iterator[Portion]:
@@ -104,7 +103,7 @@ def stream_of(source: str, fixture_sha256: str | None) -> Iterator[Portion]:
     return paced(as_ticks(read_result(source, fixture_sha256)[0]))
 
 
-def paced(ticks: NDArray[np.void]) -> Iterator[Portion]:
+def paced(ticks: TickRows) -> Iterator[Portion]:
     """Ticks at the speed that they had."""
     started = time.monotonic()
     for k in range(0, len(ticks), RESULT_BLOCK):
@@ -191,7 +190,7 @@ class PositionStream:
 
     def __init__(self, rate_hz: float = 100.0) -> None:
         self.rate_hz = rate_hz
-        self._kept: deque[NDArray[np.void]] = deque(maxlen=max(1, int(MAX_DELAY_S * rate_hz)))
+        self._kept: deque[TickRows] = deque(maxlen=max(1, int(MAX_DELAY_S * rate_hz)))
         # How many ticks were kept so far, and the period of the last tick.
         self._count = 0
         self._period = np.nan
@@ -201,7 +200,7 @@ class PositionStream:
         # When ticks came last, by `time.monotonic`, and what does not come, in words.
         self.heard_s, self.silent = time.monotonic(), ""
 
-    def put(self, ticks: NDArray[np.void]) -> None:
+    def put(self, ticks: TickRows) -> None:
         """Take (n,) of `vfplan.session.bags.TICK`, n at least 1."""
         periods = np.floor(ticks["t"] * self.rate_hz + 1e-6)
         firsts = ticks[np.diff(periods, prepend=self._period) != 0]
@@ -216,7 +215,7 @@ class PositionStream:
             self._count += len(firsts)
             self._has_changed.notify_all()
 
-    def after(self, count: int, wait_s: float) -> tuple[int, list[NDArray[np.void]]]:
+    def after(self, count: int, wait_s: float) -> tuple[int, list[TickRows]]:
         """The count for the next call, and the ticks that are new, of `SHOWN`; none after `wait_s`.
 
         count: what the call before returned; -1 at first, for the newest tick alone, unless the

@@ -23,7 +23,16 @@ from vfplan.errors import MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.geometry import CORNER_PX, PixelSpacing
 from vfplan.geometry.lines import Array, rms_length
-from vfplan.io.files import METRES, Table, parse_number, parse_table, read_text, split_rows
+from vfplan.io.files import (
+    METRES,
+    Names,
+    Table,
+    naming_place,
+    parse_number,
+    parse_table,
+    read_text,
+    split_rows,
+)
 
 # Largest size of a marker file [bytes]. A file of a thousand markers has some hundred thousand.
 MAX_BYTES = 16 * 2**20
@@ -65,7 +74,7 @@ class MarkerPoints:
     # "image" [px], "patient_lps" [m] or "robot_base" [m].
     frame: MarkerFrame
     # (N,) labels, each once.
-    labels: tuple[str, ...]
+    labels: Names
     # (N, 2) in "image", (N, 3) elsewhere.
     positions: Array
     # (N,) or (N, 3) standard deviations an axis [m]; `None` where the file names none.
@@ -95,7 +104,7 @@ class Correspondences:
     """The same markers in two frames."""
 
     # (N,) labels in the order of the source file.
-    labels: tuple[str, ...]
+    labels: Names
     # (N, 2) [px] in "image", or (N, 3) [m] in "patient_lps".
     source: Array
     source_frame: MarkerFrame
@@ -177,12 +186,14 @@ def read_sides(path: Path, spacing_mm: PixelSpacing = None) -> list[MarkerPoints
             where=where, code="suffix-unknown",
         )  # fmt: skip
     text, sha256 = read_text(path, MAX_BYTES, MarkerError)
-    if suffix in (".json", ".fcsv"):
-        points = (fiducials if suffix == ".json" else fcsv_points)(text, where)
-        labels = [label_of(label, f"point {k}", where) for k, (label, _) in enumerate(points, 1)]
+    with naming_place(where):
+        if suffix not in (".json", ".fcsv"):
+            sides = parse_marker_table(text, where, spacing_mm)
+            return [replace(side, sha256=sha256) for side in sides]
+        points = fiducials(text) if suffix == ".json" else fcsv_points(text, where)
+        labels = [label_of(label, f"point {k}") for k, (label, _) in enumerate(points, 1)]
         positions = np.array([place for _, place in points]).reshape(-1, 3)
         return [MarkerPoints("patient_lps", tuple(labels), positions, None, where, sha256)]
-    return [replace(side, sha256=sha256) for side in parse_marker_table(text, where, spacing_mm)]
 
 
 def join(
@@ -227,18 +238,16 @@ def join(
     )  # fmt: skip
 
 
-def label_of(text: object, what: str, where: str) -> str:
+def label_of(text: object, what: str) -> str:
     """A label without surrounding blanks, or a `MarkerError` where no bundle can hold it."""
     label = str(text).strip() if text is not None else ""
     if not label:
-        raise MarkerError(
-            f"{what} has no label. Give every marker one", where=where, code="label-missing"
-        )
+        raise MarkerError(f"{what} has no label. Give every marker one", code="label-missing")
     if any(category(sign) == "Cc" for sign in label):
         raise MarkerError(
             f"{what} has a control character in its label {label!r}. Delete it",
-            where=where, code="label-control-character",
-        )  # fmt: skip
+            code="label-control-character",
+        )
     return label
 
 
@@ -299,7 +308,7 @@ def parse_marker_table(text: str, where: str, spacing_mm: PixelSpacing) -> list[
         )  # fmt: skip
 
     table.check_decimals(tuple(columns[name] for name in image + robot + sigma))
-    labels = [label_of(row.cells[label_column], f"line {row.line}", where) for row in table.rows]
+    labels = [label_of(row.cells[label_column], f"line {row.line}") for row in table.rows]
     names = [f"marker {label!r}" for label in labels]
     sides = []
     if image:
@@ -327,7 +336,7 @@ def parse_marker_table(text: str, where: str, spacing_mm: PixelSpacing) -> list[
     return sides
 
 
-def imagej_columns(names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
+def imagej_columns(names: Sequence[str]) -> tuple[Names, str | None]:
     """The names of ImageJ's columns X and Y, and their unit; () where one is not there."""
     matches = [match for name in names if (match := IMAGEJ_COLUMN.fullmatch(name))]
     matches.sort(key=lambda match: match[1].upper())
@@ -337,7 +346,7 @@ def imagej_columns(names: Sequence[str]) -> tuple[tuple[str, ...], str | None]:
 
 
 def imagej_points(
-    table: Table, columns: tuple[str, ...], unit: str | None, label_column: str | None,
+    table: Table, columns: Names, unit: str | None, label_column: str | None,
     spacing_mm: PixelSpacing,
 ) -> MarkerPoints:  # fmt: skip
     """The points of a table of ImageJ, on the image [px].
@@ -358,13 +367,13 @@ def imagej_points(
         raise MarkerError(
             f"is in {unit}, and no image says how large a pixel is. Give --pixel-spacing, or save "
             "the table in pixels",
-            where=table.where, code="markers-without-spacing",
-        )  # fmt: skip
+            code="markers-without-spacing",
+        )
     else:
         pixel = np.array(spacing_mm) / (MM * METRES[unit.lower()])
     labels = []
     if label_column is not None:
-        labels = [label_of(row.cells[label_column], f"line {row.line}", table.where)
+        labels = [label_of(row.cells[label_column], f"line {row.line}")
                   for row in table.rows]  # fmt: skip
     if not labels or ("" in table.header and len({*labels}) < len(labels)):
         labels = [str(number) for number in range(1, len(table.rows) + 1)]
@@ -376,9 +385,7 @@ def imagej_points(
     return MarkerPoints("image", tuple(labels), positions, where=table.where, findings=findings)
 
 
-def choose_columns(
-    columns: dict[str, str], choices: list[tuple[str, ...]], place: str
-) -> tuple[str, ...]:
+def choose_columns(columns: dict[str, str], choices: list[Names], place: str) -> Names:
     """The one choice of column names that the table has; () where it has none of any."""
     present = [names for names in choices if not columns.keys().isdisjoint(names)]
     if not present:
@@ -398,7 +405,7 @@ def choose_columns(
     return names
 
 
-def unit_of(names: tuple[str, ...], raw: Array, place: str) -> tuple[str, tuple[Finding, ...]]:
+def unit_of(names: Names, raw: Array, place: str) -> tuple[str, tuple[Finding, ...]]:
     """The unit of a table's positions: as its header says, or by the layout's size.
 
     Raises MarkerError: a header without a unit, and a layout that fits metres as little as
@@ -421,7 +428,7 @@ def unit_of(names: tuple[str, ...], raw: Array, place: str) -> tuple[str, tuple[
     )  # fmt: skip
 
 
-def fiducials(text: str, where: str) -> list[tuple[str | None, Array]]:
+def fiducials(text: str) -> list[tuple[str | None, Array]]:
     """Label and (3,) position in LPS [m] of each defined point of a `.mrk.json`'s Fiducials.
 
     Positions in `coordinateSystem` (LPS unless stated) and `coordinateUnits` (mm unless stated);
@@ -430,49 +437,48 @@ def fiducials(text: str, where: str) -> list[tuple[str | None, Array]]:
     Raises MarkerError: not JSON, another schema, an unknown unit or coordinate system, a position
         that is not three finite numbers
     """
-    markups = markups_of(text, where)
+    markups = markups_of(text)
     of_fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
     if not of_fiducials:
         types = ", ".join(repr(markup.get("type")) for markup in markups)
         raise MarkerError(
-            f"holds {types or 'nothing'}. Give a markup of type Fiducial",
-            where=where, code="no-fiducials",
-        )  # fmt: skip
+            f"holds {types or 'nothing'}. Give a markup of type Fiducial", code="no-fiducials"
+        )
     return [
         (point.get("label"), place)
         for markup in of_fiducials
-        for point, place in defined_points(markup, where)
+        for point, place in defined_points(markup)
     ]
 
 
-def markups_of(text: str, where: str) -> list[JsonObject]:
+def markups_of(text: str) -> list[JsonObject]:
     """The markups of a Slicer `.mrk.json`, of whatever type; raises `MarkerError` if it is none."""
     try:
         document = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise MarkerError(
-            f"is not JSON ({error}). Save it again in Slicer", where=where, code="not-json"
+            f"is not JSON ({error}). Save it again in Slicer", code="not-json"
         ) from None
     if not isinstance(document, dict):
         raise MarkerError(
             f"holds a {type(document).__name__} and no markups. Save it again in Slicer",
-            where=where, code="no-markups",
-        )  # fmt: skip
+            code="no-markups",
+        )
     schema = document.get("@schema")
     if not isinstance(schema, str) or not SCHEMA.match(schema):
         raise MarkerError(
             f"@schema is {schema!r}. Give a file of Slicer's markups schema v1",
-            where=where, code="schema-unknown",
-        )  # fmt: skip
-    return _objects(document, "markups", where)
+            code="schema-unknown",
+        )
+    return _objects(document, "markups")
 
 
-def lps_points(markup: JsonObject, where: str) -> Array:
+def lps_points(markup: JsonObject) -> Array:
     """(P, 3) defined control points of one markup, in LPS [m]; labels do not matter."""
-    return np.array([position for _, position in defined_points(markup, where)]).reshape(-1, 3)
+    return np.array([position for _, position in defined_points(markup)]).reshape(-1, 3)
 
 
-def defined_points(markup: JsonObject, where: str) -> Iterator[tuple[JsonObject, Array]]:
+def defined_points(markup: JsonObject) -> Iterator[tuple[JsonObject, Array]]:
     """The defined control points, and their positions in LPS [m]."""
     # A unit stands as its code, or as a list of the code, "UCUM" and its name.
     metres = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9}
@@ -481,38 +487,33 @@ def defined_points(markup: JsonObject, where: str) -> Iterator[tuple[JsonObject,
         unit = unit[0]
     if not isinstance(unit, str) or unit not in metres:
         raise MarkerError(
-            f"coordinateUnits is {unit!r}. It may be {', '.join(metres)}",
-            where=where, code="unit-unknown",
-        )  # fmt: skip
+            f"coordinateUnits is {unit!r}. It may be {', '.join(metres)}", code="unit-unknown"
+        )
     system = markup.get("coordinateSystem", "LPS")
     if system not in ("LPS", "RAS"):
         raise MarkerError(
             f"coordinateSystem is {system!r}. It may be LPS or RAS",
-            where=where, code="coordinate-system-unknown",
-        )  # fmt: skip
+            code="coordinate-system-unknown",
+        )
     scale = metres[unit] * (RAS_TO_LPS if system == "RAS" else np.ones(3))
-    for point in _objects(markup, "controlPoints", where):
+    for point in _objects(markup, "controlPoints"):
         if point.get("positionStatus", "defined") != "defined":
             continue
         what = f"position of marker {str(point.get('label') or point.get('id'))!r}"
         position = point.get("position")
         if not isinstance(position, list) or len(position) != 3:
-            raise MarkerError(
-                f"{what} is {position!r}. Give three numbers",
-                where=where, code="no-position",
-            )  # fmt: skip
-        xyz = [parse_number(value, what, where, MarkerError) for value in position]
+            raise MarkerError(f"{what} is {position!r}. Give three numbers", code="no-position")
+        xyz = [parse_number(value, what, None, MarkerError) for value in position]
         yield point, np.array(xyz) * scale
 
 
-def _objects(parent: JsonObject, key: str, where: str) -> list[JsonObject]:
+def _objects(parent: JsonObject, key: str) -> list[JsonObject]:
     """The list of objects under a key."""
     entries = parent.get(key)
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise MarkerError(
-            f"{key!r} is not a list of objects. Save the file again in Slicer",
-            where=where, code="no-markups",
-        )  # fmt: skip
+            f"{key!r} is not a list of objects. Save the file again in Slicer", code="no-markups"
+        )
     return entries
 
 
@@ -541,16 +542,13 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, Array]]:
     system = header.get("coordinatesystem", None if is_slicer4 else "RAS")
     names, stated = columns.split(","), header.get("columns", columns)
     if [name.strip() for name in stated.split(",")][: len(names)] != names:
-        raise MarkerError(
-            f"columns are {stated!r}. They may be {columns!r}",
-            where=where, code="column-unknown",
-        )  # fmt: skip
+        raise MarkerError(f"columns are {stated!r}. They may be {columns!r}", code="column-unknown")
     signs = {"LPS": np.ones(3), "1": np.ones(3), "RAS": RAS_TO_LPS, "0": RAS_TO_LPS}
     if system not in signs:
         raise MarkerError(
             f"CoordinateSystem is {system!r}. It may be RAS, LPS, 0 (RAS) or 1 (LPS)",
-            where=where, code="coordinate-system-unknown",
-        )  # fmt: skip
+            code="coordinate-system-unknown",
+        )
 
     points = []
     rows = split_rows("\n".join(lines), where, MarkerError)

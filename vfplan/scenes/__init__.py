@@ -27,7 +27,7 @@ from vfplan.engine.parameters import Vector, check_stiffness
 from vfplan.engine.proxy import ProxyEngine, check_path
 from vfplan.geometry.lines import arc_lengths, interpolated, normals
 from vfplan.scenes import god_object, outline
-from vfplan.scenes.outline import Pieces, Run, Sides, Spheres, in_space
+from vfplan.scenes.outline import Run, Runs, Shape, Sides, Spheres, in_space
 
 # Corners (K, 3) [m] of scripted paths, by name.
 Routes = dict[str, Vector]
@@ -63,7 +63,7 @@ class Scene(ABC):
 
     @cached_property
     @abstractmethod
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The exact geometry that the cloud samples."""
 
     @property
@@ -101,7 +101,7 @@ class Scene(ABC):
             out[i] = proxy + hip * (1 - flat)
         return out
 
-    def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> tuple[Pieces, ...]:
+    def pieces_between(self, proxy: Vector, hip: Vector, radius: float) -> Shape:
         """The pieces that a proxy (3,) can meet on its path to a HIP (3,); here all of them."""
         return self.pieces
 
@@ -143,7 +143,7 @@ class Drawn(Scene):
         return np.column_stack([np.tile(flat, (len(heights), 1)), np.repeat(heights, len(flat))])
 
     @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The exact outline."""
         return outline.pieces(self.runs)
 
@@ -190,7 +190,7 @@ class Circle(Drawn):
     radius: float = 0.03
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> Runs:
         """One full arc."""
         return (Run((outline.arc(np.zeros(2), self.radius, 0.0, 2 * np.pi),), closed=True),)
 
@@ -224,7 +224,7 @@ class Bend(Drawn):
     leg: float = 0.04
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> Runs:
         """Both legs."""
         first = np.array([self.leg, 0.0])
         second = self.leg * np.array([np.cos(self.angle), np.sin(self.angle)])
@@ -277,7 +277,7 @@ class Channel(Drawn):
     length: float = 0.06
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> Runs:
         """Both walls."""
         a, up = np.array([-self.length / 2, 0]), np.array([0, self.width / 2])
         return (*outline.polyline(a + up, up - a), *outline.polyline(a - up, -a - up))
@@ -302,7 +302,7 @@ class Omega(Drawn):
     """The paper's hand-drawn Ω, drawn anew: an open curve with two feet."""
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> Runs:
         """Left foot, ring, right foot."""
         ring = np.array(_OMEGA_MM) * 1e-3
         left_end = np.array([-0.042, 0.0])
@@ -342,7 +342,7 @@ class Teapot(Drawn):
     """A teapot's silhouette of 184 mm, spout to the right: closed, with corners and hollows."""
 
     @cached_property
-    def runs(self) -> tuple[Run, ...]:
+    def runs(self) -> Runs:
         """Counter-clockwise from the right end of the base."""
         # The lid is its own mirror image.
         lid = [*_LID_MM, *((-x, y) for x, y in reversed(_LID_MM[:-1]))]
@@ -380,7 +380,7 @@ class Point(Scene):
         return np.zeros((1, 3))
 
     @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The point."""
         return (Sides(np.zeros((1, 3)), (np.zeros((1, 3)),)),)
 
@@ -408,7 +408,7 @@ class Segment(Scene):
         return np.column_stack([x, 0 * x, 0 * x])
 
     @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The segment."""
         side = np.array([[self.length, 0, 0]])
         return (Sides(-side / 2, (side,)),)
@@ -442,7 +442,7 @@ class Walls(Scene):
         return np.vstack([grid(corner, u, v, self.spacing) for corner, u, v in squares])
 
     @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The rectangles."""
         corner, *sides = self.squares
         return (Sides(corner, tuple(sides)),)
@@ -516,7 +516,7 @@ class Sphere(Scene):
         return self.radius * np.column_stack([r * np.cos(turn), r * np.sin(turn), z])
 
     @cached_property
-    def pieces(self) -> tuple[Pieces, ...]:
+    def pieces(self) -> Shape:
         """The shell."""
         return (Spheres(np.zeros((1, 3)), np.array([self.radius])),)
 

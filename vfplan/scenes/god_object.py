@@ -13,7 +13,7 @@ import numpy as np
 
 from vfplan.engine.parameters import Vector
 from vfplan.errors import SceneError
-from vfplan.scenes.outline import Look, Pieces
+from vfplan.scenes.outline import Look, Shape
 
 # Longest step along a contact, in R.
 STRIDE = 0.1
@@ -34,13 +34,13 @@ MAX_NEWTON_STEPS = 8
 MAX_RESTORING_STEPS = 30
 
 
-def look(pieces: tuple[Pieces, ...], x: Vector) -> Look:
+def look(pieces: Shape, x: Vector) -> Look:
     """Distances, gradients and Hessians of all pieces at x (3,)."""
     looks = [piece.look(x) for piece in pieces]
     return Look(*map(np.concatenate, zip(*looks, strict=True)))
 
 
-def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float) -> Vector:
+def follow(pieces: Shape, proxy: Vector, hip: Vector, radius: float) -> Vector:
     """The local minimum of |x - hip| over the free space that a proxy slides into.
 
     Parameters
@@ -63,9 +63,7 @@ def follow(pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float
     return minimum
 
 
-def slide(
-    pieces: tuple[Pieces, ...], proxy: Vector, hip: Vector, radius: float
-) -> Iterator[Vector]:
+def slide(pieces: Shape, proxy: Vector, hip: Vector, radius: float) -> Iterator[Vector]:
     """The positions (3,) [m] that `follow` goes through, its minimum the last.
 
     Each lies in the free space, less than R / 7 from the one before or no further from it than the
@@ -119,7 +117,7 @@ def slide(
     )
 
 
-def _look_scaled(pieces: tuple[Pieces, ...], x: Vector, scale: float) -> Look:
+def _look_scaled(pieces: Shape, x: Vector, scale: float) -> Look:
     """As `look`, with lengths in R."""
     view = look(pieces, x / scale)
     return Look(view.distance * scale, view.normal, view.hessian / scale)
@@ -152,7 +150,7 @@ def _nearest_step(w: Vector, view: Look, reach: float) -> tuple[Vector, Vector]:
 
 
 def _exact_minimum(
-    pieces: tuple[Pieces, ...], x: Vector, hip: Vector, view: Look, weight: Vector, scale: float
+    pieces: Shape, x: Vector, hip: Vector, view: Look, weight: Vector, scale: float
 ) -> Vector | None:
     """The exact minimum on the pieces that hold x; `None` where it is not one.
 

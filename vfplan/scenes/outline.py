@@ -39,6 +39,10 @@ class Pieces(Protocol):
         """Distance, gradient and Hessian of every piece at x (3,)."""
 
 
+# The exact geometry of a scene.
+Shape = tuple[Pieces, ...]
+
+
 def from_nearest(x: Vector, nearest: Vector, flat: Vector) -> Look:
     """Distance to the nearest points; `flat` (M, k, 3): directions along which it is straight."""
     offset = x - nearest
@@ -184,7 +188,11 @@ class Run:
         return points
 
 
-def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
+# An outline, run by run.
+Runs = tuple[Run, ...]
+
+
+def sample(runs: Runs, spacing: float) -> Vector:
     """(N, 2) points of all runs; a corner that two runs share stands once."""
     points = np.vstack([run.sample(spacing) for run in runs])
     step = np.round(points / (1e-6 * spacing)).astype(np.int64)
@@ -192,7 +200,7 @@ def sample(runs: tuple[Run, ...], spacing: float) -> Vector:
     return points[np.sort(first)]
 
 
-def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
+def pieces(runs: Runs) -> Shape:
     """The exact geometry of an outline in the plane z = 0; arcs are cut at π / 4."""
     arcs, starts, sides = [], [], []
     for link in (link for run in runs for link in run.links):
@@ -211,7 +219,7 @@ def pieces(runs: tuple[Run, ...]) -> tuple[Pieces, ...]:
     return tuple(exact)
 
 
-def lines_and_arcs(runs: tuple[Run, ...]) -> curve.Pieces:
+def lines_and_arcs(runs: Runs) -> curve.Pieces:
     """The outline as a fixture's pieces, a stroke a run; arcs are cut at a half circle."""
     strokes = []
     for run in runs:
@@ -250,7 +258,7 @@ def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
     return Link(a, b, centre, radius, start, sweep)
 
 
-def polyline(*corners: Vector) -> tuple[Run, ...]:
+def polyline(*corners: Vector) -> Runs:
     """Straight runs from corner to corner (2,) [m]."""
     return tuple(Run((segment(a, b),)) for a, b in pairwise(corners))
 

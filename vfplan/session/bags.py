@@ -26,7 +26,7 @@ from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.io.files import naming_place, opened_file
 from vfplan.io.sandbox import raise_limits
 from vfplan.session.channels import CDR_LITTLE_ENDIAN, Part, library, mcap_part, opened_bag
-from vfplan.session.session import BLOCK, FRAMES, Array, Samples, WithPrevious, portions
+from vfplan.session.session import BLOCK, FRAMES, Array, Blocks, WithPrevious, portions
 
 # Fields that are tried when none is named, in this order; the first that a message has is taken.
 FIELDS = ("O_T_EE", "o_t_ee", "pose", "transform", "point", "position", "translation", "")
@@ -388,7 +388,11 @@ TICK = np.dtype([
 ])  # fmt: skip
 
 
-def as_ticks(block: Any, first: int = 0) -> NDArray[np.void]:
+# (n,) of `TICK`.
+TickRows = NDArray[np.void]
+
+
+def as_ticks(block: Any, first: int = 0) -> TickRows:
     """(n,) of `TICK`, of a `TickBlock`; `first`: the number of its first tick."""
     ticks = np.zeros(len(block), TICK)
     ticks["index"] = first + np.arange(len(ticks))
@@ -451,7 +455,7 @@ class McapWriter(ExitStack):
         self._epoch_s, self._last_s = 0.0, np.inf
         self.callback(self._finish)
 
-    def write(self, ticks: NDArray[np.void], received_s: float) -> None:
+    def write(self, ticks: TickRows, received_s: float) -> None:
         """Add (n,) of `TICK`; `received_s` since 1970. Nothing is added once it is `full`.
 
         A tick is stamped by its own time, counted from the receipt of the first, or of the first
@@ -506,7 +510,7 @@ def has_our_topic(stream: BinaryIO) -> Iterator[list[bool]]:
         yield [any(channel.topic == TOPIC for channel in part.channels), part.is_cut]
 
 
-def read_hips(stream: BinaryIO) -> Iterator[Samples]:
+def read_hips(stream: BinaryIO) -> Blocks:
     """Yield (time [s], hip) a block at a time, as sessions are read; raises `SessionError`.
 
     A controller that begins again with an earlier time goes on after the time that passed between
@@ -522,13 +526,13 @@ def read_hips(stream: BinaryIO) -> Iterator[Samples]:
         yield ticks["t"] + shifts[-len(ticks) :], ticks["hip"]
 
 
-def read_ticks(path: Path) -> NDArray[np.void]:
+def read_ticks(path: Path) -> TickRows:
     """(T,) of `TICK`, in the order of the loop; raises `SessionError` as `blocks` does."""
     with opened_file(path, SessionError) as stream, naming_place(path.name):
         return np.concatenate([np.zeros(0, TICK), *(one for one, _ in blocks(stream))])
 
 
-def blocks(stream: BinaryIO) -> Iterator[tuple[NDArray[np.void], Array]]:
+def blocks(stream: BinaryIO) -> Iterator[tuple[TickRows, Array]]:
     """Yield (n,) of `TICK`, and when they were received [s]; of a cut recording its whole part.
 
     Raises SessionError: damaged, or of another layout

@@ -213,9 +213,7 @@ def _whole_number(text: str, what: str, limit: int) -> int:
 
 
 def as_the_loop_saw(
-    session: Any,
-    poses: Poses | str | Path | None,
-    events: Sequence[Event] | str | Path | None,
+    session: Any, poses: Poses | str | Path | None, events: Sequence[Event] | str | Path | None
 ) -> tuple[Poses | None, list[Event] | None]:
     """Poses and events with the times at which a controller's log says that the loop had them.
 

@@ -25,7 +25,7 @@ from vfplan.session.channels import is_bag
 from vfplan.session.events import CHANGE_COLUMNS
 from vfplan.session.session import (
     FRAMES,
-    Samples,
+    Blocks,
     Session,
     SessionStream,
     in_order,
@@ -121,7 +121,7 @@ def open_session(
         if not {*end.read()} & {*b"\r\n"}:
             notes["open_end"] = True
 
-        def read() -> Iterator[Samples]:
+        def read() -> Blocks:
             for rows in table.blocks(columns):
                 yield rows[:, 0].copy(), rows[:, 1:]
 
@@ -147,7 +147,7 @@ def _open_bag(
     # Another frame is one of the bag's own.
     frame = frame if frame in FRAMES else FRAMES[0]
 
-    def samples() -> Iterator[Samples]:
+    def samples() -> Blocks:
         return (answer for answer in read() if isinstance(answer, tuple))
 
     def require_unchanged() -> None:
@@ -162,14 +162,14 @@ def _open_bag(
 
 
 def _stream(
-    read: Callable[[], Iterator[Samples]], require_unchanged: Callable[[], None], skip: bool,
+    read: Callable[[], Blocks], require_unchanged: Callable[[], None], skip: bool,
     name: str, frame: str, sha256: str, notes: dict[str, object],
 ) -> SessionStream:  # fmt: skip
     """Samples in order; a file that no longer has the digest that was taken is refused."""
     mended = {}
     factor = unit_factor(str(notes["units"]))
 
-    def samples() -> Iterator[Samples]:
+    def samples() -> Blocks:
         for time, hip in in_order(read(), mended, name, skip=skip):
             yield time, hip * factor
         require_unchanged()
@@ -183,7 +183,7 @@ ROWS = {"time": (), "hip": (3,)}
 FIXTURE_FORMAT = "vfplan-fixture"
 
 
-def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
+def read_hdf5(stream: BinaryIO, units: str, frame: str) -> Blocks:
     """Yield (time [s], hip) a block at a time.
 
     Raises SessionError: not HDF5, a dataset missing, wrong shapes or types, or an attribute of the
@@ -220,7 +220,7 @@ def check_said(values: Mapping[str, Any], what: str, units: str, frame: str | No
             raise SessionError(message, code="units-or-frame-differ")
 
 
-def read_npz(stream: BinaryIO, units: str, frame: str) -> Iterator[Samples]:
+def read_npz(stream: BinaryIO, units: str, frame: str) -> Blocks:
     """Yield (time [s], hip) a block at a time; refuse arrays as `read_hdf5` does attributes."""
     # Packed numbers of a recording take up to four times as much memory, of which 2 GiB are given.
     size = min(stream.seek(0, 2), 512 << 20)

@@ -171,6 +171,7 @@ class SamplingReport:
 
 # Time (n,) [s] and HIP (n, 3) [m] of consecutive samples.
 Samples = tuple[Array, Array]
+Blocks = Iterator[Samples]
 NO_SAMPLES: Samples = np.empty(0), np.empty((0, 3))
 
 # Ticks of a block. All that sums over ticks sees blocks of this length, however the file was cut:
@@ -243,7 +244,7 @@ class Session:
         """T."""
         return len(self.time)
 
-    def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
+    def blocks(self, size: int = BLOCK) -> Blocks:
         """Blocks of `size` ticks, the last one shorter."""
         return portions(self.time, self.hip, size)
 
@@ -253,14 +254,14 @@ class SessionStream:
     """A recording that is read block by block, each time `blocks` is called."""
 
     # Opens the file and yields samples in portions of any length.
-    read: Callable[[], Iterator[Samples]]
+    read: Callable[[], Blocks]
     # The same as in `Session`.
     name: str
     frame: str = "robot_base"
     sha256: str | None = None
     notes: dict[str, object] = field(default_factory=dict)
 
-    def blocks(self, size: int = BLOCK) -> Iterator[Samples]:
+    def blocks(self, size: int = BLOCK) -> Blocks:
         """Blocks of `size` ticks (the last one shorter), checked.
 
         Raises
@@ -288,14 +289,14 @@ def unit_factor(units: str) -> float:
     return METRES[units]
 
 
-def portions(time: Any, hip: Any, size: int = BLOCK) -> Iterator[Samples]:
+def portions(time: Any, hip: Any, size: int = BLOCK) -> Blocks:
     """Blocks of arrays, or of datasets that are read as they are asked for."""
     for start in range(0, len(time), size):
         rows = slice(start, start + size)
         yield np.asarray(time[rows], float), np.asarray(hip[rows], float)
 
 
-def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
+def regrouped(samples: Iterable[Samples], size: int) -> Blocks:
     """The same samples in blocks of exactly `size`, the last one shorter."""
     time, hip = NO_SAMPLES
     for more_time, more_hip in samples:
@@ -310,7 +311,7 @@ def regrouped(samples: Iterable[Samples], size: int) -> Iterator[Samples]:
 
 def in_order(
     samples: Iterable[Samples], mended: dict[str, int], where: str, *, skip: bool
-) -> Iterator[Samples]:
+) -> Blocks:
     """The samples in the order of their times; one that is doubled, or far too late, is left out.
 
     mended: counts, when all is read, the samples that were `swapped` and those that were `doubled`
@@ -360,7 +361,7 @@ def not_increasing(k: int, time: float, before: float, where: str, way_out: str)
     return SessionError(message, where=where, code="time-not-increasing", numbers={"sample": k})
 
 
-def check_samples(blocks: Iterable[Samples], where: str) -> Iterator[Samples]:
+def check_samples(blocks: Iterable[Samples], where: str) -> Blocks:
     """Pass blocks on, and refuse the first sample that no robot can have.
 
     Raises SessionError: a value out of range, time that does not increase, fewer than two samples
@@ -418,7 +419,7 @@ def resampled(session: SessionSource, rate_hz: float) -> SessionStream:
 
     notes = {**session.notes, "resampled_hz": rate_hz}
 
-    def samples() -> Iterator[Samples]:
+    def samples() -> Blocks:
         recorded = SamplingReport()
         # The first interval of a block begins at the last sample of the block before.
         with_previous = WithPrevious()

@@ -103,8 +103,8 @@ def read_dicom_contours(path: Path, structure: str | None) -> Contours:
         such structure.
     """
     data, digest = read_bytes(path, MAX_TEXT_BYTES)
-    refuse_costly(data, str(path))
-    with open_dataset(io.BytesIO(data), str(path), InputError, needs_preamble=False) as dataset:
+    refuse_costly(data)
+    with open_dataset(io.BytesIO(data), InputError, needs_preamble=False) as dataset:
         kind = str(dataset.get("SOPClassUID", ""))
         if kind == RTSTRUCT:
             return contours_of_rtstruct(dataset, structure, {"contours": digest})
@@ -279,23 +279,22 @@ def read_slicer_curves(paths: list[Path], curve_type: str | None = None) -> Cont
     digest = hashlib.sha256()
     joined = "straight" if curve_type == "linear" else "slicer"
     for path in paths:
-        where = str(path)
         text, sha256 = read_text(path, MAX_TEXT_BYTES, InputError)
         digest.update(bytes.fromhex(sha256))
-        markups = markups_of(text, where)
-        kinds = sorted({str(markup.get("type")) for markup in markups})
-        if kinds != ["ClosedCurve"]:
-            text = f"holds {', '.join(kinds)[:99] or 'nothing'}. Give closed curves."
-            raise InputError(text, where=where, code="curve-not-closed")
-        for markup in markups:
-            points = lps_points(markup, where)
-            if len(points) < 3:
-                text = f"a curve has {len(points)} points. Give at least 3."
-                raise InputError(text, where=where, code="outline-empty")
-            curve = VectorDrawing(points, True, joined, "")
-            if curve_type is None:
-                difference_m = max(difference_m, curve.distance_from_straight())
-            rings.append(curve.stroke(FINE_M).points)
+        with naming_place(path):
+            markups = markups_of(text)
+            kinds = sorted({str(markup.get("type")) for markup in markups})
+            if kinds != ["ClosedCurve"]:
+                text = f"holds {', '.join(kinds)[:99] or 'nothing'}. Give closed curves."
+                raise InputError(text, code="curve-not-closed")
+            for points in map(lps_points, markups):
+                if len(points) < 3:
+                    text = f"a curve has {len(points)} points. Give at least 3."
+                    raise InputError(text, code="outline-empty")
+                curve = VectorDrawing(points, True, joined, "")
+                if curve_type is None:
+                    difference_m = max(difference_m, curve.distance_from_straight())
+                rings.append(curve.stroke(FINE_M).points)
     return Contours(
         tuple(rings), (Structure(1),), 1, {"curves": digest.hexdigest()},
         type_difference_m=difference_m,

@@ -195,7 +195,7 @@ def read_line(
     """The chosen line, in the child process: how it was drawn, then its points [px or m]."""
     raise_limits_for(file)
     lines, others = [], []
-    with open_dataset(file, where, ImageError) as dataset:
+    with open_dataset(file, ImageError) as dataset:
         everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
         for kind, name, drawn_on, values, width in everything:
             if kind in OPEN or kind in CLOSED:

@@ -176,8 +176,7 @@ def read_by_suffix(
     text = decode_text(data, where, CurveError)
     if suffix in SLICER_SUFFIXES:
         refuse_origin(origin, "Slicer's curves")
-        read_slicer = read_markups if suffix == ".json" else read_control_points
-        return read_slicer(text, where)
+        return read_markups(text) if suffix == ".json" else read_control_points(text, where)
     return read_table(text, origin, where)
 
 
@@ -185,9 +184,9 @@ def read_by_suffix(
 SLICER_CURVES = {"Curve": False, "ClosedCurve": True}
 
 
-def read_markups(text: str, where: str) -> VectorDrawing:
+def read_markups(text: str) -> VectorDrawing:
     """The one curve of a Slicer `.mrk.json`."""
-    markups = markups_of(text, where)
+    markups = markups_of(text)
     curves = [markup for markup in markups if markup.get("type") in SLICER_CURVES]
     if len(curves) != 1:
         listed = ", ".join(repr(markup.get("type")) for markup in markups) or "nothing"
@@ -196,7 +195,7 @@ def read_markups(text: str, where: str) -> VectorDrawing:
             code="vector-several", numbers={"curves": len(curves)},
         )  # fmt: skip
     closed = SLICER_CURVES[curves[0]["type"]]
-    return slicer_curve(lps_points(curves[0], where), closed)
+    return slicer_curve(lps_points(curves[0]), closed)
 
 
 def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
