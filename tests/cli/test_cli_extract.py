@@ -8,14 +8,14 @@ import cv2
 import numpy as np
 import pytest
 from conftest import names_in
-from drawing import blend, coverage, flat, rms_off, to_uint8, wavy
+from drawing import blend, coverage, flat, rms_off, to_uint8, unit, wavy
 from vector_files import RING_MM, polyline, slicer
 
 import vfplan
 
 SHAPE = (240, 320)
 CURVE = wavy(SHAPE, 4, margin=0.2)
-RING = 30 + 18 * np.column_stack([np.cos(np.linspace(0, 6.2, 99)), np.sin(np.linspace(0, 6.2, 99))])
+RING = 30 + 18 * unit(np.linspace(0, 6.2, 99))
 
 
 @pytest.fixture
@@ -48,8 +48,7 @@ def test_json_files_and_the_curve_bundle(vfplan_cli, image, tmp_path):
     assert np.count_nonzero(cv2.imread(str(mask), 0)) == report["mask_pixels"]
     assert min(cv2.imread(str(overlay)).shape[:2]) > 500
     fixture = vfplan.read_fixture(out)
-    assert fixture.frame == "image"
-    assert fixture.points.shape == (report["points"], 3)
+    assert (fixture.frame, fixture.points.shape) == ("image", (report["points"], 3))
     assert (fixture.points[:, 2] == 0).all()
     found = type("S", (), {"points_px": fixture.points[:, :2], "sigma_px": fixture.sigma,
                            "length": stroke["length_px"]})  # fmt: skip
@@ -102,8 +101,7 @@ def test_outputs_that_cannot_be_written_are_exit_2_in_one_line(vfplan_cli, image
     os.mkfifo(pipe)
     for out in ("/proc/curve.h5", tmp_path / ("x" * 300 + ".h5"), pipe):
         done = vfplan_cli("extract", image, "-o", out, "--overwrite", "--json", "-q").fails(2)
-        assert done.json["error"]["kind"] == "OutputError"
-        assert done.stderr.count("\n") == 1
+        assert (done.json["error"]["kind"], done.stderr.count("\n")) == ("OutputError", 1)
     assert pipe.is_fifo()
     assert names_in(tmp_path) == ["pipe.h5", image.name]
 

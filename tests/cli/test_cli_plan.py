@@ -26,7 +26,7 @@ EXTRACT_KEYS = {
 
 def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--pixel-spacing", 0.5,
+    run = vfplan_cli("plan", *ELBOW, "-o", path, "--pixel-spacing", 0.5,
                      "--json").sound  # fmt: skip
     assert set(run.json["extract"]) >= EXTRACT_KEYS
     report = run.json["register"]
@@ -40,15 +40,14 @@ def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     assert record.covariance.shape == (9, 9)
     np.testing.assert_allclose(record.T_robot_image, report["T_robot_image"], rtol=1e-12)
     np.testing.assert_allclose(record.tre_rms_m, report["tre_rms_m"], rtol=0.02)
-    assert fixture.points.shape == (report["points"], 3)
-    assert fixture.frame == "robot_base"
+    assert (fixture.points.shape, fixture.frame) == ((report["points"], 3), "robot_base")
     assert fixture.stiffness.tolist() == [1000.0] * 3
     assert sorted(tmp_path.iterdir()) == [tmp_path / "f-sheet.png", path]
 
 
 def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
     """Each of these costs more time than extracting the sample's curve."""
-    words = [str(word) for word in ("plan", IMAGE, PIXELS, ROBOT, "-o", "f.h5", "--no-sheet")]
+    words = [str(word) for word in ("plan", *ELBOW, "-o", "f.h5", "--no-sheet")]
     code = (
         "import atexit, sys; from vfplan.cli.main import cli; "
         f"atexit.register(lambda: print(*sys.modules)); cli({words!r})"
@@ -64,10 +63,10 @@ def test_plan_without_a_sheet_imports_no_more_than_it_needs(tmp_path):
 
 
 def test_plan_without_an_output_writes_into_the_working_folder(vfplan_cli, tmp_path):
-    run = vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).sound
+    run = vfplan_cli("plan", *ELBOW, "--json", cwd=tmp_path).sound
     assert names_in(tmp_path) == ["elbow-sheet.png", "elbow.h5"]
     assert (run.json["output"], run.json["sheet"]) == ("elbow.h5", "elbow-sheet.png")
-    vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "--json", cwd=tmp_path).fails(2, error="output-exists")
+    vfplan_cli("plan", *ELBOW, "--json", cwd=tmp_path).fails(2, error="output-exists")
 
 
 def test_extract_then_register_is_plan(vfplan_cli, tmp_path):
@@ -87,7 +86,7 @@ def test_extract_then_register_is_plan(vfplan_cli, tmp_path):
 
 def test_options_reach_the_bundle(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    run = vfplan_cli(*("plan", IMAGE, PIXELS, ROBOT, "-o", path, "--stiffness", "500,600,700"),
+    run = vfplan_cli(*("plan", *ELBOW, "-o", path, "--stiffness", "500,600,700"),
                      *("--contact-radius", 4, "--point-radius", 1, "--ignore-axis", "z",
                        "--density", 2, "-q"))  # fmt: skip
     assert (run.code, run.stdout) == (0, "")
@@ -132,7 +131,7 @@ BAD = {
     (("--guide", "0.1", "--arcs", "0.05"), "csv --guide 0.1 --arcs 0.05 -o "),
 ])  # fmt: skip
 def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
-    vfplan_cli("plan", IMAGE, PIXELS, ROBOT, "-o", tmp_path / "f.h5", *option).fails(2, message)
+    vfplan_cli("plan", *ELBOW, "-o", tmp_path / "f.h5", *option).fails(2, message)
     assert list(tmp_path.iterdir()) == []
 
 

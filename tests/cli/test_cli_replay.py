@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 
+import bundles
 import h5py
 import numpy as np
 import pytest
 from conftest import ELBOW, file_with, names_in, output
 from meshes import sphere
-from replays import fixture_of, line, meshed, probing, write_session
+from replays import at_1_khz, fixture_of, line, meshed, probing, write_session
 
 import vfplan
 from vfplan.bundle.seal import keygen, sign
@@ -28,16 +30,19 @@ KEYS = {
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("replay")
-    vfplan.write_fixture(fixture_of(line()), folder / "line.h5")
     write_session(folder / "session.csv", probing())
-    return folder / "line.h5", folder / "session.csv"
+    return bundles.stored(folder / "line.h5", fixture_of(line())), folder / "session.csv"
+
+
+@pytest.fixture
+def replayed(vfplan_cli, files):
+    return partial(vfplan_cli, "replay", *files)
 
 
 @pytest.mark.parametrize("how", [(), PAPER])
-def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how):
+def test_report_has_the_promised_keys_and_files(replayed, tmp_path, how):
     out, table = tmp_path / "r.h5", tmp_path / "r.csv"
-    run = vfplan_cli("replay", *files, *how, "-o", out, "--csv", table, "--json").sound
-    found = run.json
+    found = replayed(*how, "-o", out, "--csv", table, "--json").sound.json
     assert set(found) >= KEYS
     assert set(found["states"]) == {"-1", "0", "1", "2"}
     times = [found["step_us"][name] for name in ("median", "p99", "p999", "max")]
@@ -46,28 +51,25 @@ def test_report_has_the_promised_keys_and_files(vfplan_cli, files, tmp_path, how
     assert set(found["scene"]) >= {"planar", "points", "point_radius_m"}
     assert len(found["fixture"]["sha256"]) == len(found["session"]["sha256"]) == 64
     with h5py.File(out) as file:
-        assert file.attrs["format"] == "vfplan-result"
-        assert file["force"].shape == (3000, 3)
+        assert (file.attrs["format"], file["force"].shape) == ("vfplan-result", (3000, 3))
         force = np.linalg.norm(file["force"][:], axis=1)
     assert force.max() == pytest.approx(found["force_max_n"], rel=1e-12)
-    assert len(table.read_text().splitlines()) == 3001
-    assert names_in(tmp_path) == ["r.csv", "r.h5"]
+    assert (len(table.read_text().splitlines()), names_in(tmp_path)) == (3001, ["r.csv", "r.h5"])
 
 
-def test_the_reference_engine_implies_the_papers_rule(vfplan_cli, files):
-    run = vfplan_cli("replay", *files, "--engine", "reference").sound
+def test_the_reference_engine_implies_the_papers_rule(replayed):
+    run = replayed("--engine", "reference").sound
     assert run.stdout.startswith("rule paper (reference engine): ")
-    refused = vfplan_cli("replay", *files, "--engine", "reference", "--rule", "robust")
-    refused.fails(2, "'paper' only")
+    replayed("--engine", "reference", "--rule", "robust").fails(2, "'paper' only")
 
 
 @pytest.mark.parametrize("fault", [("--quantise", "10"), ("--jitter", "1"), ("--delay", "2")])
-def test_a_link_that_loses_nothing_is_told_too(vfplan_cli, files, fault):
-    run = vfplan_cli("replay", *files, *fault).sound
+def test_a_link_that_loses_nothing_is_told_too(replayed, fault):
+    run = replayed(*fault).sound
     assert "lossy link" in run.stdout
     assert "packets lost" not in run.stdout
     # A seed is for what is random.
-    assert vfplan_cli("replay", *files, *fault, "--seed", "3").code == 2 * ("--jitter" not in fault)
+    assert replayed(*fault, "--seed", "3").code == 2 * ("--jitter" not in fault)
 
 
 def test_inputs_are_never_replaced(vfplan_cli, files, tmp_path):
@@ -94,12 +96,12 @@ def test_replay_loads_no_picture_library(files, tmp_path, how):
     assert not loaded & heavy
 
 
-def test_report_folder(vfplan_cli, files, tmp_path):
-    assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--json").sound
+def test_report_folder(replayed, tmp_path):
+    assert replayed("--report", tmp_path / "out", "--json").sound
     assert names_in(tmp_path / "out") == ["index.html"]
-    assert vfplan_cli("replay", *files, "--report", tmp_path / "out").code == 2
-    assert vfplan_cli("replay", *files, "--report", tmp_path / "out", "--overwrite").sound
-    assert vfplan_cli("replay", *files, "--image", tmp_path / "no.png").code == 2
+    assert replayed("--report", tmp_path / "out").code == 2
+    assert replayed("--report", tmp_path / "out", "--overwrite").sound
+    assert replayed("--image", tmp_path / "no.png").code == 2
 
 
 def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
@@ -111,8 +113,7 @@ def test_signature_can_be_demanded(vfplan_cli, files, tmp_path):
     demand += ("--case", "C1", "--report", tmp_path / "page")
     run = vfplan_cli("replay", signed, files[1], *demand, "--json").sound
     assert "<p>Case C1; approved by nobody" in (tmp_path / "page" / "index.html").read_text()
-    assert run.json["fixture"]["signed"] is True
-    assert run.json["fixture"]["signature_checked"] is True
+    assert [run.json["fixture"][name] for name in ("signed", "signature_checked")] == [True, True]
     assert vfplan_cli("replay", signed, files[1], "--case", "C1").code == 2
 
 
@@ -140,23 +141,22 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     (["--at-most", "force_max_n=1000"], 0, "pass"),
     (["--at-most", "force_max_n=1e-6"], 1, "fail"),
 ])  # fmt: skip
-def test_verdict_of_a_session_that_touches(vfplan_cli, files, limits, code, verdict, tmp_path):
+def test_verdict_of_a_session_that_touches(replayed, limits, code, verdict, tmp_path):
     report = "--report", tmp_path / "rep"
-    run = vfplan_cli("replay", *files, *limits, "-o", tmp_path / "r.h5", *report, "--json")
+    run = replayed(*limits, "-o", tmp_path / "r.h5", *report, "--json")
     assert (run.code, run.json["verdict"], (tmp_path / "r.h5").exists()) == (code, verdict, True)
     assert run.json["next"].endswith(str(report[1] / "index.html")) == bool(code)
-    run = vfplan_cli("replay", *files, *limits, "--json")
-    told = vfplan_cli("replay", *files, *limits).stdout.splitlines()[-2:]
-    following = run.json["next"].replace(" --json", "")
+    run = replayed(*limits, "--json")
+    told = replayed(*limits).stdout.splitlines()[-2:]
     assert told[0].startswith(f"verdict: {verdict}, never beyond the drawn line; ")
-    assert told[1] == f"next: {following}"
+    assert told[1] == f"next: {run.json['next'].replace(' --json', '')}"
 
 
 @pytest.mark.parametrize("limits", [(), ("--at-least", "force_max_n=3")])
 def test_a_session_that_begins_inside_is_told_to_begin_outside(vfplan_cli, limits, tmp_path):
     vfplan.write_fixture(meshed(*sphere(30e-3, 4)), tmp_path / "ball.h5")
     hip = np.outer(np.linspace(5e-3, 8e-3, 300), [0, 0, 1.0])
-    write_session(tmp_path / "deep.csv", vfplan.Session(1e-3 * np.arange(300), hip))
+    write_session(tmp_path / "deep.csv", at_1_khz(hip))
     run = vfplan_cli("replay", tmp_path / "ball.h5", tmp_path / "deep.csv", *limits)
     verdict, following = run.stdout.splitlines()[-2:]
     assert " mm inside the surface; " in verdict

@@ -33,8 +33,7 @@ def test_sheet_that_exists_is_not_overwritten(vfplan_cli, tmp_path):
     sheet = tmp_path / "f-sheet.png"
     sheet.write_bytes(b"mine")
     vfplan_cli(*PLAN, "-o", tmp_path / "f.h5").fails(2)
-    assert sheet.read_bytes() == b"mine"
-    assert list(tmp_path.iterdir()) == [sheet]
+    assert (sheet.read_bytes(), list(tmp_path.iterdir())) == (b"mine", [sheet])
     assert vfplan_cli(*PLAN, "-o", tmp_path / "f.h5", "--overwrite").sound
     assert cv2.imread(str(sheet)).shape == (PAGE_HEIGHT, PAGE_WIDTH, 3)
 
@@ -58,8 +57,7 @@ def test_same_plan_has_the_same_sheet_at_any_time(vfplan_cli, tmp_path):
 def test_review_of_slice_and_markers_is_that_of_the_plan(vfplan_cli, report, tmp_path):
     sheet = tmp_path / "s.png"
     run = vfplan_cli("review", *PLAN[1:], "--sheet-out", sheet, "--json").sound
-    assert run.json["digest"] == report["digest"]
-    assert run.json["findings"] == report["findings"]
+    assert (run.json["digest"], run.json["findings"]) == (report["digest"], report["findings"])
     assert list(tmp_path.iterdir()) == [sheet]
 
 

@@ -23,8 +23,7 @@ def boom() -> CommandResult:
 
 def test_unforeseen_error_is_one_line_and_exit_3():
     run = CliRunner().invoke(boom, ["--json"])
-    assert run.exit_code == 3
-    assert json.loads(run.stdout)["error"]["kind"] == "KeyError"
+    assert (run.exit_code, json.loads(run.stdout)["error"]["kind"]) == (3, "KeyError")
     assert "unforeseen KeyError: 'no such thing'" in run.stderr
     assert "Traceback" not in run.stderr
     assert "Traceback" in CliRunner().invoke(boom, ["-vv"]).stderr
@@ -85,8 +84,7 @@ def test_a_command_told_to_stop_leaves_nothing_behind(number, how, tmp_path):
     """Also where the signal comes inside a destructor, out of which Python raises nothing."""
     words = [sys.executable, "-c", AWAKE + STOPPED, tmp_path / "out.h5", str(int(number)), how]
     done = subprocess.run(words, capture_output=True, text=True, cwd=tmp_path, check=False)
-    assert done.returncode == 128 + number
-    assert json.loads(done.stdout)["error"]["kind"] == "Stopped"
+    assert (done.returncode, json.loads(done.stdout)["error"]["kind"]) == (128 + number, "Stopped")
     assert f"stopped by {number.name}" in done.stderr.splitlines()[-1]
     assert list(tmp_path.iterdir()) == []
 

@@ -3,6 +3,7 @@
 import os
 import stat
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import bundles
 import pytest
@@ -29,28 +30,33 @@ def desk(vfplan_cli, tmp_path_factory):
     return folder
 
 
-def test_the_private_key_is_its_owners_alone_and_no_key_is_lost(desk, vfplan_cli):
+@pytest.fixture
+def at_desk(vfplan_cli, desk):
+    return partial(vfplan_cli, cwd=desk)
+
+
+def test_the_private_key_is_its_owners_alone_and_no_key_is_lost(desk, at_desk):
     assert stat.S_IMODE(os.stat(desk / "alice.key").st_mode) == 0o600
     before = (desk / "alice.key").read_bytes()
-    assert vfplan_cli("keygen", "-o", desk / "alice.key").code == 2
+    assert at_desk("keygen", "-o", "alice.key").code == 2
     assert (desk / "alice.key").read_bytes() == before
 
 
-def test_a_signed_bundle_that_is_signed_again_stays_for_its_case(desk, vfplan_cli):
-    words = ["--key", desk / "mallory.key", "--despite-findings", "-o", desk / "again.h5", "--json"]
-    again = vfplan_cli("sign", desk / "s.h5", *words).sound
+def test_a_signed_bundle_that_is_signed_again_stays_for_its_case(at_desk):
+    words = ["--key", "mallory.key", "--despite-findings", "-o", "again.h5", "--json"]
+    again = at_desk("sign", "s.h5", *words).sound
     assert (again.json["case"], again.json["robot_serial"]) == ("C1", "R7")
-    other = vfplan_cli("sign", desk / "s.h5", *words, "--overwrite", "--case", "C2").sound
+    other = at_desk("sign", "s.h5", *words, "--overwrite", "--case", "C2").sound
     assert (other.json["case"], other.json["robot_serial"]) == ("C2", "R7")
     # `diff` compares no signatures, and says how they differ.
-    told = vfplan_cli("diff", desk / "a.h5", desk / "again.h5").sound.stdout
-    line = f"A is not signed, B is signed by key {again.json['key_id']}, for case 'C2', for robot"
-    assert line in told
+    told = at_desk("diff", "a.h5", "again.h5").sound.stdout
+    key = again.json["key_id"]
+    assert f"A is not signed, B is signed by key {key}, for case 'C2', for robot" in told
 
 
-def test_verify_names_the_key(desk, vfplan_cli):
+def test_verify_names_the_key(desk, at_desk):
     words = ["--case", "C1", "--robot-serial", "R7", "--max-age", "2h"]
-    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
+    run = at_desk("verify", "s.h5", "--keys", "alice.pub", *words, "--json").sound
     assert run.json["ok"]
     assert bytes.fromhex(run.json["key_id"]) in read_keys(desk / "alice.pub")
     assert (run.json["case"], run.json["robot_serial"]) == ("C1", "R7")
@@ -64,10 +70,9 @@ def test_verify_names_the_key(desk, vfplan_cli):
     ((), ["case", "robot_serial"]), (("--case", "C1"), ["robot_serial"]),
     (("--robot-serial", "R7"), ["case"]), (("--case", "C1", "--robot-serial", "R7"), []),
 ])  # fmt: skip
-def test_what_was_compared_with_nothing_is_said(words, names, desk, vfplan_cli):
-    run = vfplan_cli("verify", desk / "s.h5", "--keys", desk / "alice.pub", *words, "--json").sound
-    assert run.json["not_compared"] == names
-    assert len(run.json.get("warnings", [])) == len(names)
+def test_what_was_compared_with_nothing_is_said(words, names, at_desk):
+    run = at_desk("verify", "s.h5", "--keys", "alice.pub", *words, "--json").sound
+    assert (run.json["not_compared"], len(run.json.get("warnings", []))) == (names, len(names))
 
 
 @pytest.mark.parametrize(("file", "keys", "words", "kind", "reason"), [
@@ -81,11 +86,9 @@ def test_what_was_compared_with_nothing_is_said(words, names, desk, vfplan_cli):
     ("s.h5", "a.h5", [], "InputError", "error: "),
     ("s.h5", "alice.key", [], "InputError", "begins a private key"),
 ])  # fmt: skip
-def test_what_was_not_approved_is_refused_and_why(file, keys, words, kind, reason, desk,
-                                                  vfplan_cli):  # fmt: skip
-    words = ("verify", desk / file, "--keys", desk / keys, *words, "--json")
-    run = vfplan_cli(*words).fails({"SignatureError": 4, "InputError": 3, "UsageError": 2}[kind],
-                                   reason)  # fmt: skip
+def test_what_was_not_approved_is_refused_and_why(file, keys, words, kind, reason, at_desk):
+    code = {"SignatureError": 4, "InputError": 3, "UsageError": 2}[kind]
+    run = at_desk("verify", file, "--keys", keys, *words, "--json").fails(code, reason)
     assert run.json["error"]["kind"] == kind
 
 
@@ -96,17 +99,15 @@ def test_several_trusted_keys_stand_in_one_file(desk):
     assert read_bundle(desk / "s.h5", trust=Trust(read_keys(both)))[1]["signed"]
 
 
-def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfplan_cli):
+def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, at_desk):
     import h5py
 
     token = "c" * 700
-    words = ["--key", desk / "alice.key", "--case", token, "--despite-findings"]
-    words += ["-o", desk / "long.h5", "--overwrite"]
-    assert vfplan_cli("sign", desk / "a.h5", *words).sound
+    words = ["--key", "alice.key", "--case", token, "--despite-findings", "-o", "long.h5"]
+    assert at_desk("sign", "a.h5", *words, "--overwrite").sound
     assert read_bundle(desk / "long.h5")[1]["case"] == token
     with h5py.File(desk / "long.h5") as file:
-        assert file.userblock_size == 0
-        assert file["points"].shape == (70, 3)
+        assert (file.userblock_size, file["points"].shape) == (0, (70, 3))
     assert len((desk / "long.h5").read_bytes()) - len((desk / "a.h5").read_bytes()) == 512
     vfplan.read_fixture(desk / "long.h5")
 
@@ -117,9 +118,9 @@ def test_a_long_case_token_makes_a_longer_seal_that_plain_tools_ignore(desk, vfp
     ["--registered-at", "9999-12-31T23:59:59-05:00"],
     ["--case", "c" * 5000], ["--case", "a\nb"],
 ])  # fmt: skip
-def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, vfplan_cli):
-    words = [*words, "--despite-findings", "-o", desk / "none.h5"]
-    vfplan_cli("sign", desk / "a.h5", "--key", desk / "alice.key", *words).fails(2, "error: ")
+def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, at_desk):
+    words = [*words, "--key", "alice.key", "--despite-findings", "-o", "none.h5"]
+    at_desk("sign", "a.h5", *words).fails(2, "error: ")
     assert not (desk / "none.h5").exists()
 
 
@@ -150,15 +151,15 @@ def test_a_bundle_for_nobody_in_particular_is_not_for_this_case_or_robot(desk):
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o666])
-def test_a_private_key_that_others_can_read_signs_nothing(mode, desk, vfplan_cli, tmp_path):
+def test_a_private_key_that_others_can_read_signs_nothing(mode, desk, at_desk, tmp_path):
     key = tmp_path / "open.key"
     key.write_bytes((desk / "alice.key").read_bytes())
     key.chmod(mode)
-    words = ["sign", desk / "a.h5", "--key", key, "--despite-findings", "-o", tmp_path / "x.h5"]
-    vfplan_cli(*words).fails(3, f"{mode:04o}")
+    words = ["sign", "a.h5", "--key", key, "--despite-findings", "-o", tmp_path / "x.h5"]
+    at_desk(*words).fails(3, f"{mode:04o}")
     assert not (tmp_path / "x.h5").exists()
     key.chmod(0o400)
-    assert vfplan_cli(*words).sound
+    assert at_desk(*words).sound
 
 
 @pytest.mark.parametrize("name", BESIDE)
@@ -171,9 +172,9 @@ def test_a_file_of_keys_holds_keys_and_comments_only(name, tmp_path):
             read_keys(path)
 
 
-def test_a_public_key_in_place_of_the_private_one_is_told_as_that(desk, vfplan_cli, tmp_path):
-    words = ("sign", desk / "a.h5", "--key", desk / "alice.pub", "-o", tmp_path / "s.h5", "--json")
-    vfplan_cli(*words).fails(3, error="public-key")
+def test_a_public_key_in_place_of_the_private_one_is_told_as_that(at_desk, tmp_path):
+    words = ("--key", "alice.pub", "-o", tmp_path / "s.h5", "--json")
+    at_desk("sign", "a.h5", *words).fails(3, error="public-key")
 
 
 def test_keygen_leaves_the_public_half_of_another_key(vfplan_cli, tmp_path):

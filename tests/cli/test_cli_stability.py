@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bundles import PROVENANCE, whole
+from bundles import PROVENANCE, stored, whole
 from conftest import ELBOW, names_in
 from vfplan.cli.stability import MAX_STIFFNESS
 
 from vfplan.bundle.content import max_number
 from vfplan.bundle.read import read_fixture
-from vfplan.bundle.write import write_fixture
 from vfplan.fixture import Fixture
 
 KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out", "elapsed_s"}
@@ -21,11 +20,9 @@ KEYS = {"cases", "k_max_n_per_m", "k_linear_bound_n_per_m", "stable", "left_out"
 @pytest.fixture
 def dot(tmp_path):
     """A bundle of one point in space: few scenes to run."""
-    path = tmp_path / "dot.h5"
     rendering = replace(whole().rendering, ignore_axis=None)
     fixture = Fixture("robot_base", np.array([[0.4, 0.0, 0.2]]), PROVENANCE, rendering=rendering)
-    write_fixture(fixture, path)
-    return path
+    return stored(tmp_path / "dot.h5", fixture)
 
 
 @pytest.mark.slow

@@ -112,8 +112,7 @@ def named() -> CommandResult:
 def test_no_name_from_a_file_reaches_the_terminal_raw(quiet):
     """And -q hides neither a warning nor a failure."""
     run = CliRunner().invoke(named, quiet)
-    assert run.exit_code == 1
-    assert run.stdout == ("" if quiet else "wrote \\x1b]0;owned\\x07\n")
+    assert (run.exit_code, run.stdout) == (1, "" if quiet else "wrote \\x1b]0;owned\\x07\n")
     told = ["read \\x1b[31mred", "warning: \\x1b[1A up", "failed: \\u202eton"]
     assert run.stderr.splitlines() == [f"vfplan: {line}" for line in told]
 
@@ -170,8 +169,7 @@ def test_an_open_window_heeds_signals(number, tmp_path):
     assert child.stdout.readline() == "open\n"
     child.send_signal(number)
     out, err = child.communicate(timeout=60)
-    assert child.returncode == 128 + number
-    assert out.splitlines()[-1] == "closed"
+    assert (child.returncode, out.splitlines()[-1]) == (128 + number, "closed")
     assert f"stopped by {number.name}" in err
 
 

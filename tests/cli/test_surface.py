@@ -7,7 +7,7 @@ import slicer_files
 from bones import BENT
 from motion import turned
 from refusals import refuses
-from replays import write_session
+from replays import at_1_khz, write_session
 from vfplan.cli.register import registered_text
 
 import vfplan
@@ -54,8 +54,7 @@ def called(vfplan_cli, tmp_path):
 
 def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers, called, tmp_path):
     report = called("surface", struct, "-o", "s.h5", "--picture-out", "s.png", "--json").json
-    assert report["slices"] == 16
-    assert report["spacing_mm"] == pytest.approx(5)
+    assert (report["slices"], report["spacing_mm"]) == (16, pytest.approx(5))
     assert report["structures"] == [{"number": 1, "name": "bone", "chosen": True}]
     assert report["open_edges"] == 0
     assert report["elapsed_s"] > 0
@@ -76,7 +75,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
     # A hand that pushes through the bone's flank: the proxy stays R outside the true surface.
     along = np.linspace(40, -5, 900)
     hips = moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])
-    session = vfplan.Session(np.arange(900) * 1e-3, hips)
+    session = at_1_khz(hips)
     write_session(tmp_path / "h.csv", session)
     replayed = called("replay", "f.h5", "h.csv", "-o", "r.h5", "--json").json
     assert replayed["contact_ticks"] > 300

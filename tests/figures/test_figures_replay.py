@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refuses
-from replays import fixture_of, line, probing
+from replays import at_1_khz, fixture_of, line, probing
 
 from vfplan import PlannedImage
 from vfplan.errors import InputError
@@ -19,7 +19,6 @@ from vfplan.figures.style import save_png
 from vfplan.fixture import Guidance, RegistrationRecord
 from vfplan.replaying.metrics import CurveRuler
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
-from vfplan.session.session import Session
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
@@ -51,7 +50,7 @@ def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
 @pytest.mark.parametrize("times", [1, 100])
 def test_scene_shows_the_whole_path_or_says_how_much_is_left_out(pressed, times):
     ends = np.linspace([0.05, 5e-3, 0], [0.05 + 0.1 * times, 0.02, 0], 100)
-    [axes] = scene(replay(pressed.fixture, Session(np.arange(100) / 1e3, ends))).axes
+    [axes] = scene(replay(pressed.fixture, at_1_khz(ends))).axes
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()]) / 1e3
     is_seen = ((ends[:, :2] >= low) & (ends[:, :2] <= high)).all()
     assert is_seen == (times == 1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from chromium import Page
 from conftest import need_program
-from replays import fixture_of, line, probing
+from replays import at_1_khz, fixture_of, line, probing
 
 import vfplan
 from vfplan.figures.replay import timeline
@@ -98,8 +98,7 @@ def test_a_margin_is_not_beyond_the_line():
     for depth, told, shown in ((2e-3, 'beyond">PASS: up to 2.00 mm', 2.0),
                                (-5e-4, 'pass">PASS: never', 5.5)):  # fmt: skip
         hip = np.linspace([0.05, 0.02, 0], [0.05, -depth, 0], 300)
-        session = vfplan.Session(1e-3 * np.arange(300), hip)
-        replayed = replay(fixture_of(line(), rv=1e-3), session, limits=limits)
+        replayed = replay(fixture_of(line(), rv=1e-3), at_1_khz(hip), limits=limits)
         assert f"{told} beyond the drawn line; " in page(replayed)
         drawn = timeline(replayed).axes[1].get_lines()[-1].get_ydata().max()
         highest = max(scrubber_data(replayed)["zooms"][-1]["depth_high"])
@@ -156,8 +155,7 @@ def test_in_a_browser(pressed, written, tmp_path):
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(written.as_uri())
         spoken = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
-        problems = [e for e in browser.events if e["method"] in spoken]
-        assert problems == []
+        assert [e for e in browser.events if e["method"] in spoken] == []
         assert browser.run("document.querySelectorAll('main > section').length") >= 6
         requests = [e for e in browser.events if e["method"] == "Network.requestWillBeSent"]
         asked = [request["params"]["request"]["url"][:40] for request in requests]
@@ -177,8 +175,7 @@ def test_in_a_browser(pressed, written, tmp_path):
         pdf = base64.b64decode(printed["data"])
         assert pdf.startswith(b"%PDF")
         assert 2 <= pdf.count(b"/Type /Page\n") <= 8
-        boxes = {tuple(map(float, b.split())) for b in re.findall(rb"/MediaBox \[(.*?)\]", pdf)}
-        (a4,) = boxes
+        (a4,) = {tuple(map(float, b.split())) for b in re.findall(rb"/MediaBox \[(.*?)\]", pdf)}
         assert a4 == pytest.approx((0, 0, 210 / 25.4 * 72, 297 / 25.4 * 72), abs=1)
 
 

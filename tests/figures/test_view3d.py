@@ -48,9 +48,7 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     need_gl()
     png = tmp_path / "v.png"
     run = vfplan_cli("view", *files, "--screenshot", png, "--json", env={"DISPLAY": ""}).sound
-    assert run.stderr == ""
-    assert run.json["files"] == [str(png)]
-    assert Image.open(png).size == (1200, 900)
+    assert (run.stderr, run.json["files"], Image.open(png).size) == ("", [str(png)], (1200, 900))
     assert 0.3 < share(png, (255, 255, 255)) < 0.99
     assert share(png, rgb(CLOUD)) > 1e-4  # the cloud
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path

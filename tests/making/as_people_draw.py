@@ -14,6 +14,7 @@ from slices import (
     arc_of,
     by_name,
     direction,
+    drawn,
     hand,
     part,
     parts_inside,
@@ -29,14 +30,8 @@ def _clicked(curve, rng, *hidden):
     return curve, False, [curve[rng.integers(len(curve))], *hidden]
 
 
-def _open(canvas, rng):
-    curve, width = hand(rng, margin=0.12), pen(rng)
-    canvas.line(curve, width, RED)
-    return curve, width
-
-
 def arrow_that_touches(canvas, rng):
-    curve, width = _open(canvas, rng)
+    curve, width = drawn(canvas, rng, margin=0.12)
     tip = curve[rng.integers(200, 1000)]
     back = turned(direction(curve), rng.uniform(1.0, 2.1)) * rng.choice([-1.0, 1.0])
     for angle, length in ((0, rng.uniform(50, 90)), (0.4, 12), (-0.4, 12)):
@@ -45,7 +40,7 @@ def arrow_that_touches(canvas, rng):
 
 
 def label_on_the_line(canvas, rng):
-    curve, _ = _open(canvas, rng)
+    curve, _ = drawn(canvas, rng, margin=0.12)
     at = curve[rng.integers(200, 900)] + (-10, 5)
     canvas.text(rng.choice(WORDS), at, RED, rng.uniform(0.4, 0.7), int(rng.integers(1, 3)))
     return _clicked(curve, rng)
@@ -53,7 +48,7 @@ def label_on_the_line(canvas, rng):
 
 def leader_line(canvas, rng):
     """A straight line to a label goes on beyond a small gap at the end of the curve."""
-    curve, width = _open(canvas, rng)
+    curve, width = drawn(canvas, rng, margin=0.12)
     out = turned(direction(curve[::-1]), rng.uniform(-0.5, 0.5))
     start = curve[0] + (width + rng.uniform(5, 14)) * out
     canvas.line([start, start + rng.uniform(30, 60) * out], width, RED)

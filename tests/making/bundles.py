@@ -89,9 +89,8 @@ def whole():
     return Fixture(
         frame="robot_base",
         points=points,
-        provenance=Provenance(
-            created_utc="2026-01-02T03:04:05Z",
-            software="vfplan 0.1.0",
+        provenance=replace(
+            PROVENANCE,
             inputs={"image": "ab" * 32, "markers": "cd" * 32},
             settings={"method": "ridge", "tolerance_m": 1e-5, "max_gap_px": 20, "robust": False},
         ),
@@ -131,15 +130,15 @@ def drawn():
     return replace(fixtures.pieces(line=30, arc=17, circle=50), provenance=PROVENANCE)
 
 
+def answered(finding):
+    return replace(finding, answered_by="A. Planner", answered_utc="2026-01-02T03:05:06Z")
+
+
 FINDINGS = (
     doubt("end-other-colour", "extract", "The end lies under other ink.", place_px=(318.5, 400.0)),
     note("bridge-short", "extract", "A gap of 4 px was bridged.", place_px=(352.0, 341.25)),
     doubt("tick-too-long", "plan", "A tick may take 0.4 ms.", place_m=(0.41, 0.05, 0.13)),
-    replace(
-        doubt("marker-suspect", "register", "Marker x3 lies 1.2 mm off."),
-        answered_by="A. Planner",
-        answered_utc="2026-01-02T03:05:06Z",
-    ),
+    answered(doubt("marker-suspect", "register", "Marker x3 lies 1.2 mm off.")),
 )
 
 
@@ -152,11 +151,7 @@ def doubtful():
 
 def reviewed():
     """The same with all findings answered, approved by a person."""
-    answered = [
-        replace(finding, answered_by="A. Planner", answered_utc="2026-01-02T03:05:06Z")
-        for finding in FINDINGS
-    ]
-    return approved(replace(doubtful(), findings=tuple(answered)))
+    return approved(replace(doubtful(), findings=tuple(map(answered, FINDINGS))))
 
 
 def approved(fixture):

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 
 import cv2
 import numpy as np
-from drawing import arc_of, blend, coverage, jpeg, polyline, samples_near, to_uint8
+from drawing import arc_of, blend, coverage, jpeg, polyline, samples_near, to_uint8, unit
 
 # Skia has no wheels for every platform.
 RASTERISERS = ("exact", "agg", *(["skia"] if find_spec("skia") else []))
@@ -45,24 +45,19 @@ class Canvas:
     def line_share(self, points, width, closed=False, cap="round"):
         if self.rasteriser == "exact":
             return coverage(self.shape, points, width, closed, cap)
-        if self.rasteriser == "agg":
-            return _agg(self.shape, points, closed, width, cap)
-        return _skia(self.shape, points, closed, width, cap)
+        return BY_LIBRARY[self.rasteriser](self.shape, points, closed, width, cap)
 
     def fill(self, points, colour):
         """What a simple closed outline of (M, 2) points encloses."""
         points = np.asarray(points, float)
         if self.rasteriser == "exact":
-            share = _filled(self.shape, points)
-        elif self.rasteriser == "agg":
-            share = _agg(self.shape, points, True, None)
+            self.paint(_filled(self.shape, points), colour)
         else:
-            share = _skia(self.shape, points, True, None)
-        self.paint(share, colour)
+            self.paint(BY_LIBRARY[self.rasteriser](self.shape, points, True, None), colour)
 
     def disc(self, centre, radius, colour):
         turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
-        self.fill(np.add(centre, radius * np.column_stack([np.cos(turn), np.sin(turn)])), colour)
+        self.fill(np.add(centre, radius * unit(turn)), colour)
 
     def box(self, centre, width, height, colour):
         self.fill(rectangle(centre, width, height), colour)
@@ -142,6 +137,9 @@ def _skia(shape, points, closed, width, cap="round"):
     with skia.Surface(picture) as canvas:
         canvas.drawPath(path, pen)
     return picture[..., 3] / 255.0
+
+
+BY_LIBRARY = {"agg": _agg, "skia": _skia}
 
 
 def _filled(shape, points):

@@ -25,6 +25,11 @@ def at_arcs(wanted, curve):
     return np.column_stack([np.interp(wanted, arc_of(curve), axis) for axis in np.transpose(curve)])
 
 
+def unit(angle):
+    """The unit vectors at angles [rad] from u towards v; (..., 2)."""
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
 def to_ends(points):
     """(M,) the distance of each point from the nearer of the first and the last."""
     return np.hypot(*np.moveaxis(points[:, None] - points[[0, -1]], 2, 0)).min(1)

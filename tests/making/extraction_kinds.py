@@ -13,7 +13,7 @@ from importlib.util import find_spec
 import cv2
 import numpy as np
 from canvas import Canvas
-from drawing import anatomy, polyline
+from drawing import anatomy, polyline, unit
 from slices import (
     Family,
     arc_of,
@@ -24,6 +24,8 @@ from slices import (
     normal_of,
     part,
     parts_inside,
+    pen,
+    pick,
     pressed_by,
     tail,
     turned,
@@ -47,10 +49,10 @@ class Sheet(Canvas):
     def __init__(self, ground, rasteriser, rng):
         super().__init__(ground, rasteriser)
         self.rng = rng
-        self.width = float(rng.choice([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 9.0]))
+        self.width = pen(rng, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 9.0)
         if rasteriser == "opencv":
             self.width = float(max(1, round(self.width)))
-        self.red = REDS[int(rng.integers(len(REDS)))]
+        self.red = pick(rng, REDS)
         self.opacity = float(rng.uniform(0.5, 0.9)) if rng.random() < 0.25 else 1.0
         is_flat = rng.random() < 0.25 and rasteriser not in ROUND_CAPS_ONLY
         self.cap = "butt" if is_flat else "round"
@@ -89,8 +91,8 @@ class Sheet(Canvas):
 
 
 def _begin(kind, _seed, rng):
-    rasteriser = RASTERISERS[int(rng.integers(len(RASTERISERS)))]
-    quality = QUALITIES[int(rng.integers(len(QUALITIES)))]
+    rasteriser = pick(rng, RASTERISERS)
+    quality = pick(rng, QUALITIES)
     return Sheet(_ground(LARGE_SHAPE if kind in LARGE else SHAPE, rng), rasteriser, rng), quality
 
 
@@ -134,7 +136,7 @@ def _open_hand(height, width, rng):
     bend = np.interp(np.linspace(0, len(knots) - 1, count), np.arange(len(knots)), knots)
     bend = cv2.GaussianBlur(bend[:, None], (1, 41), 10).ravel() * rng.uniform(0.2, 1.0) / 45
     heading = rng.uniform(0, 2 * np.pi) + np.cumsum(bend)
-    curve = np.cumsum(0.5 * np.column_stack([np.cos(heading), np.sin(heading)]), axis=0)
+    curve = np.cumsum(0.5 * unit(heading), axis=0)
     middle = (curve.max(0) + curve.min(0)) / 2
     return curve - middle + np.array([width, height]) / 2 + rng.uniform(-20, 20, 2)
 
@@ -186,14 +188,14 @@ def in_any_order(rng, *layers):
 
 
 def any_other(rng):
-    return OTHERS[int(rng.integers(len(OTHERS)))]
+    return pick(rng, OTHERS)
 
 
 # Clear kinds: (sheet, rng) -> the curve that is meant, and whether it is closed.
 
 
 def plain(sheet, rng):
-    return drawn(sheet, rng), False
+    return drawn(sheet, rng)
 
 
 def closed(sheet, rng):
@@ -208,7 +210,7 @@ def taper(sheet, rng):
     if rng.integers(2):
         widths *= np.clip(arc / rng.uniform(8, 40), 0.04, 1)
     sheet.pressed(curve, max(sheet.width, 2.0) * widths, sheet.red)
-    return curve, False
+    return curve
 
 
 def lifts(sheet, rng):
@@ -222,7 +224,7 @@ def lifts(sheet, rng):
         start = stop + rng.uniform(3, 14) + sheet.width
     runs.append(part(curve, start, length))
     sheet.draw(runs)
-    return curve, False
+    return curve
 
 
 def crossed_by_colours(sheet, rng):
@@ -233,14 +235,14 @@ def crossed_by_colours(sheet, rng):
         reach = rng.uniform(20, 60) * lean
         across = np.array([curve[k] - reach, curve[k] + reach])
         sheet.line(across, rng.uniform(1.5, 4), any_other(rng))
-    return curve, False
+    return curve
 
 
 def touched_along(sheet, rng):
     """A line of another colour runs along one edge of the curve."""
     sheet.width = max(sheet.width, 2.0)
     curve = hand(sheet, rng)
-    size = float(rng.choice([1.0, 2.0, 3.0]))
+    size = pen(rng, 1.0, 2.0, 3.0)
     aside = (sheet.width + size) / 2 * rng.uniform(0.85, 1.2)
     beside = curve + rng.choice([-1, 1]) * aside * normal_of(curve)
     length = arc_of(beside)[-1]
@@ -248,7 +250,7 @@ def touched_along(sheet, rng):
     run = part(beside, start, start + rng.uniform(40, 100))
     colour = any_other(rng)
     in_any_order(rng, lambda: sheet.line(run, size, colour), lambda: sheet.draw([curve]))
-    return curve, False
+    return curve
 
 
 def letters_near(sheet, rng):
@@ -256,7 +258,7 @@ def letters_near(sheet, rng):
     for word in ("L", "hip 3", "cut A")[: int(rng.integers(1, 4))]:
         at = away_from(curve, sheet, rng, (50, 16), rng.uniform(8, 30))
         sheet.text(word, np.subtract(at, [22, -6]), sheet.red, rng.uniform(0.4, 0.6))
-    return curve, False
+    return curve
 
 
 def dots_and_crosses_near(sheet, rng):
@@ -267,7 +269,7 @@ def dots_and_crosses_near(sheet, rng):
             sheet.disc(at, rng.uniform(1.5, 5), sheet.red)
         else:
             cross(sheet, at, 6, 1.5, sheet.red)
-    return curve, False
+    return curve
 
 
 def boxes_and_swatch_near(sheet, rng):
@@ -278,7 +280,7 @@ def boxes_and_swatch_near(sheet, rng):
         size = rng.uniform(low, high, 2)
         at = away_from(curve, sheet, rng, size, rng.uniform(least, 40))
         sheet.box(at, *size, colour or any_other(rng))
-    return curve, False
+    return curve
 
 
 def marker_crosses(sheet, rng):
@@ -287,7 +289,7 @@ def marker_crosses(sheet, rng):
         at = away_from(curve, sheet, rng, (26, 26), rng.uniform(10, 50))
         cross(sheet, at, 6, 1.5, CYAN)
         sheet.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
-    return curve, False
+    return curve
 
 
 def leaves_the_picture(sheet, rng):
@@ -304,7 +306,7 @@ def leaves_the_picture(sheet, rng):
         # Draw it again on a fresh ground.
         sheet.picture = _ground(sheet.shape, rng)
         return leaves_the_picture(sheet, rng)
-    return longest, False
+    return longest
 
 
 def pressure(sheet, rng):
@@ -312,7 +314,7 @@ def pressure(sheet, rng):
     curve = hand(sheet, rng)
     swing = pressed_by(curve, rng.uniform(0.2, 0.5), rng)
     sheet.pressed(curve, max(sheet.width, 2.5) * (1 + swing), sheet.red)
-    return curve, False
+    return curve
 
 
 def polygon(sheet, rng):
@@ -323,17 +325,17 @@ def polygon(sheet, rng):
 
 def planned(sheet, rng):
     """A whole screen: an open curve, nine markers with labels, a grey scale bar."""
-    sheet.width = float(rng.choice([2.0, 2.2, 3.0, 4.5]))
+    sheet.width = pen(rng, 2.0, 2.2, 3.0, 4.5)
     curve = drawn(sheet, rng)
     set_markers(sheet, rng, curve, 9, 120)
     sheet.box((60, sheet.shape[0] - 20), 80, 4, (230, 230, 230))
-    return curve, False
+    return curve
 
 
 def neighbour(sheet, rng):
     """A closed curve, and another colour's closed curve close outside of it."""
     curve = hand(sheet, rng, True)
-    other = float(rng.choice([1.5, 2.0, 3.0]))
+    other = pen(rng, 1.5, 2.0, 3.0)
     aside = (sheet.width + other) / 2 + rng.uniform(-0.3, 3)
     outside = curve - aside * normal_of(np.vstack([curve, curve[:1]]))[:-1]
     in_any_order(rng, lambda: sheet.line(outside, other, any_other(rng), True),
@@ -342,9 +344,9 @@ def neighbour(sheet, rng):
 
 
 def taper_on_a_planned_slice(sheet, rng):
-    curve, is_closed = taper(sheet, rng)
+    curve = taper(sheet, rng)
     set_markers(sheet, rng, curve, 5, 80)
-    return curve, is_closed
+    return curve
 
 
 # Ambiguous kinds: what a person has to look at lies at the places.
@@ -462,7 +464,7 @@ def letter_at_an_end(sheet, rng):
     curve = drawn(sheet, rng)
     way = direction(curve, 12)
     at = curve[-1] + (sheet.width / 2 + rng.uniform(-1, 3)) * way
-    letter = "AFLTX"[int(rng.integers(5))]
+    letter = pick(rng, "AFLTX")
     size = rng.uniform(0.35, 0.6)
     box, _ = cv2.getTextSize(letter, cv2.FONT_HERSHEY_SIMPLEX, size, 1)
     middle = at + way * np.array(box) / 2

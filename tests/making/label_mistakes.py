@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from drawing import unit
 from scipy.spatial.transform import Rotation
 
 SIDE_PX, PX_M = 1024.0, 0.5e-3
@@ -54,7 +55,7 @@ def _placed(layout, n, rng):
         return rng.uniform(60, SIDE_PX - 60, (n, 2))
     if layout == "ring":
         turn = 2 * np.pi * np.arange(n) / n + rng.uniform(0, 2 * np.pi)
-        places = SIDE_PX / 2 + 380 * np.column_stack([np.cos(turn), np.sin(turn)])
+        places = SIDE_PX / 2 + 380 * unit(turn)
     else:
         columns = int(np.ceil(np.sqrt(n)))
         step = 760 / max(columns - 1, 1)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from drawing import unit
 from numpy.typing import NDArray
 
 from vfplan.geometry.lines import Array
@@ -53,7 +54,7 @@ def _layout(rng: np.random.Generator, kind: str, n: int) -> Array:
             source = 150 + 700 / (side - 1) * np.column_stack([column, row]) + jitter
         elif kind == "ring":
             angle = 2 * np.pi * np.arange(n) / n + rng.uniform(0, 2 * np.pi)
-            source = 512 + 350 * np.column_stack([np.cos(angle), np.sin(angle)]) + jitter
+            source = 512 + 350 * unit(angle) + jitter
         else:
             source = rng.uniform(60, 960, (n, 2))
         extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)

@@ -63,6 +63,11 @@ def probing(seconds=3.0, seed=None):
     return Session(t, hip)
 
 
+def at_1_khz(hip):
+    """A session of these positions (T, 3)."""
+    return Session(1e-3 * np.arange(len(hip)), hip)
+
+
 def write_session(path, session, **columns):
     """A session as CSV, with more columns where these are given."""
     rows = np.column_stack([session.time, session.hip, *columns.values()])

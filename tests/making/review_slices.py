@@ -25,11 +25,11 @@ def wave(first=40, last=330, height=80):
 BRANCH = wave()[300] + np.linspace(0, 1, 100)[:, None] * (80.0, 110.0)
 
 
-def _drawn(*lines):
+def _canvas(*lines):
     canvas = Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
     for line in lines:
         canvas.line(line, 3.0, RED)
-    return canvas.image(None)
+    return canvas
 
 
 def _write(path, picture):
@@ -37,51 +37,55 @@ def _write(path, picture):
     return path
 
 
+def _drawn(path, *lines):
+    return _write(path, _canvas(*lines).image())
+
+
 def clear(path):
     truth = wave()
-    return _write(path, _drawn(truth)), truth
+    return _drawn(path, truth), truth
 
 
 def two_candidates(path):
     """Two lines of about one length; the lower is meant."""
     truth = wave(60, 300, 220)
-    return _write(path, _drawn(wave(), truth)), truth
+    return _drawn(path, wave(), truth), truth
 
 
 def lifted(path):
     """A line in two pieces, farther apart than extraction bridges."""
-    return _write(path, _drawn(wave(40, 160), wave(200, 330)))
+    return _drawn(path, wave(40, 160), wave(200, 330))
 
 
 def fork(path):
     """A line with a branch; the line from the left to the right is meant."""
-    return _write(path, _drawn(wave(), BRANCH)), wave()
+    return _drawn(path, wave(), BRANCH), wave()
 
 
 def several(path):
     """An open line, and one that forks."""
-    return _write(path, _drawn(wave(), BRANCH, wave(60, 250, 260))), wave()
+    return _drawn(path, wave(), BRANCH, wave(60, 250, 260)), wave()
 
 
 def double(path, gap=8.0):
     """Two lines side by side, `gap` px apart; the upper is meant."""
     truth = wave()
-    return _write(path, _drawn(truth, truth + np.array([0.0, gap]))), truth
+    return _drawn(path, truth, truth + np.array([0.0, gap])), truth
 
 
 def half_double(path):
     """A line of which a part was drawn once more, 3 px beside it."""
     truth = wave()
-    return _write(path, _drawn(truth, truth[200:420] + np.array([0.0, 3.0]))), truth
+    return _drawn(path, truth, truth[200:420] + np.array([0.0, 3.0])), truth
 
 
 def smooth(path):
     """A line that a stylus pressed harder in its middle: it grows wide and thin again smoothly."""
-    truth, canvas = wave(), Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+    truth, canvas = wave(), _canvas()
     for k in range(0, len(truth) - 8, 4):
         width = 3.0 + 2.5 * np.exp(-(((k / len(truth) - 0.5) / 0.12) ** 2))
         canvas.line(truth[k : k + 9], width, RED)
-    return _write(path, canvas.image(None)), truth
+    return _write(path, canvas.image()), truth
 
 
 def loops(path):
@@ -89,22 +93,22 @@ def loops(path):
     t = np.linspace(-3.5, 9.78, 800)
     u, v = 190 + 22 * (t - np.pi) - 50 * np.sin(t), 150 - 60 * np.cos(t)
     truth = np.column_stack([u, v - 0.1 * (u - 190)])
-    return _write(path, _drawn(truth)), truth
+    return _drawn(path, truth), truth
 
 
 def overshoot(path):
     """A ring whose ends cross and go on beyond each other; the ring is meant."""
-    turn, canvas = np.linspace(0, 2 * np.pi, 600), Canvas(anatomy(SHAPE, 1), RASTERISERS[0])
+    turn, canvas = np.linspace(0, 2 * np.pi, 600), _canvas()
     ring = np.column_stack([190 + 140 * np.cos(turn), 150 + 100 * np.sin(turn)])
     canvas.line(np.vstack([ring[0] - (14, 14), ring, ring[-1] + (14, 14)]), 4.3, RED)
-    return _write(path, canvas.image(None)), ring
+    return _write(path, canvas.image()), ring
 
 
 def crumb(path):
     """A line, and a short one of the same pen that is meant."""
     t = np.linspace(0.3, 2.8, 400)
     truth = np.column_stack([200 - 22 * np.cos(t), 290 - 22 * np.sin(t)])
-    return _write(path, _drawn(wave(), truth)), truth
+    return _drawn(path, wave(), truth), truth
 
 
 def blue(path):
@@ -117,7 +121,7 @@ def blue(path):
 def hidden_end(path):
     """A line whose last 30 px lie under a grey box."""
     truth = wave()
-    picture = _drawn(truth)
+    picture = _canvas(truth).image()
     picture[20:90, 300:350] = 128
     return _write(path, picture), truth, (300, 20, 50, 70)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from canvas import RASTERISERS, Canvas, rectangle
-from drawing import anatomy, arc_of, at_arcs, blend, wavy
+from drawing import anatomy, arc_of, at_arcs, blend, unit, wavy
 
 SHAPE = (320, 380)
 RED, YELLOW, ORANGE, MAGENTA = (255, 0, 0), (255, 255, 0), (255, 165, 0), (255, 0, 255)
@@ -47,7 +47,7 @@ class Family:
     """Kinds of slices, by name, that are begun in one way.
 
     `begin(kind, seed, rng)` gives the canvas and the quality of JPEG, `None` for PNG. A kind draws
-    on the canvas and returns the true curve, whether it is closed, and places if it has any.
+    on the canvas and returns the true curve; with one that is closed or has places, these too.
     """
 
     clear: dict
@@ -58,7 +58,8 @@ class Family:
         """The slice of a kind's name with this seed."""
         rng = np.random.default_rng([seed, *kind.encode()])
         canvas, quality = self.begin(kind, seed, rng)
-        truth, closed, *places = {**self.clear, **self.unclear}[kind](canvas, rng)
+        made = {**self.clear, **self.unclear}[kind](canvas, rng)
+        truth, closed, *places = made if isinstance(made, tuple) else (made, False)
         image, clear = canvas.image(quality), kind in self.clear
         places = [*places[0]] if places else []
         return Slice(kind, seed, canvas.rasteriser, quality, image, truth, closed, clear, places)
@@ -81,8 +82,17 @@ def hand(rng, closed=False, margin=0.2):
             return curve
 
 
-def pen(rng):
-    return float(rng.choice([2.0, 2.5, 3.0, 4.0, 5.0]))
+def pen(rng, *widths):
+    """One of these widths, or of a pen's usual ones [px]."""
+    return float(rng.choice(widths or [2.0, 2.5, 3.0, 4.0, 5.0]))
+
+
+def broad(rng):
+    return pen(rng, 3.0, 4.0, 5.0)
+
+
+def pick(rng, options):
+    return options[int(rng.integers(len(options)))]
 
 
 def penned(rng, **margin):
@@ -91,9 +101,9 @@ def penned(rng, **margin):
     return curve, width, arc_of(curve)[-1]
 
 
-def drawn(canvas, rng):
+def drawn(canvas, rng, **margin):
     """A drawn curve, and the pen's width."""
-    curve, width = hand(rng), pen(rng)
+    curve, width, _ = penned(rng, **margin)
     canvas.line(curve, width, RED)
     return curve, width
 
@@ -162,14 +172,14 @@ def turned(vector, angle):
 def plain(canvas, rng):
     closed = bool(rng.integers(2))
     curve = hand(rng, closed)
-    canvas.line(curve, float(rng.choice([1.0, 1.5, 2.0, 3.0, 4.5])), RED, closed)
+    canvas.line(curve, pen(rng, 1.0, 1.5, 2.0, 3.0, 4.5), RED, closed)
     return curve, closed
 
 
 def thin(canvas, rng):
     curve = hand(rng)
     canvas.line(curve, 1.0, RED)
-    return curve, False
+    return curve
 
 
 def downscaled(canvas, rng):
@@ -177,23 +187,23 @@ def downscaled(canvas, rng):
     big = Canvas(cv2.resize(canvas.picture, None, fx=2, fy=2), canvas.rasteriser)
     big.line(2 * curve + 0.5, 2 * pen(rng), RED)
     canvas.picture = cv2.resize(big.picture, SHAPE[::-1], interpolation=cv2.INTER_AREA)
-    return curve, False
+    return curve
 
 
 def upscaled(canvas, rng):
     curve, by = hand(rng), rng.uniform(1.4, 2.6)
     canvas.line(curve, pen(rng), RED)
-    way = (cv2.INTER_CUBIC, cv2.INTER_LINEAR, cv2.INTER_LANCZOS4)[int(rng.integers(3))]
+    way = pick(rng, (cv2.INTER_CUBIC, cv2.INTER_LINEAR, cv2.INTER_LANCZOS4))
     larger = cv2.resize(canvas.picture, None, fx=by, fy=by, interpolation=way)
     canvas.picture = np.clip(larger, 0, 255)
-    return (curve + 0.5) * by - 0.5, False
+    return (curve + 0.5) * by - 0.5
 
 
 def linear_light(canvas, rng):
     curve = hand(rng)
     share = canvas.line_share(curve, pen(rng))
     canvas.picture = blend(canvas.picture, share, RED, rng.uniform(0.5, 1), 2.2)
-    return curve, False
+    return curve
 
 
 def scanned(canvas, rng):
@@ -202,14 +212,14 @@ def scanned(canvas, rng):
     canvas.line(curve, pen(rng), (200, 30, 40))
     blurred = cv2.GaussianBlur(canvas.picture, (0, 0), rng.uniform(0.6, 1.2))
     canvas.picture = blurred + rng.normal(0, rng.uniform(3, 9), blurred.shape)
-    return curve, False
+    return curve
 
 
 def leaves_the_picture(canvas, rng):
     way = (rng.choice([-1, 1]) * rng.uniform(110, 150), rng.uniform(-60, 60))
     curve = hand(rng) + way
     canvas.line(curve, pen(rng), RED)
-    return parts_inside(curve)[0], False
+    return parts_inside(curve)[0]
 
 
 def mouse(canvas, rng):
@@ -221,7 +231,7 @@ def mouse(canvas, rng):
     curve = np.rint(at_arcs(at, curve))
     curve = curve[np.r_[True, np.diff(curve, axis=0).any(1)]]
     canvas.line(curve, pen(rng), RED)
-    return curve, False
+    return curve
 
 
 def polygon(canvas, rng):
@@ -235,7 +245,7 @@ def pressure(canvas, rng):
     curve = hand(rng)
     swing = pressed_by(curve, rng.uniform(0.3, 0.6), rng)
     canvas.pressed(curve, rng.uniform(3, 5) * (1 + swing), RED)
-    return curve, False
+    return curve
 
 
 def taper(canvas, rng):
@@ -244,7 +254,7 @@ def taper(canvas, rng):
     arc = arc_of(curve)
     ends = np.minimum(arc, arc[-1] - arc) if rng.integers(2) else arc
     canvas.pressed(curve, pen(rng) * np.clip(ends / over, 0.05, 1), RED)
-    return curve, False
+    return curve
 
 
 def glyphs(canvas, rng):
@@ -253,13 +263,13 @@ def glyphs(canvas, rng):
     for at in curve[:: len(curve) // int(rng.integers(5, 9))]:
         canvas.disc(at, width * rng.uniform(1.0, 1.6), RED)
     canvas.disc(curve[-1], width * 1.3, RED)
-    return curve, False
+    return curve
 
 
 def handles(canvas, rng):
     """An ImageJ polygon with its handles: white squares with a dark border."""
     curve = hand(rng, True)[:: 1200 // int(rng.integers(8, 14))]
-    canvas.line(curve, float(rng.choice([2.0, 3.0])), RED, True)
+    canvas.line(curve, pen(rng, 2.0, 3.0), RED, True)
     for at in np.rint(curve):
         canvas.box(at, 7, 7, BLACK)
         canvas.box(at, 5, 5, WHITE)
@@ -275,20 +285,20 @@ def scale_bar(canvas, rng):
     for end in bar:
         canvas.line(end + np.array([[0, -5], [0, 5]]), 2.0, RED, cap="butt")
     canvas.text("5 cm", np.add(at, [-16, -8]), RED)
-    return curve, False
+    return curve
 
 
 def calliper(canvas, rng):
     """A measured distance: a slanting line with a cross at either end and its length in words."""
     curve, _ = drawn(canvas, rng)
     length, angle = rng.uniform(40, 80), rng.uniform(0.2, 1.3)
-    way = np.array([np.cos(angle), np.sin(angle)])
+    way = unit(angle)
     at = away(curve, rng, length * way + 12)
     ends = at + length / 2 * np.array([-way, way])
     canvas.line(ends, 1.5, RED, cap="butt")
     for end in ends:
         cross(canvas, end, 6, 1.5, RED)
-    return curve, False
+    return curve
 
 
 def window_frame(canvas, rng):
@@ -301,7 +311,7 @@ def window_frame(canvas, rng):
         size = rng.uniform(30, 52, 2)
         corners = rectangle(away(curve, rng, size), *size)
     canvas.line(corners, 2.0, RED, True)
-    return curve, False
+    return curve
 
 
 def region(canvas, rng):
@@ -310,15 +320,15 @@ def region(canvas, rng):
     turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     radius = rng.uniform(12, 22) * (1 + 0.2 * np.sin(3 * turn))
     at = away(curve, rng, (50, 50))
-    canvas.fill(at + radius[:, None] * np.column_stack([np.cos(turn), np.sin(turn)]), RED)
-    return curve, False
+    canvas.fill(at + radius[:, None] * unit(turn), RED)
+    return curve
 
 
 def dot_end(canvas, rng):
     """A blob where the pen rested at one end."""
     curve, width = drawn(canvas, rng)
     canvas.disc(curve[-1], width * rng.uniform(1.2, 2.2), RED)
-    return curve, False
+    return curve
 
 
 def arrow_head(canvas, rng):
@@ -331,7 +341,7 @@ def arrow_head(canvas, rng):
     across = np.array([-along[1], along[0]])
     back, aside = tip - 3 * width * along, 3 * width / 2 * across
     canvas.fill([tip, back + aside, back - aside], RED)
-    return curve, False
+    return curve
 
 
 def leader(canvas, rng):
@@ -343,7 +353,7 @@ def leader(canvas, rng):
     way = (nearest - at) / np.hypot(*(nearest - at))
     canvas.line([at, nearest - 9 * way], 1.0, RED)
     canvas.text("cut", np.add(at, [-26, -4]) if way[0] > 0 else np.add(at, [2, 4]), RED)
-    return curve, False
+    return curve
 
 
 def crosses(canvas, rng):
@@ -353,13 +363,13 @@ def crosses(canvas, rng):
         at = away(curve, rng, (28, 28), rng.uniform(12, 60))
         cross(canvas, at, 6, 1.5, RED)
         canvas.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
-    return curve, False
+    return curve
 
 
 def words(canvas, rng):
     curve, _ = drawn(canvas, rng)
     canvas.text("L hip 3", away(curve, rng, (70, 14)) - [34, -6], RED)
-    return curve, False
+    return curve
 
 
 def _straightest(curve, low, high):
@@ -377,14 +387,14 @@ def lifts(canvas, rng):
     gaps = rng.uniform(5, 14, 2) + width
     for start, stop in ((0, a), (a + gaps[0], b), (b + gaps[1], length)):
         canvas.line(part(curve, start, stop), width, RED)
-    return curve, False
+    return curve
 
 
 def touched(canvas, rng, order=None):
     """A line of another colour that runs along the curve's edge for a while."""
-    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
-    other = OTHERS[int(rng.integers(3))]
-    size = float(rng.choice([1.5, 3.0, 5.0]))
+    curve, width = hand(rng), broad(rng)
+    other = pick(rng, OTHERS)
+    size = pen(rng, 1.5, 3.0, 5.0)
     length = arc_of(curve)[-1]
     start = length * rng.uniform(0.2, 0.4)
     beside = curve + (width + size) / 2 * rng.uniform(0.75, 1.05) * normal_of(curve)
@@ -392,9 +402,9 @@ def touched(canvas, rng, order=None):
     lead = [run[0] + 25 * normal_of(run)[0] - 10, *run, run[-1] + 25 * normal_of(run)[-1] + 10]
     on_top = bool(rng.integers(2)) if order is None else order
     pens = [(np.array(lead), size, other), (curve, width, RED)]
-    for points, broad, colour in pens if on_top else pens[::-1]:
-        canvas.line(points, broad, colour)
-    return curve, False
+    for points, wide, colour in pens if on_top else pens[::-1]:
+        canvas.line(points, wide, colour)
+    return curve
 
 
 def touched_red_on_top(canvas, rng):
@@ -408,9 +418,9 @@ def crossed(canvas, rng):
         k = int(where * len(curve))
         at, normal = curve[k], normal_of(curve)[k]
         lean = normal + rng.uniform(-0.5, 0.5) * np.array([-normal[1], normal[0]])
-        colour = (*OTHERS, CYAN, GREEN)[int(rng.integers(5))]
+        colour = pick(rng, (*OTHERS, CYAN, GREEN))
         canvas.line(np.array([at - 40 * lean, at + 40 * lean]), rng.uniform(1.5, 4), colour)
-    return curve, False
+    return curve
 
 
 def bars(canvas, rng):
@@ -420,7 +430,7 @@ def bars(canvas, rng):
     for k in range(3):
         height = rng.uniform(20, 50)
         canvas.box(np.add(at, [10 * k - 10, -height / 2]), 7, height, (255, 127, 14))
-    return curve, False
+    return curve
 
 
 # An answer other than the truth must be warned of, or refused.
@@ -439,7 +449,7 @@ def goes_on_along_an_axis(canvas, rng):
         whole, curve, straight = (x[:, ::-1] * [1, 0.92] for x in (whole, curve, straight))
     canvas.line(curve, width, RED)
     canvas.line(straight, width, RED)
-    return whole, False
+    return whole
 
 
 def short_pieces(canvas, rng):
@@ -451,7 +461,7 @@ def short_pieces(canvas, rng):
     while (at := at + rng.uniform(22, 35) + width) < length - 5:
         canvas.line(part(curve, at, min(at + rng.uniform(8, 16), length)), width, RED)
         at += 12
-    return curve, False
+    return curve
 
 
 def goes_on_dashed(canvas, rng):
@@ -463,7 +473,7 @@ def goes_on_dashed(canvas, rng):
         at += gap
         canvas.line(part(curve, at, at + dash), width, RED)
         at += dash
-    return part(curve, 0, at), False
+    return part(curve, 0, at)
 
 
 def rectangle_with_a_line(canvas, rng):
@@ -481,9 +491,9 @@ def end_under_a_box(canvas, rng):
     curve, _ = drawn(canvas, rng)
     hidden = tail(curve, rng.uniform(35, 90))
     low, high = hidden.min(0) - 6, hidden.max(0) + 6
-    colour = (*OTHERS, CYAN, GREEN, BLUE)[int(rng.integers(6))]
+    colour = pick(rng, (*OTHERS, CYAN, GREEN, BLUE))
     canvas.box((low + high) / 2, *(high - low), colour)
-    return curve, False
+    return curve
 
 
 def end_among_specks(canvas, rng):
@@ -497,7 +507,7 @@ def end_among_specks(canvas, rng):
         canvas.disc(part(curve, min(at, length - 1), length)[0], rng.uniform(0.8, 1.8), RED)
     for _ in range(25):
         canvas.disc(curve[-1] + rng.normal(0, 30, 2), rng.uniform(0.8, 1.8), RED)
-    return curve, False
+    return curve
 
 
 def beyond_a_long_lift(canvas, rng):
@@ -506,7 +516,7 @@ def beyond_a_long_lift(canvas, rng):
     start = length - rng.uniform(25, 40)
     canvas.line(part(curve, 0, start - rng.uniform(30, 60) - width), width, RED)
     canvas.line(part(curve, start, length), width, RED)
-    return curve, False
+    return curve
 
 
 def opening(canvas, rng):
@@ -514,42 +524,42 @@ def opening(canvas, rng):
     curve, width = hand(rng, True), pen(rng)
     curve = part(curve, 0, arc_of(curve)[-1] - rng.uniform(6, 26) - width)
     canvas.line(curve, width, RED)
-    return curve, False
+    return curve
 
 
 def orange_bar(canvas, rng):
     """No curve at all: a chart's orange bars."""
     at = rng.uniform(90, 200, 2)
-    orange = ((255, 127, 14), ORANGE)[int(rng.integers(2))]
+    orange = pick(rng, ((255, 127, 14), ORANGE))
     for k in range(int(rng.integers(1, 4))):
         canvas.box(np.add(at, [18 * k, 0]), rng.uniform(6, 9), rng.uniform(60, 110), orange)
-    return None, False
+    return
 
 
 def lone_bar(canvas, rng):
     """No curve at all: one bar in a red that is nearly the pen's."""
-    red = ((255, 69, 0), (255, 80, 20), (250, 60, 0))[int(rng.integers(3))]
+    red = pick(rng, ((255, 69, 0), (255, 80, 20), (250, 60, 0)))
     canvas.box(rng.uniform(90, 200, 2), rng.uniform(6, 9), rng.uniform(60, 110), red)
-    return None, False
+    return
 
 
 def hidden_stretch(canvas, rng):
     """Something broader than the longest bridged lies over the line."""
     curve, _ = drawn(canvas, rng)
     at = curve[int(rng.uniform(0.4, 0.6) * len(curve))]
-    canvas.disc(at, rng.uniform(14, 22), (*OTHERS, CYAN, GREEN)[int(rng.integers(5))])
-    return curve, False
+    canvas.disc(at, rng.uniform(14, 22), pick(rng, (*OTHERS, CYAN, GREEN)))
+    return curve
 
 
 def letter_turns_off(canvas, rng):
     """A thinner stroke of a letter that goes off to one side from the curve's end."""
-    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    curve, width = hand(rng), broad(rng)
     along = direction(curve)
     aside = turned(along, rng.choice([-1, 1]) * rng.uniform(1.1, 1.7))
     canvas.line(curve, width, RED)
     start = curve[-1] + 0.2 * width * along
     canvas.line([start, start + rng.uniform(12, 16) * aside], width / 2, RED)
-    return curve, False
+    return curve
 
 
 # A cover over an end that has no colour, a letter, a dot.
@@ -571,7 +581,7 @@ def box_over_the_end(canvas, rng, opacity=1.0):
     tone, before = float(rng.choice([0.0, 255.0, rng.uniform(40, 215)])), canvas.picture
     canvas.box(at, width, height, (tone,) * 3)
     canvas.picture = (1 - opacity) * before + opacity * canvas.picture
-    return curve, False
+    return curve
 
 
 def veil_over_the_end(canvas, rng):
@@ -584,18 +594,18 @@ def letter_at_the_end(canvas, rng):
     curve, width = drawn(canvas, rng)
     way = direction(curve)
     at = curve[-1] + (width / 2 + rng.uniform(3, 7)) * way
-    canvas.text("LATxK"[int(rng.integers(5))], np.add(at, (-5, 6)), RED, rng.uniform(0.4, 0.6))
-    return curve, False
+    canvas.text(pick(rng, "LATxK"), np.add(at, (-5, 6)), RED, rng.uniform(0.4, 0.6))
+    return curve
 
 
 def dot_beside(canvas, rng):
     """A dot of the same pen that touches the line from one side."""
-    curve, width = hand(rng), float(rng.choice([3.0, 4.0, 5.0]))
+    curve, width = hand(rng), broad(rng)
     at = int(rng.uniform(0.3, 0.7) * len(curve))
     radius = width * rng.uniform(1.2, 1.8)
     canvas.line(curve, width, RED)
     canvas.disc(curve[at] + rng.uniform(0.7, 0.9) * radius * normal_of(curve)[at], radius, RED)
-    return curve, False
+    return curve
 
 
 KINDS = by_name(

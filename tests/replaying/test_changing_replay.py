@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from motion import even, grid
 from refusals import refuses
-from replays import codes_of, fixture_of, write_session
+from replays import at_1_khz, codes_of, fixture_of, write_session
 
 import vfplan
 from vfplan.bundle.write import write_fixture
@@ -104,8 +104,7 @@ def test_a_log_replays_to_the_bit(moves, changes, robot, tmp_path):
         stiffer = [Event(5, fixture=replace(fixture(), rendering=stiff))]
         with pytest.raises(SettingError, match="spring"):
             vfplan.replay(fixture(), SESSION, events=stiffer, governor=robot)
-    assert found["exchanges"] == (2 if changes else 0)
-    assert found["edits"] == (255 if changes else 0)
+    assert (found["exchanges"], found["edits"]) == (2 if changes else 0, 255 if changes else 0)
     assert found["changing_ticks"] >= (18 if changes else 0)
     assert found["clearance_min_m"] >= -5e-5
     if moves:
@@ -207,8 +206,7 @@ def test_a_pass_without_the_poses_of_a_log_says_so_and_a_log_of_zeros_does_not(t
         path = tmp_path / f"{count}.csv"
         write_session(path, SESSION, poses=np.full(N, count), events=0 * TIMES)
         found = vfplan.replay(fixture(), path, rule="robust", limits=limits)
-        assert ("session-changes" in codes_of(found)) == is_told
-        assert found.verdict == "pass"
+        assert ("session-changes" in codes_of(found), found.verdict) == (is_told, "pass")
         assert ("the fixture moved" in open_words(found.metrics)) == is_told
     moved = vfplan.replay(fixture(), path, rule="robust", poses=tracked(np.random.default_rng(8)))
     assert moved.metrics["session"]["ignored_columns"] == []
@@ -267,8 +265,7 @@ def off_the_edge():
     wall = np.column_stack([np.arange(0, 0.04, 2e-4), np.zeros(200), np.zeros(200)])
     down = np.linspace([0.02, 0.01, 0], [0.02, -7e-3, 0], 400)
     along = np.linspace(down[-1], [0.06, -7e-3, 0], 800)
-    hip = np.concatenate((down, along))
-    return fixture_of(wall), vfplan.Session(T * np.arange(len(hip)), hip)
+    return fixture_of(wall), at_1_khz(np.concatenate((down, along)))
 
 
 def test_a_release_is_held_back_and_only_the_force_changes():
@@ -302,8 +299,7 @@ def test_without_a_robot_it_says_what_a_common_arm_does():
 
     (message,) = said()
     assert "a Franka arm stops above about 1.2 N" in message
-    assert said(robot=PANDA) == []  # its own checks say it
-    assert said(governor=PANDA) == []
+    assert (said(robot=PANDA), said(governor=PANDA)) == ([], [])
     slow = vfplan.Session(1e-2 * np.arange(len(session.hip)), session.hip)
     assert "force-step" not in codes_of(vfplan.replay(fixture, slow))
 

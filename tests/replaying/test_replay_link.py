@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from refusals import refuses
-from replays import codes_of, fixture_of, line, probing
+from replays import at_1_khz, codes_of, fixture_of, line, probing
 
 import vfplan
 from vfplan.errors import SettingError
@@ -100,7 +100,7 @@ def test_a_lost_packet_repeats_the_last_command():
 
 
 def test_a_governor_behind_a_lossy_link_counts_every_tick():
-    fast = Session(np.arange(400) * 1e-3, np.linspace([0.05, 0.02, 0], [0.05, -0.09, 0], 400))
+    fast = at_1_khz(np.linspace([0.05, 0.02, 0], [0.05, -0.09, 0], 400))
     weak = replace(read_robot("franka"), force_step_limit_n=0.6)
     free, held = (
         replay(fixture_of(line()), fast, governor=robot, link=Link(drop=0.6, seed=1))

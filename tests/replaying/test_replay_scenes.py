@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from conftest import dimple_depth
-from replays import fixture_of
+from replays import at_1_khz, fixture_of
 
 import vfplan
 from vfplan import ProxyParameters
@@ -34,7 +34,7 @@ def test_forces_are_those_of_the_closed_form(name, route):
     chosen = ProxyParameters.make(scene.points, ignore_axis=scene.ignore_axis)
     fixture = fixture_of(scene.points, axis=chosen.ignore_axis, curve=False, band=chosen.band,
                          stiffness=K)  # fmt: skip
-    found = replay(fixture, Session(np.arange(len(hips)) * 1e-3, hips))
+    found = replay(fixture, at_1_khz(hips))
     planar = scene.ignore_axis is not None
     allowed = K * (chosen.band + dimple_depth(scene.spacing, RC, planar=planar))
     off = row_lengths(found.ticks.force - force)
@@ -62,7 +62,7 @@ def test_round_the_end_of_a_curve_the_force_falls_at_once(depth):
     for hip in hips:
         proxy = follow((Sides(points[:1], (points[-1:] - points[:1],)),), proxy, hip, RC)
         exact.append(K * (proxy - hip))
-    found = replay(fixture_of(points, band=1e-5), Session(np.arange(len(hips)) * 1e-3, hips))
+    found = replay(fixture_of(points, band=1e-5), at_1_khz(hips))
     falls, ticks = [], []
     for force in (np.array(exact), found.ticks.force):
         step = step_lengths(force)

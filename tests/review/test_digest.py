@@ -113,8 +113,7 @@ def test_every_doubt_is_answered_with_name_and_time(monkeypatch, tmp_path):
     assert accepted.reviewed.digest == review_digest(accepted)
     # What was accepted is still the same plan, also after it was written.
     again = read_fixture(bundles.stored(tmp_path / "f.h5", accepted))
-    assert digest_of(again) == digest
-    assert again.reviewed == accepted.reviewed
+    assert (digest_of(again), again.reviewed) == (digest, accepted.reviewed)
     assert again.findings == accepted.findings
 
 

@@ -10,9 +10,11 @@ import signal
 import subprocess
 import sys
 
+import bundles
 import cv2
 import numpy as np
 import pytest
+from conftest import names_in
 from refusals import refuses
 from review_slices import MARKERS, SLICE, fork, two_candidates
 from slicer_files import marker_files
@@ -70,9 +72,8 @@ class Review(Tab):
 
 @pytest.fixture(scope="module")
 def fixture(tmp_path_factory):
-    path = tmp_path_factory.mktemp("planned") / "f.h5"
-    vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
-    return path
+    planned = vfplan.plan(SLICE, *MARKERS).fixture
+    return bundles.stored(tmp_path_factory.mktemp("planned") / "f.h5", planned)
 
 
 @pytest.mark.parametrize("words", [(SLICE,), (SLICE, *MARKERS, "--pixel-spacing", 0.5)])
@@ -87,7 +88,7 @@ def test_a_slice_is_approved_and_written(words, tmp_path):
     assert code == 0, err
     assert "approved by A. Planner" in out
     assert vfplan.read_fixture(output).reviewed.by == "A. Planner"
-    assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
+    assert names_in(tmp_path) == ["o.h5"]
 
 
 def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
@@ -99,7 +100,7 @@ def test_an_approved_bundle_outlives_a_stdout_that_is_gone(tmp_path):
     review.process.stdout = None
     assert review.end()[0] == 2
     assert vfplan.read_fixture(tmp_path / "o.h5").reviewed.by == "A. Planner"
-    assert [path.name for path in tmp_path.iterdir()] == ["o.h5"]
+    assert names_in(tmp_path) == ["o.h5"]
 
 
 @pytest.mark.parametrize("with_slice", [False, True])

@@ -16,6 +16,7 @@ from urllib.request import Request, urlopen
 
 import numpy as np
 import pytest
+from conftest import names_in
 from refusals import refuses
 from review_slices import SLICE
 from tab import Tab
@@ -127,8 +128,7 @@ def test_a_second_tab_shows_the_same_and_an_old_state_takes_no_step(served):
         other.heard("quick")
         one.send(**REVERSE)
         shown = other.heard("quick")
-        assert shown["version"] == version + 1
-        assert shown["quick"]["steps"] == [REVERSE["step"]]
+        assert (shown["version"], shown["quick"]["steps"]) == (version + 1, [REVERSE["step"]])
         other.send(**REVERSE, version=version)
         assert other.heard("error")["error"]["code"] == "stale-step"
         # A look at the line as it was is no fault, and nothing is said of it.
@@ -152,8 +152,7 @@ def test_the_draft_has_each_step_before_it_is_shown(begun, served, draft):
             client.send(step=step)
             client.heard("quick")
             assert json.loads(draft.path.read_text())["steps"][-1] == step
-    again = draft.take_up(begun)
-    assert again.state() == served.session.state()
+    assert draft.take_up(begun).state() == served.session.state()
     assert draft.path.stat().st_mode & 0o077 == 0
 
 
@@ -179,8 +178,7 @@ def test_an_approval_names_its_state_and_a_person_who_looked_at_it(wish, code, s
         client.approve(**wish)
         client.send(approve="A. Planner")
         written, codes = client.leave(served)
-    assert written == []
-    assert sorted(codes) == sorted([code, "step-malformed"])
+    assert (written, sorted(codes)) == ([], sorted([code, "step-malformed"]))
 
 
 def test_an_older_tab_does_not_approve_the_plan_of_a_newer_one(served):
@@ -350,4 +348,4 @@ def test_a_full_disk_at_any_write_of_a_review_loses_nothing(name, begun, tmp_pat
         monkeypatch.setattr(writing, name, failing)
         play(begun, folder, say)
         assert heard == ["1", "2", "3", "approved"]
-        assert [path.name for path in folder.iterdir()] == ["o.h5"]
+        assert names_in(folder) == ["o.h5"]

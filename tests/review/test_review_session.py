@@ -73,6 +73,11 @@ def codes_of(session):
     return [finding.code for finding in session.current.findings]
 
 
+def do(session, name, **fields):
+    """The session after one step."""
+    return session.apply({"do": name, **fields})
+
+
 def after(session, steps):
     for step in steps:
         session = session.apply(step)
@@ -91,7 +96,7 @@ def looked_at(session):
         session = session.apply({"do": "viewed", "stroke": stroke, "from": 0.0, "to": 1.0})
     for number, finding in enumerate(session.state()["findings"]):
         if finding["severity"] == "doubt" and finding["answered_by"] is None:
-            session = session.apply({"do": "answer", "finding": number, "by": "A. Planner"})
+            session = do(session, "answer", finding=number, by="A. Planner")
     return session
 
 
@@ -121,12 +126,11 @@ def test_the_sample_is_approved_into_a_reviewed_fixture(sample):
 def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
     session, truth = opened(kind, tmp_path)
     state = session.state()
-    assert state["curve_px"] == []
-    assert state["refusal"]["stage"] == "extract"
+    assert (state["curve_px"], state["refusal"]["stage"]) == ([], "extract")
     assert len(state["candidates"]) >= 2
     misses = []
     for way in state["candidates"]:
-        chosen = session.apply({"do": "choose", "candidate": way["number"]})
+        chosen = do(session, "choose", candidate=way["number"])
         curve = curve_of(chosen)
         misses.append(miss(curve, truth) if len(curve) > 0.8 * np.ptp(truth[:, 0]) else 1e9)
         looked_at(chosen).approve("A. Planner")
@@ -140,7 +144,7 @@ def test_a_candidate_is_the_line_of_its_number_in_the_terminal(kind, count, tmp_
     told, ways = state["refusal"]["text"], state["candidates"]
     for way in ways[:count]:
         assert "{number}: {words}".format(**way) in told
-        taken = session.apply({"do": "choose", "candidate": way["number"]})
+        taken = do(session, "choose", candidate=way["number"])
         assert curve_of(taken) == curve_of(Session.open(session.source.path, stroke=way["number"]))
     assert not any(f"{way['number']}: " in told for way in ways[count:])
 
@@ -150,9 +154,9 @@ def test_a_line_that_was_refused_as_two_runs_is_asked_about_however_it_is_taken(
     session, truth = opened(kind, tmp_path)
     if session.state()["refusal"] is not None:
         assert session.state()["refusal"]["code"] == "runs-side-by-side"
-        session = session.apply({"do": "choose", "candidate": 1})
+        session = do(session, "choose", candidate=1)
     whole = [*truth[::60].tolist(), truth[-1].tolist()]
-    drawn = session.apply({"do": "draw", "points": whole, "replace": True})
+    drawn = do(session, "draw", points=whole, replace=True)
     for taken in (session, drawn):
         assert "width-changes" in codes_of(taken)
         assert taken.why_not()
@@ -179,7 +183,7 @@ def test_a_line_that_is_clicked_has_the_findings_of_extraction(family, kind, tmp
             # A place on the ink, as a line that runs into letters is measured beside it.
             middle = stroke.points[len(stroke.points) // 3 : -len(stroke.points) // 3]
             away = cKDTree(session.current.geometry.ink.bones[0]).query(middle)[0]
-            taken = session.apply({"do": "choose", "at": middle[away.argmin()].tolist()})
+            taken = do(session, "choose", at=middle[away.argmin()].tolist())
             is_same = np.array_equal(curve_of(taken), curve_of(wanted))
             assert findings_of(taken) == findings_of(wanted) if is_same else number is not None
 
@@ -187,19 +191,18 @@ def test_a_line_that_is_clicked_has_the_findings_of_extraction(family, kind, tmp
 def test_a_short_line_beside_a_long_one_is_asked_about_however_it_is_taken(tmp_path):
     session, truth = opened(review_slices.crumb, tmp_path)
     meant, asked = Session.open(tmp_path / "slice.png", stroke=2), {"curve-short", "ink-outweighs"}
-    taken = session.apply({"do": "take", "ink": 1})
-    assert findings_of(taken) == findings_of(meant)
-    drawn = session.apply({"do": "draw", "points": truth[::57].tolist(), "replace": True})
+    assert findings_of(do(session, "take", ink=1)) == findings_of(meant)
+    drawn = do(session, "draw", points=truth[::57].tolist(), replace=True)
     both = session.apply({"do": "take", "ink": 1, "as": "part"})
     # A line that is drawn on and on is not short for ever.
-    longer = drawn.apply({"do": "draw", "points": [truth[0].tolist(), [170, 250], [90, 250]]})
+    longer = do(drawn, "draw", points=[truth[0].tolist(), [170, 250], [90, 250]])
     for one, wanted in ((meant, asked), (drawn, asked), (both, set()), (longer, {"ink-outweighs"})):
         assert {code for code, *_ in findings_of(one)} & asked == wanted
 
 
 def test_a_ring_is_whole_without_its_overshooting_ends_which_are_asked_about(tmp_path):
     session, truth = opened(review_slices.overshoot, tmp_path)
-    taken = session.apply({"do": "choose", "at": truth[200].tolist()})
+    taken = do(session, "choose", at=truth[200].tolist())
     assert cKDTree(curve_of(taken)).query(truth)[0].max() < 0.6
     assert miss(curve_of(taken), truth) < 0.3
     assert codes_of(taken) == ["ink-joins", "ink-joins"]
@@ -213,12 +216,11 @@ def test_a_click_on_ink_that_no_way_passes_takes_the_line_straight_on(tmp_path):
     session, truth = opened(review_slices.loops, tmp_path)
     ways = [way.points for way in session.current.geometry.candidates.values()]
     away = np.min([cKDTree(points).query(truth)[0] for points in ways], axis=0)
-    at = truth[away.argmax()].tolist()
-    taken = session.apply({"do": "choose", "at": at})
+    taken = do(session, "choose", at=truth[away.argmax()].tolist())
     assert miss(curve_of(taken), truth) < 0.3
     assert "curve-crosses" in str(findings_of(taken))
     with refuses(SettingError, "no-line-there"):
-        session.apply({"do": "choose", "at": [10, 300]})
+        do(session, "choose", at=[10, 300])
 
 
 @pytest.mark.parametrize("kind", [two_candidates, fork, double])
@@ -226,7 +228,7 @@ def test_a_refused_slice_is_settled_by_drawing(kind, tmp_path):
     session, truth = opened(kind, tmp_path)
     shaken = np.random.default_rng(5).normal(0, 1.0, truth[::60].shape)
     clicks = [*(truth[::60] + shaken).tolist(), truth[-1].tolist()]
-    drawn = session.apply({"do": "draw", "points": clicks})
+    drawn = do(session, "draw", points=clicks)
     assert miss(curve_of(drawn), truth) < 0.3
     looked_at(drawn).approve("A. Planner")
 
@@ -237,7 +239,7 @@ def test_a_hidden_end_is_drawn_and_marked_as_edited(tmp_path):
     assert abs(end[0] - box[0]) < 4
     hidden = truth[truth[:, 0] > box[0] + 4]
     clicks = [end, *hidden[::15].tolist(), hidden[-1].tolist()]
-    drawn = session.apply({"do": "draw", "points": clicks})
+    drawn = do(session, "draw", points=clicks)
     curve = np.array(curve_of(drawn))
     assert np.hypot(*(curve[-1] - truth[-1])) < 0.5
     (first, last) = drawn.state()["edited"][0][-1]
@@ -254,16 +256,15 @@ def test_a_knot_snaps_to_its_ink_and_stays_where_there_is_none(tmp_path):
     session, truth = opened(clear, tmp_path)
     knots = session.state()["knots_px"][0]
     u, v = knots[10]
-    near = session.apply({"do": "move_knot", "stroke": 0, "knot": 10, "to": [u + 1, v + 4]})
+    near = do(session, "move_knot", stroke=0, knot=10, to=[u + 1, v + 4])
     assert miss(curve_of(near), truth) < 0.3
     assert near.state()["edited"] == [[]]
-    far = session.apply({"do": "move_knot", "stroke": 0, "knot": 10, "to": [u, v + 40]})
+    far = do(session, "move_knot", stroke=0, knot=10, to=[u, v + 40])
     assert np.hypot(*np.subtract(far.state()["knots_px"][0][10], [u, v + 40])) < 1.0
     assert far.state()["edited"][0]
     assert far.why_not()
-    back = far.apply({"do": "delete_knot", "stroke": 0, "knot": 10})
-    assert miss(curve_of(back), truth) < 0.3
-    cut = session.apply({"do": "cut", "stroke": 0, "start": knots[3], "end": knots[20]})
+    assert miss(curve_of(do(far, "delete_knot", stroke=0, knot=10)), truth) < 0.3
+    cut = do(session, "cut", stroke=0, start=knots[3], end=knots[20])
     assert np.allclose(curve_of(cut)[0], knots[3], atol=1e-3)
     assert np.allclose(curve_of(cut)[-1], knots[20], atol=1e-3)
     # What was asked about an end that is cut off is settled.
@@ -276,33 +277,30 @@ def test_a_knot_snaps_to_its_ink_and_stays_where_there_is_none(tmp_path):
 
 def test_two_strokes_are_joined_and_ink_is_taken(tmp_path):
     session, _ = opened(two_candidates, tmp_path)
-    session = session.apply({"do": "choose", "candidate": 2})
+    session = do(session, "choose", candidate=2)
     (ink,) = session.state()["account"]
     with_both = session.apply({"do": "take", "ink": ink["number"], "as": "part"})
-    assert len(with_both.state()["curve_px"]) == 2
-    assert with_both.state()["account"] == []
-    joined = with_both.apply({"do": "join", "stroke": 0, "other": 1})
+    assert (len(with_both.state()["curve_px"]), with_both.state()["account"]) == (2, [])
+    joined = do(with_both, "join", stroke=0, other=1)
     (curve,) = joined.state()["curve_px"]
     assert joined.state()["bridged"][0]
     assert joined.state()["edited"] == [[]]
-    steps = step_lengths(curve)
-    assert steps.max() < 2.5
-    left = session.apply({"do": "leave", "ink": ink["number"]})
-    assert left.state()["account"][0]["left_out"]
+    assert step_lengths(curve).max() < 2.5
+    assert do(session, "leave", ink=ink["number"]).state()["account"][0]["left_out"]
 
 
 def test_a_gap_between_strokes_of_the_curve_is_asked_about():
     session = Session.open(SLICE)
     curve = curve_of(session)
-    cut = session.apply({"do": "cut", "stroke": 0, "start": curve[0], "end": curve[400]})
-    both = cut.apply({"do": "draw", "points": [curve[k] for k in (428, 600, 800)], "add": True})
+    cut = do(session, "cut", stroke=0, start=curve[0], end=curve[400])
+    both = do(cut, "draw", points=[curve[k] for k in (428, 600, 800)], add=True)
     assert "ink-at-end" in codes_of(both)
 
 
 def test_a_line_that_touches_little_ink_is_drawn():
-    session = Session.open(SLICE).apply({"do": "exclude", "box": [612, 585, 31, 33]})
+    session = do(Session.open(SLICE), "exclude", box=[612, 585, 31, 33])
     places = [[237.495, 418.7], [275.744, 426.902], [612.017, 584.504], [399.175, 298.024]]
-    drawn = session.apply({"do": "draw", "points": places, "replace": True})
+    drawn = do(session, "draw", points=places, replace=True)
     assert np.allclose(curve_of(drawn)[-1], places[-1], atol=0.1)
 
 
@@ -310,7 +308,7 @@ def test_strokes_that_touch_are_joined_without_a_doubled_place():
     session = Session.open(SLICE)
     for places, how in (([20, 700], [60, 702]), "replace"), (([60, 702], [100, 700]), "add"):
         session = session.apply({"do": "draw", "points": places, how: True})
-    [joined] = session.apply({"do": "join", "stroke": 0, "other": 1}).current.geometry.strokes
+    [joined] = do(session, "join", stroke=0, other=1).current.geometry.strokes
     assert step_lengths(joined.points).min() > 0.9
 
 
@@ -383,7 +381,7 @@ def test_the_page_finds_what_plan_finds_where_another_pen_crosses_also_after_a_m
     assert session.current.findings == extracted.findings
     assert {finding.code for finding in extracted.findings} == {"bridge"}
     u, v = session.state()["knots_px"][0][8]
-    mended = session.apply({"do": "move_knot", "stroke": 0, "knot": 8, "to": [u, v + 3]})
+    mended = do(session, "move_knot", stroke=0, knot=8, to=[u, v + 3])
     assert mended.current.findings == extracted.findings
 
 
@@ -419,10 +417,10 @@ def test_markers_of_the_patients_frame_lie_on_the_slice_and_can_be_moved(tmp_pat
     assert np.array_equal(session.current.outcome.fixture.points, planned.fixture.points)
     # A marker that is moved and moved back gives the same plan; its depth stays.
     place = state["markers"][2]["place_px"]
-    wrong = session.apply({"do": "move_marker", "marker": "x3", "to": [place[0] + 8, place[1]]})
+    wrong = do(session, "move_marker", marker="x3", to=[place[0] + 8, place[1]])
     assert wrong.state()["tre95_m"] > state["tre95_m"]
     assert wrong.state()["markers"][2]["depth_m"] == state["markers"][2]["depth_m"]
-    home = wrong.apply({"do": "move_marker", "marker": "x3", "to": place})
+    home = do(wrong, "move_marker", marker="x3", to=place)
     assert home.state()["tre95_m"] == pytest.approx(state["tre95_m"], rel=1e-9)
     assert np.allclose(home.current.outcome.fixture.points, planned.fixture.points, atol=1e-9)
     # A bundle of such a plan is shown on its slice too.
@@ -449,9 +447,9 @@ def test_a_curve_drawn_as_vectors_is_reviewed_on_its_slice(tmp_path):
     assert session.current.curve().provenance.inputs == planned.extracted.fixture.provenance.inputs
     assert session.state()["account"] == []
     with refuses(SettingError, "no-ink"):
-        session.apply({"do": "exclude", "box": [10, 10, 50, 50]})
+        do(session, "exclude", box=[10, 10, 50, 50])
     knot = session.state()["knots_px"][0][5]
-    moved = session.apply({"do": "move_knot", "stroke": 0, "knot": 5, "to": [knot[0], knot[1] + 9]})
+    moved = do(session, "move_knot", stroke=0, knot=5, to=[knot[0], knot[1] + 9])
     assert moved.state()["edited"][0]
     with refuses(SettingError, "curve-given-twice"):
         Session.open(tmp_path / "none.h5", curve=curve)
@@ -461,7 +459,7 @@ def test_a_curve_that_a_hand_has_shaped_counts_as_drawn_by_hand_in_a_box(tmp_pat
     session, _ = opened(clear, tmp_path)
     knots = session.state()["knots_px"][0]
     u, v = knots[4]
-    shaped = session.apply({"do": "move_knot", "stroke": 0, "knot": 4, "to": [u, v + 20]})
+    shaped = do(session, "move_knot", stroke=0, knot=4, to=[u, v + 20])
     place = np.round(knots[-6])
     box = {"do": "exclude", "box": [*(place - 12), 24, 24]}
     boxed = shaped.apply(box)
@@ -478,9 +476,9 @@ def test_a_curve_that_a_hand_has_shaped_counts_as_drawn_by_hand_in_a_box(tmp_pat
 
 def test_an_answer_dies_with_what_it_answered(sample):
     place = sample.state()["markers"][3]["place_px"]
-    wrong = sample.apply({"do": "move_marker", "marker": "x4", "to": [place[0] + 6, place[1]]})
+    wrong = do(sample, "move_marker", marker="x4", to=[place[0] + 6, place[1]])
     assert not looked_at(wrong).why_not()
-    worse = looked_at(wrong).apply({"do": "move_marker", "marker": "x4", "to": [90.0, 480.0]})
+    worse = do(looked_at(wrong), "move_marker", marker="x4", to=[90.0, 480.0])
     assert worse.why_not()
 
 
@@ -504,26 +502,25 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
 def test_marks_are_found_one_for_each_marker_or_none(sample, other, off, code):
     places = {row["label"]: row["place_px"] for row in sample.state()["markers"]}
     place = [places[other][0] + off, places[other][1]]
-    moved = sample.apply({"do": "move_marker", "marker": "x1", "to": place})
+    moved = do(sample, "move_marker", marker="x1", to=place)
     with refuses(SettingError, code):
-        moved.apply({"do": "find_markers"})
+        do(moved, "find_markers")
 
 
 def test_a_review_without_the_slice_asks_about_that(tmp_path):
-    path, kept = tmp_path / "f.h5", tmp_path / "kept.h5"
-    vfplan.write_fixture(vfplan.plan(SLICE, *MARKERS).fixture, path)
-    session = Session.open(path)
+    planned = vfplan.plan(SLICE, *MARKERS).fixture
+    session = Session.open(bundles.stored(tmp_path / "f.h5", planned))
     asked = [f for f in session.current.findings if f.code == "slice-not-shown"]
     assert [f.severity for f in asked] == ["doubt"]
     looked = session.apply({"do": "viewed", "stroke": 0, "from": 0.0, "to": 1.0})
     assert len(looked.why_not()) == 1
-    fixture = looked.apply({"do": "answer", "finding": "slice-not-shown"}).approve("A. Planner")
+    fixture = do(looked, "answer", finding="slice-not-shown").approve("A. Planner")
     (answered,) = [f for f in fixture.findings if f.code == "slice-not-shown"]
     assert answered.answered_by == "A. Planner"
     # A changed curve is asked about too.
-    moved = session.apply({"do": "move_marker", "marker": "x1", "to": [121.0, 98.0]})
+    moved = do(session, "move_marker", marker="x1", to=[121.0, 98.0])
     assert "slice-not-shown" in [f.code for f in moved.current.findings if f.is_open]
-    vfplan.write_fixture(fixture, kept)
+    kept = bundles.stored(tmp_path / "kept.h5", fixture)
     # The next review asks again, unless it shows the slice.
     codes = [f.code for f in Session.open(kept).current.findings if f.is_open]
     assert codes == ["slice-not-shown"]
@@ -586,8 +583,7 @@ def test_a_draft_of_other_files_or_settings_is_refused(sample, tmp_path):
     session = sample.apply(step).apply(step).undo()
     Draft(path, files, {"model": "affine"}).keep(session)
     taken = Draft(path, files, {"model": "affine"}).take_up(sample)
-    assert text(taken) == text(session)
-    assert len(taken.redo().steps) == 2
+    assert (text(taken), len(taken.redo().steps)) == (text(session), 2)
     for wrong in (Draft(path, {"source": "1" * 64}, {"model": "affine"}), Draft(path, files, {})):
         with refuses(InputError, "another-draft"):
             wrong.take_up(sample)
@@ -631,8 +627,7 @@ def check_sound(session):
         assert len(stroke.bridged) == len(stroke.edited) == count
         assert 0 <= stroke.knots[0] < stroke.knots[-1] < count
         assert stroke.closed or (stroke.knots[0], stroke.knots[-1]) == (0, count - 1)
-        steps = step_lengths(stroke.points)
-        assert steps.max() < 12.0, "the line is torn"
+        assert step_lengths(stroke.points).max() < 12.0, "the line is torn"
 
 
 @pytest.mark.slow
@@ -657,10 +652,10 @@ def test_every_state_is_sound_nothing_that_was_changes_and_the_way_back_is_whole
 
 def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_overlaps(tmp_path):
     session, truth = opened(fork, tmp_path)
-    half = session.apply({"do": "draw", "points": truth[:250:40].tolist()})
+    half = do(session, "draw", points=truth[:250:40].tolist())
     assert "ink-joins" in codes_of(half)
     ink = max(half.state()["account"], key=lambda entry: entry["pixels"])["number"]
-    left = half.apply({"do": "leave", "ink": ink}).current
+    left = do(half, "leave", ink=ink).current
     settled = [f for f in left.findings if f.code == "ink-joins" and not f.is_open]
     assert [f.text.partition(" joins ")[2] for f in settled] == [
         "the curve and was left out. Is it a part of it? A person left it out."
@@ -669,15 +664,14 @@ def test_findings_follow_the_curve_and_a_drawn_line_takes_the_place_of_what_it_o
     asked = doubt("ink-at-end", "extract", "Is it?", place_px=tuple(somewhere))
     assert left.geometry.as_settled(asked).severity == "note"
     with refuses(SettingError, "replace-or-add"):
-        half.apply({"do": "draw", "points": [[20, 280], [60, 290]]})
+        do(half, "draw", points=[[20, 280], [60, 290]])
     # From elsewhere, along the whole line and beyond: nothing is folded, and nothing is lost.
-    whole = half.apply({"do": "draw", "points": truth[::60].tolist()})
+    whole = do(half, "draw", points=truth[::60].tolist())
     assert miss(curve_of(whole), truth) < 0.5
     assert "curve-folds" not in codes_of(whole)
-    again = whole.apply({"do": "draw", "points": truth[60:500:40].tolist(), "add": True})
+    again = do(whole, "draw", points=truth[60:500:40].tolist(), add=True)
     assert "curve-folds" in codes_of(again)
-    less = again.apply({"do": "delete_stroke", "stroke": 1})
-    assert less.current.findings == whole.current.findings
+    assert do(again, "delete_stroke", stroke=1).current.findings == whole.current.findings
 
 
 def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):
@@ -686,7 +680,7 @@ def test_a_line_of_another_pen_is_taken_by_its_colour(tmp_path):
     refusal = session.state()["refusal"]
     pen = refusal["other_pen"]
     assert (refusal["code"], pen) == ("no-line", "#0000ff")
-    taken = session.apply({"do": "choose_pen", "colour": pen})
+    taken = do(session, "choose_pen", colour=pen)
     wanted = Session.open(path, colour=pen)
     assert taken.state()["refusal"] is None
     assert taken.state()["curve_px"] == wanted.state()["curve_px"]
@@ -702,7 +696,7 @@ def test_a_photograph_is_made_flat_by_a_step_and_its_bundle_opens_flat(tmp_path)
     seen = Session.open(photo, marks, MARKERS[1])
     assert seen.state()["refusal"]["code"] == "residual-large"
     assert seen.state()["at_angle"]
-    flat = seen.apply({"do": "rectify"})
+    flat = do(seen, "rectify")
     state = flat.state()
     assert (state["refusal"], state["at_angle"], state["image"]["is_flat"]) == (None, False, True)
     numbers = flat.current.source.recipe["made_flat_by"].split(",")
@@ -711,12 +705,12 @@ def test_a_photograph_is_made_flat_by_a_step_and_its_bundle_opens_flat(tmp_path)
     assert miss(curve_of(flat), meant) < 0.3
     assert "picture-made-flat" in [finding["code"] for finding in state["findings"]]
     with refuses(SettingError, "rectify-first"):
-        flat.apply({"do": "rectify"})
+        do(flat, "rectify")
     approved = looked_at(flat).approve("A. Planner")
     assert approved.provenance.inputs["image"] == seen.source.sha256["source"]
     again = Session.open(bundles.stored(tmp_path / "flat.h5", approved), slice=photo)
     assert again.state()["image"]["width_px"] == state["image"]["width_px"]
-    mended = again.apply({"do": "delete_knot", "stroke": 0, "knot": 5})
+    mended = do(again, "delete_knot", stroke=0, knot=5)
     assert "picture-made-flat" in [finding["code"] for finding in mended.state()["findings"]]
     assert miss(curve_of(again), np.array(curve_of(flat))) < 0.01
     assert text(seen.apply(flat.steps[0])) == text(flat)
@@ -726,19 +720,19 @@ def test_slices_of_a_folder_lie_in_the_order_of_the_patient(tmp_path):
     session = Session.open(ct_series(tmp_path / "ct"))
     names = [one.path.stem.split("-")[::2] for one in session.source.stack]
     assert names == [["1", str(k)] for k in range(6)] + [["2", str(k)] for k in range(5)]
-    turned = session.apply({"do": "choose_slice", "slice": 9})
+    turned = do(session, "choose_slice", slice=9)
     place = turned.current.source.image.T_patient_image
     assert place[2, 2] == pytest.approx(9e-3)
     with refuses(SettingError, "no-such-slice"):
-        session.apply({"do": "choose_slice", "slice": 11})
+        do(session, "choose_slice", slice=11)
     # Turning on is one choice, with which a review begins: nothing of it is undone.
-    turned = session.apply({"do": "choose_slice", "slice": 2}).apply(turned.steps[0])
+    turned = do(session, "choose_slice", slice=2).apply(turned.steps[0])
     assert (len(turned.steps), turned.quick_state()["can_undo"]) == (1, False)
     with refuses(SettingError, "nothing-to-undo"):
         turned.undo()
-    drawn = turned.apply({"do": "draw", "points": [[20, 20], [100, 60], [180, 90]]})
+    drawn = do(turned, "draw", points=[[20, 20], [100, 60], [180, 90]])
     with refuses(SettingError, "slice-drawn-on"):
-        drawn.apply({"do": "choose_slice", "slice": 0})
+        do(drawn, "choose_slice", slice=0)
     (tmp_path / "none").mkdir()
     with refuses(ImageError, "no-slices"):
         Session.open(tmp_path / "none")
@@ -764,7 +758,7 @@ def test_a_slice_of_a_volume_lies_as_a_radiologist_looks_at_it(tmp_path, name, s
         nibabel.save(nibabel.Nifti1Image(stored, place), path)
     session = Session.open(path)
     assert (len(session.source.stack), session.source.position) == (12, 6)
-    image = session.apply({"do": "choose_slice", "slice": 4}).current.source.image
+    image = do(session, "choose_slice", slice=4).current.source.image
     greys = voxels[:, :, 4].T.astype(float)
     share = (greys - voxels.min()) / (int(voxels.max()) - int(voxels.min()))
     assert (image.rgb[..., 0] == np.rint(65535 * share)).all()
@@ -785,7 +779,7 @@ def test_voxels_that_are_no_numbers_turn_no_slice_black(tmp_path):
 
 def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
     fields = {"model": "similarity", "contact_radius": [4e-3], "pixel_spacing_mm": [0.5, 0.5]}
-    done = sample.apply({"do": "set_plan", "seen_from": "above", **fields})
+    done = do(sample, "set_plan", seen_from="above", **fields)
     planned = vfplan.plan(
         SLICE, *MARKERS, extraction=sample.source.extraction,
         settings=FixtureSettings(model="similarity", contact_radius=4e-3, seen_from="above"),
@@ -794,14 +788,14 @@ def test_model_distance_side_and_pixel_size_are_set_by_a_step(sample):
     assert np.allclose(fixture.points, planned.points, atol=1e-9)
     assert fixture.rendering.contact_radius == 4e-3
     assert fixture.provenance.inputs == planned.provenance.inputs
-    mirrored = sample.apply({"do": "set_plan", "seen_from": "below"})
+    mirrored = do(sample, "set_plan", seen_from="below")
     assert "--seen-from" in mirrored.state()["refusal"]["text"]
     with refuses(SettingError, "step-malformed") as refused:
-        sample.apply({"do": "set_plan", "contact_radius": [None]})
+        do(sample, "set_plan", contact_radius=[None])
     assert "contact_radius is [null]" in refused.value.message
     coarse = Session.open(SLICE, *MARKERS, guide_m=1e-4, arcs_m=5e-5)
     assert coarse.state()["refusal"]["code"] == "arcs-coarse"
-    assert coarse.apply({"do": "set_plan", "arcs_m": None}).state()["refusal"] is None
+    assert do(coarse, "set_plan", arcs_m=None).state()["refusal"] is None
 
 
 @pytest.mark.slow
@@ -831,7 +825,7 @@ def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path
     off = pairs.target + [[0, 0, 4e-3 * (label == "x4")] for label in pairs.labels]
     markers = marker_table(tmp_path / "m.csv", pairs.source, off, pairs.labels)
     by_hand = Session.open(SLICE, markers, pixel_spacing_mm=0.5, **settings)
-    by_hand = by_hand.apply({"do": "leave_out_marker", "marker": "x4"})
+    by_hand = do(by_hand, "leave_out_marker", marker="x4")
     planned = vfplan.plan(SLICE, markers, extraction=sample.source.extraction,
                           settings=FixtureSettings(robust=True)).fixture  # fmt: skip
     told = [[f for f in one.findings if f.code == "marker-left-out"]
@@ -840,10 +834,10 @@ def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path
     fixture = by_hand.current.fixture
     assert dict(facts_of(by_hand.current))["Markers"].startswith("8 of 9, ")
     assert [m.label for m in by_hand.current.markers if not m.is_used] == ["x4"]
-    vfplan.write_fixture(fixture, tmp_path / "f.h5")
-    assert "affine, 8 of 9 markers" in summary_text(describe(tmp_path / "f.h5", work=True))
-    again = Session.open(tmp_path / "f.h5", slice=SLICE)
+    path = bundles.stored(tmp_path / "f.h5", fixture)
+    assert "affine, 8 of 9 markers" in summary_text(describe(path, work=True))
+    again = Session.open(path, slice=SLICE)
     u, v = again.quick_state()["knots_px"][0][7]
-    moved = again.apply({"do": "move_knot", "stroke": 0, "knot": 7, "to": [u, v + 0.5]})
+    moved = do(again, "move_knot", stroke=0, knot=7, to=[u, v + 0.5])
     assert "marker-left-out" in codes_of(moved)
     assert fixture.registration.labels == moved.current.fixture.registration.labels

@@ -83,8 +83,7 @@ def overlap(one, other):
 def checked(shown):
     """The sheet: no two texts overlap, none covers an inset, and all stand on the paper."""
     sheet = draw_sheet(shown)
-    assert sheet.pixels.shape[1:] == (PAGE_WIDTH, 3)
-    assert sheet.pixels.shape[0] % PAGE_HEIGHT == 0
+    assert (sheet.pixels.shape[1:], sheet.pixels.shape[0] % PAGE_HEIGHT) == ((PAGE_WIDTH, 3), 0)
     for one, other in combinations(sheet.boxes, 2):
         # A caption may stand on the slice itself.
         assert {one.kind, other.kind} == {"text", "picture"} or not overlap(one, other)
@@ -300,10 +299,10 @@ def test_a_number_that_rounds_to_zero_has_no_sign():
 def test_sheet_page_and_report_say_one_bound_and_the_margin_that_was_added(tmp_path):
     planned = vfplan.plan(SLICE, *MARKERS, settings=vfplan.FixtureSettings(margin="tre95+0.2"))
     bound_m = planned.registered.report["tre"]["curve95_max_m"]
-    vfplan.write_fixture(planned.fixture, tmp_path / "f.h5")
-    fixture = vfplan.read_fixture(tmp_path / "f.h5")
+    path = bundles.stored(tmp_path / "f.h5", planned.fixture)
+    fixture = vfplan.read_fixture(path)
     shown = Plan.of(fixture, "f.h5", planned.extracted.image)
-    page = Session.open(tmp_path / "f.h5", slice=SLICE).state()["tre95_m"]
+    page = Session.open(path, slice=SLICE).state()["tre95_m"]
     told = (shown.bound95_m, page, shown.margin_m - 2e-4)
     assert told == pytest.approx([bound_m] * 3, abs=2e-9)
     assert fixture.point_radius == pytest.approx(shown.margin_m, abs=1e-12)
@@ -494,8 +493,7 @@ def test_a_slice_of_what_was_drawn_on_none_is_refused():
 def test_png_prints_at_its_own_size():
     image = Image.open(BytesIO(png_of(draw_sheet(drawn_ends.shown(drawn_ends.draw(0))).pixels)))
     image.load()
-    assert image.size[0] == PAGE_WIDTH
-    assert image.info["dpi"] == pytest.approx((DPI, DPI), abs=0.1)
+    assert (image.size[0], image.info["dpi"]) == (PAGE_WIDTH, pytest.approx((DPI, DPI), abs=0.1))
 
 
 def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
@@ -506,16 +504,15 @@ def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
     )  # fmt: skip
     points_px = (RING_MM[::3, :2] + (12.5, 20)) / (0.25, 0.5)
     curve = slicer(tmp_path, RING_MM[::3], "ClosedCurve")
-    vfplan.write_fixture(extract(slice_file, curve=curve).fixture, tmp_path / "c.h5")
+    path = bundles.stored(tmp_path / "c.h5", extract(slice_file, curve=curve).fixture)
     # From the bundle, so that every view shows them.
-    marked = Plan.of(vfplan.read_fixture(tmp_path / "c.h5"), "c", vfplan.read_image(slice_file))
+    marked = Plan.of(vfplan.read_fixture(path), "c", vfplan.read_image(slice_file))
     assert np.allclose(marked.slicer_points, points_px, atol=0.05)
     others = {k: v for k, v in marked.fixture.provenance.settings.items() if "slicer_" not in k}
     provenance = replace(marked.fixture.provenance, settings=others)
     plain = Plan.of(replace(marked.fixture, provenance=provenance), "c", marked.image)
     with_ticks, without = checked(marked), checked(plain)
-    told = [str(words_of(sheet)).count("set in") for sheet in (with_ticks, without)]
-    assert told == [1, 0]
+    assert [str(words_of(sheet)).count("set in") for sheet in (with_ticks, without)] == [1, 0]
     # Each tick stands close to its point, and nothing is drawn on the line.
     box = picture_of(with_ticks)
     changed = (drawn_part(with_ticks, box) != drawn_part(without, box)).any(axis=2)
