@@ -12,7 +12,6 @@ from pathlib import Path
 from types import SimpleNamespace as as_is
 
 import bundles
-import click
 import meshes
 import numpy as np
 import pytest
@@ -134,11 +133,6 @@ def odd_mcap(path):
         writer.add_message(topic, log_time=0, data=b"{}", publish_time=0)
         writer.finish()
     return path
-
-
-def called(command, *words):
-    with click.Context(command):
-        return command.callback.__wrapped__(*words)
 
 
 def no_scheduler(*args, **words):

@@ -258,13 +258,11 @@ def test_distance_from_a_drawn_line_knows_no_vertices():
     assert found["error_rms"] == pytest.approx(np.sqrt(np.mean(np.square([*off, 0.5]))))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [("paint", 2), ("proxy --quick --peer /nowhere/peer", 2),
-     ("extract -o /nowhere/at/all", 2), ("extract --peer true", 2)],
-)  # fmt: skip
-def test_errors_are_one_line_with_their_code(vfplan_cli, arguments, code):
+@pytest.mark.parametrize("arguments", [
+    "paint", "proxy --quick --peer /nowhere/peer", "extract -o /nowhere/at/all",
+    "extract --peer true"])  # fmt: skip
+def test_errors_are_one_line_with_their_code(vfplan_cli, arguments):
     run = vfplan_cli("bench", *arguments.split(), "--json")
-    assert run.code == code
+    assert run.code == 2
     assert run.json["error"]["message"]
     assert run.error_line

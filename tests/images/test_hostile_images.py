@@ -158,24 +158,22 @@ def element(tag, kind, value):
     return struct.pack("<HH2sH", *tag, kind, len(value)) + value
 
 
-def dicom(syntax=b"1.2.840.10008.1.2.1", body=b"", pixels=None, **named):
+def dicom(syntax=b"1.2.840.10008.1.2.1", body=b"", pixels=None, frames=b"", deflate=0):
     """A capture of 8 x 8 pixels, with what is made up in `body`, before the pixels."""
     kind = b"1.2.840.10008.5.1.4.1.1.7"
     meta = [((2, 2), b"UI", kind + b"\0"), ((2, 3), b"UI", b"1.23"),
             ((2, 16), b"UI", syntax + b"\0" * (len(syntax) % 2))]  # fmt: skip
     meta = b"".join(element(*item) for item in meta)
-    short = {(40, 2): 3, (40, 6): 0, (40, 16): 8, (40, 17): 8, (40, 256): 8, (40, 257): 8,
-             (40, 258): 7, (40, 259): 0}  # fmt: skip
+    short = {6: 0, 16: 8, 17: 8, 256: 8, 257: 8, 258: 7, 259: 0}
     head = element((40, 2), b"US", struct.pack("<H", 3)) + element((40, 4), b"CS", b"RGB ")
-    head += named.get("frames", b"")
-    head += b"".join(element(tag, b"US", struct.pack("<H", short[tag])) for tag in list(short)[1:])
-    head += named.get("spacing", b"")
+    head += frames
+    head += b"".join(element((40, k), b"US", struct.pack("<H", short[k])) for k in short)
     pixels = PIXELS + struct.pack("<I", 192) + bytes(192) if pixels is None else pixels
     content = body + head + pixels
-    if named.get("deflate"):
+    if deflate:
         packer = zlib.compressobj(1, wbits=-zlib.MAX_WBITS)
         parts = [packer.compress(content)]
-        parts += [packer.compress(bytes(1 << 22)) for _ in range(named["deflate"] >> 22)]
+        parts += [packer.compress(bytes(1 << 22)) for _ in range(deflate >> 22)]
         content = b"".join(parts) + packer.flush()
     length = element((2, 0), b"UL", struct.pack("<I", len(meta)))
     return bytes(128) + b"DICM" + length + meta + content

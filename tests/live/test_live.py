@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from conftest import ROOT, file_with, free_port, need_header, need_program, output
-from motion import turned
+from motion import NATIVE, compiled, turned
 from refusals import refuses
 from replays import write_session
 from vfplan.cli.main import cli
@@ -54,12 +54,8 @@ def made(count):
 
 @pytest.fixture(scope="module")
 def publisher(tmp_path_factory):
-    program = tmp_path_factory.mktemp("telemetry") / "telemetry"
-    include = vfplan.cmake_dir().parents[2] / "include"
-    flags = ["-std=c++20", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Werror", "-pthread"]
-    source = ROOT / "tests" / "native" / "telemetry.cpp"
-    output(need_program("g++", "g++"), *flags, f"-I{include}", source, "-o", program)
-    return program
+    folder = tmp_path_factory.mktemp("telemetry")
+    return compiled(folder, NATIVE / "telemetry.cpp", "-O2", "-Wconversion", "-pthread")
 
 
 @pytest.mark.slow
@@ -515,8 +511,7 @@ def reference_client(tmp_path_factory):
     need_header("openigtlink/igtlClientSocket.h", "libopenigtlink-dev", "/usr/include")
     program = tmp_path_factory.mktemp("client") / "client"
     flags = ("-std=c++17", "-I/usr/include/openigtlink", "-lOpenIGTLink", "-lpthread")
-    source = ROOT / "tests" / "native" / "igtl_client.cpp"
-    output(need_program("g++", "g++"), source, "-o", program, *flags)
+    output(need_program("g++", "g++"), NATIVE / "igtl_client.cpp", "-o", program, *flags)
     return program
 
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 R = Rotation.from_rotvec([3.0, 0.2, 0.1]).as_matrix()
 MODELS = ("affine", "similarity", "rigid")
+every_model = pytest.mark.parametrize("model", MODELS)
+flat_and_solid = pytest.mark.parametrize("kind", ["planar", "solid"])
 PX = 0.6e-3
 NAMES = [f"x{i}" for i in range(1, 10)]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import ROOT
 from docs_modules import load
-from layouts import MODELS, NAMES, PX, bent, fit, grid, photograph, planar, solid
+from layouts import NAMES, PX, bent, every_model, fit, grid, photograph, planar, solid
 from refusals import refuses
 
 from vfplan.errors import CheckFailed
@@ -32,7 +32,7 @@ def codes(registration):
     return [(finding.code, finding.severity) for finding in registration_findings(registration)]
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_good_markers_are_flagged_once_in_a_hundred_sets(model):
     seeds = np.random.default_rng(2).integers(1 << 30, size=1200)
     flagged = [bool(fit(grid(), planar(grid(), seed=seed), model).outliers) for seed in seeds]
@@ -79,7 +79,7 @@ def test_an_exact_fit_has_no_outliers_whatever_its_rounding():
         assert "marker-suspect" not in dict(codes(r))
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_a_symmetric_layout_is_one_short_note(model):
     source = grid(jitter=0.0)
     for seed in range(20):
@@ -104,7 +104,7 @@ def test_an_unchecked_marker_is_named():
     assert finding.place_px == (900.0, 950.0)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_a_scale_that_departs_is_a_doubt(model):
     r = fit_registration(grid(), planar(grid()), model=model, pixel_spacing=PX * 1.02)
     for departure, standard_error in scale_departures(r):
@@ -159,7 +159,7 @@ def test_a_slice_seen_from_below_is_a_doubt():
     assert side_finding(fit_registration(*solid(8))) is None
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_perspective_is_a_doubt_and_blames_no_marker(model):
     found = dict(codes(fit(grid(), bent(grid()), model)))
     assert found["perspective"] == "doubt"

@@ -7,7 +7,7 @@ import pytest
 from bundles import PROVENANCE
 from conftest import ROOT
 from docs_modules import load
-from layouts import MODELS, NAMES, bent, fit, grid, planar, solid
+from layouts import NAMES, bent, every_model, fit, grid, planar, solid
 from marker_sets import marker_sets
 
 from vfplan.errors import CheckFailed, MarkerError
@@ -34,13 +34,13 @@ COUNT = pytest.mark.parametrize("sets", [30, pytest.param(600, marks=pytest.mark
 
 
 @COUNT
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_good_markers_are_not_refused(model, sets):
     assert judged(sets, model, fle_m=0.5e-3, seed=2).count("refused") == 0
     assert judged(sets, model).count("refused") <= 0.01 * sets
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("sets", [300, pytest.param(600, marks=pytest.mark.full)])
 def test_few_good_markers_have_a_doubt_to_answer(model, sets):
     chosen = [markers for markers in marker_sets(sets, model=model) if not markers.is_symmetric]
@@ -49,7 +49,7 @@ def test_few_good_markers_have_a_doubt_to_answer(model, sets):
 
 
 @COUNT
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("mistake", ["reversed", "shifted", "exchanged", "permuted"])
 def test_no_label_mistake_passes_in_silence(mistake, model, sets):
     def change(rng, markers):
@@ -59,7 +59,7 @@ def test_no_label_mistake_passes_in_silence(mistake, model, sets):
 
 
 @COUNT
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_an_outlier_is_refused_or_doubted(model, sets):
     rng = np.random.default_rng(1)
     refused, three = 0, []
@@ -76,7 +76,7 @@ def test_an_outlier_is_refused_or_doubted(model, sets):
     assert three.count("note") <= 0.1 * len(three)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_exchanged_labels_are_named(model):
     rng = np.random.default_rng(3)
     for _ in range(20):

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from layouts import MODELS, NAMES, PX, R, fit, grid, markers, photograph, planar, solid
+from layouts import NAMES, PX, R, every_model, fit, grid, markers, photograph, planar, solid
 from numpy.testing import assert_allclose
 
 import vfplan
@@ -48,7 +48,7 @@ def test_solid_rigid_and_similarity_agree_with_scipy_and_skimage():
     assert_allclose(s.T_target_source, other.params, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("kind", ["planar", "solid"])
 def test_leave_one_out_is_what_refitting_gives(model, kind):
     source, target, spacing = markers(kind, 7)
@@ -82,7 +82,7 @@ def test_photographs_of_a_board(shared_data, view, similarity_mm, affine_mm):
 
 
 @pytest.mark.parametrize("name", ["a", "b", "c"])
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_planned_slices_stay_within_the_predicted_bound(shared_data, name, model):
     folder = shared_data / "planned"
     files = [folder / f"pelvis_{name}_markers_{side}.csv" for side in ("image", "robot")]
@@ -122,7 +122,7 @@ def code_of(error, *args, **kwargs):
     return caught.value.code
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize(("code", "source", "target"), REFUSED)
 def test_degenerate_markers_are_refused(code, source, target, model):
     assert code_of(MarkerError, source, target, model=model, pixel_spacing=PX) == code
@@ -166,7 +166,7 @@ def test_points_are_checked(points):
     assert caught.value.code in ("points-shape", "points-not-finite")
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_robust_names_what_it_leaves_out(model):
     source = grid()
     target = planar(source)
@@ -195,7 +195,7 @@ def test_robust_refuses_a_search_without_end():
     assert 7 in fit_registration(many, target, robust=True).outliers
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("flip", [[1, 1, -1], [-1, 1, 1], [-1, -1, -1]])
 def test_mirrored_markers_in_space_are_refused(model, flip):
     source, target = solid(8)
@@ -212,7 +212,7 @@ def test_flat_markers_in_space_are_not_called_mirrored():
         fit_registration(flat * [-1, 1, 1], target, model="rigid")
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 def test_a_mirrored_slice_is_refused_where_the_side_is_known(model):
     source = grid()
     flat = np.column_stack([source[:, 0], -source[:, 1], np.zeros(9)]) * PX  # seen from above

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from layouts import MODELS, PX, R, fit, grid, markers, solid
+from layouts import MODELS, PX, R, every_model, fit, flat_and_solid, grid, markers, solid
 from numpy.testing import assert_allclose
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -13,12 +13,11 @@ from scipy.special import fdtrc, fdtri
 from vfplan.registration.models import f_exceeds, f_quantile, homogeneous
 from vfplan.registration.registration import fit_registration
 
-TRIANGLE = np.array([[100.0, 100], [700, 150], [300, 600]])
 LAYOUTS = {
     "grid": grid(),
     "kite": np.array([[100.0, 100], [700, 150], [300, 600], [420, 380]]),
     "strip": np.array([[100.0, 305], [220, 270], [340, 320], [460, 290], [580, 310], [700, 285]]),
-    "triangle": TRIANGLE,
+    "triangle": np.array([[100.0, 100], [700, 150], [300, 600]]),
 }
 # Inside, at a corner, beyond the markers.
 TARGETS = np.array([[420.0, 390], [100, 400], [300, 200], [850, 800]])
@@ -54,16 +53,16 @@ def judged(source, targets, noises, **how):
 
 @pytest.mark.parametrize(("model", "layout", "noise"), CASES)
 def test_predicted_tre_is_the_true_one(model, layout, noise):
-    source = SOLID if layout == "solid" else LAYOUTS[layout]
-    targets = SOLID_TARGETS if layout == "solid" else TARGETS
-    spacing = None if layout == "solid" else PX
+    source, targets, spacing = SOLID, SOLID_TARGETS, None
+    if layout != "solid":
+        source, targets, spacing = LAYOUTS[layout], TARGETS, PX
     noises = np.random.default_rng(11).normal(0, noise, (2000, *source.shape[:1], 3))
     ratio, covered = judged(source, targets, noises, model=model, pixel_spacing=spacing)
     assert 0.97 < ratio < 1.03
     assert 0.94 < covered < 0.96
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("per_axis", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_predicted_tre_with_unequal_markers(model, per_axis):
     source, targets = grid(), TARGETS
@@ -78,7 +77,7 @@ def test_predicted_tre_with_unequal_markers(model, per_axis):
     assert 0.935 < covered < 0.965
 
 
-@pytest.mark.parametrize("model", MODELS)
+@every_model
 @pytest.mark.parametrize("layout", ["grid", pytest.param("kite", marks=pytest.mark.slow)])
 def test_the_band_covers_the_whole_curve(model, layout):
     source, rng = LAYOUTS[layout], np.random.default_rng(13)
@@ -112,8 +111,8 @@ def test_rigid_tre_is_the_formula_of_fitzpatrick_west_and_maurer():
     assert_allclose(r.tre_m(SOLID_TARGETS), np.sqrt(expected), rtol=1e-9)
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("kind", ["planar", "solid"])
+@every_model
+@flat_and_solid
 def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
     source, target, spacing = markers(kind)
     r = fit_registration(source, target, model=model, pixel_spacing=spacing)
@@ -125,8 +124,8 @@ def test_covariance_of_the_transform_predicts_the_same_error(model, kind):
     assert_allclose(r.tre_m(source[:3]) ** 2, squares, rtol=1e-9)
 
 
-@pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("kind", ["planar", "solid"])
+@every_model
+@flat_and_solid
 @pytest.mark.parametrize("origin", [0.0, 1e3])
 def test_no_unit_origin_or_rotation_changes_anything(model, kind, origin):
     """Target in another unit, far from its origin, turned: errors scale, nothing else moves."""

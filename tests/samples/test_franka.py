@@ -288,11 +288,11 @@ def test_a_signal_ends_the_loop_and_its_torque(number, loop, call, tmp_path):
     assert fades(torques, 100)
 
 
-def stop_at_tick_5(loop, engine=None, governor=None):
-    """The run of an arm that presses for 100 ticks, with something bad from tick 5 on."""
-    engine = engine or vfplan.ProxyEngine.of(bundles.small())
+def stop_at_tick_5(loop, engine, governor, *more):
+    """Of an arm that presses for 100 ticks, with something bad from tick 5 on: run, torques."""
     engine.reset(loop.read_tip(loop.arm.state))
-    return loop.render(loop.arm, loop.arm.load_model(), engine, governor, 100)
+    run = loop.render(loop.arm, loop.arm.load_model(), engine, governor, 100, *more)
+    return run, np.array(loop.arm.torques)
 
 
 def small_governor():
@@ -319,8 +319,7 @@ class Pushing:
 def test_the_loop_stops_at_the_bits_of_the_page_and_lets_the_torque_fade(bit, is_governed, loop):
     """An engine that pushes by 8 N, and sets one bit from tick 5 on."""
     pushing = Pushing(lambda tick: 8.0, lambda tick: bit if tick >= 5 else vfplan.Status.OK)
-    run = stop_at_tick_5(loop, pushing, small_governor() if is_governed else None)
-    torques = np.array(loop.arm.torques)
+    run, torques = stop_at_tick_5(loop, pushing, small_governor() if is_governed else None)
     assert np.abs(torques[4]).max() > 1
     stops = Status.BAD_HIP | Status.STALE | Status.CROSSED | Status.JUMPED
     if bit & stops:
@@ -343,8 +342,8 @@ def test_the_loop_stops_at_a_bad_jacobian(is_governed, loop):
         loop.arm.jacobian = np.full((6, 7), np.nan)
 
     press_until_tick_5(loop, lose)
-    run = stop_at_tick_5(loop, governor=small_governor() if is_governed else None)
-    torques = np.array(loop.arm.torques)
+    engine = vfplan.ProxyEngine.of(bundles.small())
+    run, torques = stop_at_tick_5(loop, engine, small_governor() if is_governed else None)
     assert "In tick 5 the arm's Jacobian" in run.error
     assert np.isfinite(torques).all()
     assert fades(torques, 100)
@@ -368,12 +367,8 @@ def test_what_a_hook_adds_does_not_keep_the_loop_alive(bad, loop):
 
     press_until_tick_5(loop, lose)
     engine = vfplan.ProxyEngine.of(bundles.small(), max_hip_step=loop.MAX_TIP_STEP)
-    engine.reset(loop.read_tip(loop.arm.state))
-    run = loop.render(
-        loop.arm, loop.arm.load_model(), engine, small_governor(), 100, lambda *_: hook.copy(),
-        signals,
-    )  # fmt: skip
-    torques = np.array(loop.arm.torques)
+    more = small_governor(), lambda *_: hook.copy(), signals
+    run, torques = stop_at_tick_5(loop, engine, *more)
     assert "tick 5" in run.error
     assert 6 <= run.ticks == len(torques) < 40
     assert (torques[4] != 2).any()
@@ -420,10 +415,10 @@ def test_thresholds_tip_and_kernel_are_options_with_safe_defaults(loop, call, tm
 
 
 def test_the_loop_stops_at_a_bad_force(loop):
-    run = stop_at_tick_5(loop, Pushing(lambda tick: np.nan), small_governor())
+    run, torques = stop_at_tick_5(loop, Pushing(lambda tick: np.nan), small_governor())
     assert "In tick 0 the force was not finite" in run.error
     assert run.ticks == 1
-    assert not np.any(loop.arm.torques)
+    assert not torques.any()
 
 
 @pytest.mark.parametrize("beside", [0.002, -0.002, 0.0])

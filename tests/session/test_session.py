@@ -25,9 +25,14 @@ def recording(ticks):
     return time, rng.normal(0.4, 0.05, (ticks, 3))
 
 
+def write_hdf5(path, items, **attributes):
+    with h5py.File(path, "w") as file:
+        file.update(items)
+        file.attrs.update(attributes)
+
+
 def write_all(folder, time, hip):
-    with h5py.File(folder / "s.h5", "w") as file:
-        file["time"], file["hip"] = time, hip
+    write_hdf5(folder / "s.h5", {"time": time, "hip": hip})
     np.savez(folder / "s.npz", time=time, hip=hip)
     np.savez_compressed(folder / "packed.npz", time=time, hip=np.asfortranarray(hip))
     write_session(folder / "s.csv", as_is(time=time, hip=hip))
@@ -56,24 +61,23 @@ def test_csv_is_read_by_its_columns_and_units(tmp_path):
     assert read_session(tmp_path / "s.csv", units="cm").hip[0].tolist() == [0.01, 0.02, 0.03]
 
 
-ROW = "0,1,2,3\n"
 BAD_CSV = {
     "empty": ("", "table-empty"),
-    "one row": ("t,x,y,z\n" + ROW, "too-few-samples"),
+    "one row": ("t,x,y,z\n0,1,2,3\n", "too-few-samples"),
     "missing column": ("t,x,y\n0,1,2\n1,2,3\n", "column-missing"),
     "column twice": ("t,x,y,z,x\n0,1,2,3,4\n", "column-doubled"),
-    "NaN": ("t,x,y,z\n" + ROW + "1,nan,2,3\n", "sample-not-finite"),
-    "overflow": ("t,x,y,z\n" + ROW + "1,1e999,2,3\n", "sample-not-finite"),
-    "too far": ("t,x,y,z\n" + ROW + "1,1,-1.1e6,3\n", "sample-out-of-range"),
-    "no clock": ("t,x,y,z\n" + ROW + "1e300,1,2,3\n", "sample-out-of-range"),
-    "time creeps": ("t,x,y,z\n" + ROW + "1e-300,1,2,3\n", "time-not-increasing"),
+    "NaN": ("t,x,y,z\n0,1,2,3\n1,nan,2,3\n", "sample-not-finite"),
+    "overflow": ("t,x,y,z\n0,1,2,3\n1,1e999,2,3\n", "sample-not-finite"),
+    "too far": ("t,x,y,z\n0,1,2,3\n1,1,-1.1e6,3\n", "sample-out-of-range"),
+    "no clock": ("t,x,y,z\n0,1,2,3\n1e300,1,2,3\n", "sample-out-of-range"),
+    "time creeps": ("t,x,y,z\n0,1,2,3\n1e-300,1,2,3\n", "time-not-increasing"),
     "time back": ("t,x,y,z\n1,1,2,3\n0.5,1,2,3\n", "time-not-increasing"),
-    "short line": ("t,x,y,z\n" + ROW + "1,2,3\n", "row-length"),
-    "words": ("t,x,y,z\n" + ROW + "1,two,3,4\n", "no-number"),
-    "underscore": ("t,x,y,z\n" + ROW + "1,1_0,3,4\n", "no-number"),
-    "hexadecimal": ("t,x,y,z\n" + ROW + "1,0x10,3,4\n", "no-number"),
-    "digits of another script": ("t,x,y,z\n" + ROW + "1,\u0663,3,4\n", "no-number"),
-    "lone return": ("t,x,y,z\n" + ROW + "1.0\r5,2,3,4\n", "no-number"),
+    "short line": ("t,x,y,z\n0,1,2,3\n1,2,3\n", "row-length"),
+    "words": ("t,x,y,z\n0,1,2,3\n1,two,3,4\n", "no-number"),
+    "underscore": ("t,x,y,z\n0,1,2,3\n1,1_0,3,4\n", "no-number"),
+    "hexadecimal": ("t,x,y,z\n0,1,2,3\n1,0x10,3,4\n", "no-number"),
+    "digits of another script": ("t,x,y,z\n0,1,2,3\n1,\u0663,3,4\n", "no-number"),
+    "lone return": ("t,x,y,z\n0,1,2,3\n1.0\r5,2,3,4\n", "no-number"),
     "two separators": ("t;x;y,z\n0;1;2;3\n", "separator-ambiguous"),
     "both decimal marks": ("t;x;y;z\n0;1,5;2;3\n1;1.5;2;3\n", "decimal-ambiguous"),
     "thousands": ("t;x;y;z\n0;1,000,000;2;3\n1;1;2;3\n", "no-number"),
@@ -169,8 +173,7 @@ def test_bad_arrays_are_refused(tmp_path, arrays, code):
     with refuses(SessionError, code):
         read_session(tmp_path / "s.npz")
     if code != "npz-broken":
-        with h5py.File(tmp_path / "s.h5", "w") as file:
-            file.update(arrays)
+        write_hdf5(tmp_path / "s.h5", arrays)
         with refuses(SessionError, code):
             read_session(tmp_path / "s.h5")
 
@@ -204,39 +207,37 @@ def test_a_file_of_apparent_size_does_not_raise_the_limits_without_end(tmp_path,
 
 
 ODD_HDF5 = {
-    "empty": (dict.fromkeys(THREE, h5py.Empty("f8")), {}, "dataset-odd"),
-    "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, {}, "dataset-odd"),
-    "a fixture": ({"points": THREE["hip"]}, {"/format": np.bytes_(b"vfplan-fixture")},
+    "empty": (dict.fromkeys(THREE, h5py.Empty("f8")), "/", {}, "dataset-odd"),
+    "elsewhere": ({**THREE, "hip": h5py.ExternalLink("o.h5", "/hip")}, "/", {}, "dataset-odd"),
+    "a fixture": ({"points": THREE["hip"]}, "/", {"format": np.bytes_(b"vfplan-fixture")},
                   "fixture-as-session"),
-    "units of hip": (THREE, {"hip/units": "mm"}, "units-or-frame-differ"),
-    "frame of hip": (THREE, {"hip/frame": "camera"}, "units-or-frame-differ"),
-    "unit of time": (THREE, {"time/unit": "ms"}, "units-or-frame-differ"),
+    "units of hip": (THREE, "hip", {"units": "mm"}, "units-or-frame-differ"),
+    "frame of hip": (THREE, "hip", {"frame": "camera"}, "units-or-frame-differ"),
+    "unit of time": (THREE, "time", {"unit": "ms"}, "units-or-frame-differ"),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("items", "attributes", "code"), ODD_HDF5.values(), ids=ODD_HDF5)
-def test_an_odd_hdf5_is_refused_also_where_it_states_other_units(tmp_path, items, attributes, code):
-    with h5py.File(tmp_path / "o.h5", "w") as file:
-        file["hip"] = THREE["hip"]
-    with h5py.File(tmp_path / "s.h5", "w") as file:
-        file.update(items)
-        for place, value in attributes.items():
-            file[place.rpartition("/")[0] or "/"].attrs[place.rpartition("/")[2]] = value
+@pytest.mark.parametrize(("items", "where", "attributes", "code"), ODD_HDF5.values(), ids=ODD_HDF5)
+def test_an_odd_hdf5_is_refused_also_where_it_states_other_units(
+    tmp_path, items, where, attributes, code
+):
+    write_hdf5(tmp_path / "o.h5", THREE)
+    write_hdf5(tmp_path / "s.h5", items)
+    with h5py.File(tmp_path / "s.h5", "a") as file:
+        file[where].attrs.update(attributes)
     with refuses(SessionError, code):
         read_session(tmp_path / "s.h5")
 
 
 def test_a_file_may_state_its_frame_and_units(tmp_path):
-    with h5py.File(tmp_path / "s.h5", "w") as file:
-        file.update(THREE)
-        file.attrs["units"], file.attrs["frame"] = "mm", "robot_base"
-    np.savez(tmp_path / "s.npz", **THREE, units="mm", frame="robot_base")
+    stated = {"units": "mm", "frame": "robot_base"}
+    write_hdf5(tmp_path / "s.h5", THREE, **stated)
+    np.savez(tmp_path / "s.npz", **THREE, **stated)
     for name in ("s.h5", "s.npz"):
         assert read_session(tmp_path / name, units="mm").hip[0, 0] == 1e-3
-        with refuses(SessionError, "units-or-frame-differ"):
-            read_session(tmp_path / name)
-        with refuses(SessionError, "units-or-frame-differ"):
-            read_session(tmp_path / name, units="mm", frame="patient_lps")
+        for options in ({}, {"units": "mm", "frame": "patient_lps"}):
+            with refuses(SessionError, "units-or-frame-differ"):
+                read_session(tmp_path / name, **options)
 
 
 @pytest.mark.parametrize(
@@ -244,9 +245,7 @@ def test_a_file_may_state_its_frame_and_units(tmp_path):
 )
 def test_what_is_no_single_text_names_no_frame_and_one_element_is_a_text(tmp_path, said):
     np.savez(tmp_path / "s.npz", **THREE, **said)
-    with h5py.File(tmp_path / "s.h5", "w") as file:
-        file.update(THREE)
-        file.attrs.update(said)
+    write_hdf5(tmp_path / "s.h5", THREE, **said)
     for name in ("s.h5", "s.npz"):
         assert len(read_session(tmp_path / name).time) == 3
         if "units" in said:
@@ -261,7 +260,7 @@ def test_missing_file_directory_and_unknown_unit(tmp_path):
             read(tmp_path / "none.csv")
         with refuses(error, "not-a-file"):
             read(tmp_path)
-    (tmp_path / "s.csv").write_text("t,x,y,z\n" + 2 * ROW)
+    (tmp_path / "s.csv").write_text("t,x,y,z\n0,1,2,3\n0,1,2,3\n")
     with refuses(SettingError, "unit-unknown"):
         read_session(tmp_path / "s.csv", units="inch")
 
@@ -278,8 +277,7 @@ def test_resampling_is_linear_and_does_not_depend_on_blocks(rate):
     session = resampled(Session(time, hip), rate).load()
     ticks = int(np.floor((time[-1] - time[0]) * rate + 1e-9)) + 1
     assert_allclose(session.time, time[0] + np.arange(ticks) / rate, rtol=1e-12)
-    for i in range(3):
-        assert_allclose(session.hip[:, i], np.interp(session.time, time, hip[:, i]))
+    assert_allclose(session.hip.T, [np.interp(session.time, time, along) for along in hip.T])
     for impossible in (1e12, 0.0):
         with refuses(SettingError, "rate-out-of-range"):
             resampled(session, impossible)
