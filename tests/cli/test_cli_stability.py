@@ -112,7 +112,9 @@ def test_plan_stores_the_verdict(vfplan_cli, tmp_path):
     again = vfplan_cli("plan", *ELBOW, "-o", output, "--robot", "franka", "--overwrite", "--json")
     assert again.json["stability"]["k_max_n_per_m"] == stored.k_max_n_per_m
     words = ("stability", output, "--robot", "franka", "--part", "closed-loop")
-    assert "1629 N/m in all scenes tried, by all rules for robots" in vfplan_cli(*words).sound.stdout
+    assert (
+        "1629 N/m in all scenes tried, by all rules for robots" in vfplan_cli(*words).sound.stdout
+    )
 
 
 def test_plan_refuses_what_is_not_stable_and_writes_nothing(vfplan_cli, tmp_path):
