@@ -538,6 +538,11 @@ class Fixture:
         curve = Curve(number, closed, bridged, pieces, edited)
         return replace(self, points=self.points[rows], sigma=sigma, curve=curve, guidance=None)
 
+    def with_settings(self, settings: dict[str, Any]) -> Fixture:
+        """The fixture with further settings in its recipe."""
+        settings = self.provenance.settings | settings
+        return replace(self, provenance=replace(self.provenance, settings=settings))
+
     # How it is rendered. A fixture that is not rendered raises `AttributeError`.
     stiffness = property(attrgetter("_rendering.stiffness"), doc="(3,) K [N/m].")
     contact_radius = property(attrgetter("_rendering.contact_radius"), doc="r_c [m].")

@@ -43,13 +43,7 @@ from vfplan.images.read import PlannedImage
 from vfplan.planning.extraction import extract, slice_findings
 from vfplan.planning.settings import ExtractSettings
 from vfplan.registration.registration import own_bound
-from vfplan.review.strokes import (
-    CLOSE_PX,
-    JOIN_PX,
-    MIN_LINE_PX,
-    MendedStroke,
-    SliceInk,
-)
+from vfplan.review.strokes import CLOSE_PX, JOIN_PX, MIN_LINE_PX, MendedStroke, SliceInk
 from vfplan.settings import recalled
 
 # Least cosine of a turn with which a line goes straight on where ink forks.
@@ -525,11 +519,11 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
     away = distances()
     nearest = min(away.values(), default=np.inf)
     if nearest > JOIN_PX:
-        text = (
+        raise SettingError(
             f"No line of the pen lies at ({place[0]:z.0f}, {place[1]:z.0f}). Click on a line, or "
-            "draw the curve."
+            "draw the curve.",
+            code="no-line-there",
         )
-        raise SettingError(text, code="no-line-there")
     # A click misses by a little, and lines that meet lie at one place.
     there = [number for number in away if away[number] <= nearest + CLOSE_PX]
     return geometry, max(there, key=lambda number: geometry.candidates[number].length)

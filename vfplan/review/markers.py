@@ -187,8 +187,8 @@ class Fit:
         loo_m = {}
         if registration is not None:
             onto_slice = np.linalg.pinv(steps)
-            for label, left_out in zip(registration.labels, registration.loo_m, strict=True):
-                loo_m[label] = float(left_out) if np.isfinite(left_out) else None
+            left_out = zip(registration.labels, registration.loo_m.tolist(), strict=True)
+            loo_m = {label: value for label, value in left_out if np.isfinite(value)}
         rows = []
         for marker in self.markers:
             residual_m = residual_px = None

@@ -24,15 +24,15 @@ from vfplan.display import (
 )
 from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import distance_to, nearest_to, normals, runs
+from vfplan.geometry.lines import Array, distance_to, nearest_to, normals, row_lengths, runs
 from vfplan.review import paper
-from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, WHITE
+from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, Pixels
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
 from vfplan.review.strokes import CLOSE_PX
 
 
-def ends_of(stroke: Stroke) -> Iterator[tuple[str, paper.Array, paper.Array | None]]:
+def ends_of(stroke: Stroke) -> Iterator[tuple[str, Array, Array | None]]:
     """Both ends of a line, or the start of a closed one.
 
     Each with its name, "start" or "end", its place (u, v) [px of the slice], and the unit vector in
@@ -112,12 +112,12 @@ def draw_scale_bar(
     end, middle, words = x + length * unit_px, round(y + BODY.line_height / 2), f"{length:g} {unit}"
     # No line of a picture goes through the words.
     right = round(end + 18 + BODY.width_of(words))
-    sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = WHITE
+    sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = paper.WHITE
     sheet.canvas[middle - 2 : middle + 2, round(x) : round(end)] = BLACK
     sheet.text(end + 14, y, words)
 
 
-def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> paper.Pixels:
+def draw_points(plane: Array, towards: Array, fixture: Fixture) -> Pixels:
     """The points, or the triangles, those in front over those behind.
 
     `plane` takes (u, v, 1) [px] of the view to the fixture's frame [m], and `towards` is the
@@ -129,7 +129,7 @@ def draw_points(plane: paper.Array, towards: paper.Array, fixture: Fixture) -> p
         # Darker the more a triangle is turned away from the viewer.
         corners = fixture.points[mesh]
         across = np.cross(*np.diff(corners, axis=1).swapaxes(0, 1))
-        facing = np.abs(across @ towards) / np.maximum(np.linalg.norm(across, axis=1), 1e-30)
+        facing = np.abs(across @ towards) / np.maximum(row_lengths(across), 1e-30)
         colours = (0.35 + 0.6 * facing[:, None]) * (255 + np.array(LINE_COLOUR)) / 2
         for k in np.argsort(corners.mean(axis=1) @ towards):
             outline = paper.fixed_point(flat[mesh[k]])
@@ -185,12 +185,12 @@ class Panel:
     where it does not.
     """
 
-    canvas: paper.Pixels
-    corner: paper.Array
+    canvas: Pixels
+    corner: Array
     zoom: float
     rendered_distance: float
 
-    def place(self, points_px: Any) -> paper.Array:
+    def place(self, points_px: Any) -> Array:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
         return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5 + self.corner
 
@@ -206,7 +206,7 @@ class Panel:
 
 
 def draw_picture(
-    sheet: paper.Paper, plan: Plan, rgb: paper.Pixels, y: float
+    sheet: paper.Paper, plan: Plan, rgb: Pixels, y: float
 ) -> tuple[float, float, list[str]]:
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
 
@@ -271,7 +271,7 @@ def draw_picture(
     return *((end, bottom) if is_wide else (bottom, end)), unnamed
 
 
-def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
+def draw_ink_outline(plan: Plan, panel: Panel) -> Pixels:
     """Draw the outline beside each line; returns the region that it surrounds, 255 inside."""
     region, bridges, free = (np.zeros(panel.canvas.shape[:2], np.uint8) for _ in range(3))
     for stroke in plan.strokes:
@@ -288,7 +288,7 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> paper.Pixels:
         for run in runs(stroke.bridged, stroke.closed):
             paper.draw_line(bridges, points[run], 255, thickness + 12)
     contours, before = paper.contours_of(region), panel.canvas.copy()
-    cv2.drawContours(panel.canvas, contours, -1, WHITE, 4, cv2.LINE_AA)
+    cv2.drawContours(panel.canvas, contours, -1, paper.WHITE, 4, cv2.LINE_AA)
     bridged = panel.canvas.copy()
     cv2.drawContours(panel.canvas, contours, -1, LINE_COLOUR, 2, cv2.LINE_AA)
     cv2.drawContours(bridged, contours, -1, paper.BRIDGE_COLOUR, 2, cv2.LINE_AA)
@@ -332,7 +332,7 @@ def rendered_legend(outlines: Iterable[Outline]) -> list[LegendRow]:
     return rows
 
 
-def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
+def draw_rendered(canvas: Pixels, outline: Outline, place: Any) -> None:
     """Draw where the engine pushes; `place` takes pixels of the slice to the canvas."""
     colour = RENDERED[outline.kind].colour
     for line in outline.lines:
@@ -350,7 +350,7 @@ def draw_rendered(canvas: paper.Pixels, outline: Outline, place: Any) -> None:
         paper.draw_arrow(canvas, middle - half, middle + half, colour)
 
 
-def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
+def draw_markers(plan: Plan, panel: Panel, keep: Pixels) -> float | None:
     """Draw each marker where it was given, and its residual as an arrow; `keep` gets both.
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
@@ -373,7 +373,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
         paper.draw_disc(keep, centre, 24, 254)
         # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
         first, inner = (0, 13) if marker.is_used else (45, 4)
-        for colour, thickness in ((WHITE, 5), (BLACK, 2)):
+        for colour, thickness in ((paper.WHITE, 5), (BLACK, 2)):
             paper.draw_disc(panel.canvas, centre, 13, colour, thickness)
             for turn in np.radians(first + 90 * np.arange(4)):
                 direction = np.array([np.cos(turn), np.sin(turn)])
@@ -386,7 +386,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: paper.Pixels) -> float | None:
     return enlargement
 
 
-def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
+def bridges_of(plan: Plan) -> Iterator[tuple[str, Array, list[str]]]:
     """Each bridge: its name, its points [px of the slice], and the names of its findings."""
     bridges = [
         stroke.points[run]
@@ -396,7 +396,7 @@ def bridges_of(plan: Plan) -> Iterator[tuple[str, paper.Array, list[str]]]:
         yield f"bridge {number}", points, findings_at(plan, points)
 
 
-def findings_at(plan: Plan, points: paper.Array) -> list[str]:
+def findings_at(plan: Plan, points: Array) -> list[str]:
     """The names of the findings whose place is one of these points [px of the slice]."""
     return [
         name for name, finding in placed_findings(plan)
@@ -410,7 +410,7 @@ def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
     return [(name, one) for name, one in named if one.place_px is not None]
 
 
-def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
+def draw_slicer_points(plan: Plan, panel: Panel, keep: Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
     ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for place in plan.slicer_points:
@@ -426,7 +426,7 @@ def draw_slicer_points(plan: Plan, panel: Panel, keep: paper.Pixels) -> None:
 
 
 def draw_captions(
-    sheet: paper.Paper, plan: Plan, panel: Panel, taken: paper.Pixels, top: int
+    sheet: paper.Paper, plan: Plan, panel: Panel, taken: Pixels, top: int
 ) -> list[str]:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
@@ -434,7 +434,7 @@ def draw_captions(
     all else that has none.
     """
 
-    def tag(place: Any, *choices: str, ground: paper.Colour = WHITE) -> bool:
+    def tag(place: Any, *choices: str, ground: paper.Colour = paper.WHITE) -> bool:
         """Write the first caption that has room close to its place in a small plate of a colour."""
         for words, may_cross in (*product(choices, [False]), (choices[-1], True)):
             width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
@@ -448,7 +448,7 @@ def draw_captions(
         plate = panel.canvas[y : y + height, x : x + width]
         plate[:] = BLACK
         plate[2:-2, 2:-2] = ground
-        letters = BLACK if ground == WHITE else WHITE
+        letters = BLACK if ground == paper.WHITE else paper.WHITE
         sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 

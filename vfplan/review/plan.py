@@ -24,7 +24,7 @@ from vfplan.engine.browser import bodies_of
 from vfplan.errors import InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
-from vfplan.geometry.lines import Array, evenly, plane_normal
+from vfplan.geometry.lines import Array, evenly, plane_normal, row_lengths
 from vfplan.images.read import (
     MADE_FLAT_BY,
     MAX_BYTES,
@@ -500,9 +500,7 @@ class Plan:
         except VfplanError as error:
             return Outcome(None, of_curve, sentence(error.message), error.code)
         # Markers that were found already are not looked for again; the recipe keeps how they were.
-        settings = planned.provenance.settings | recorded(source.planning)
-        planned = replace(planned, provenance=replace(planned.provenance, settings=settings))
-        planned = with_left_out(planned, self.fit)
+        planned = with_left_out(planned.with_settings(recorded(source.planning)), self.fit)
         return Outcome(planned, (*of_curve, *planned.findings))
 
     def curve(self) -> Fixture:
@@ -541,9 +539,9 @@ def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     if not others.used:
         return planned
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
-    residuals_m = np.linalg.norm(fit.registration.apply(left_out.source) - left_out.target, axis=1)
+    residuals_m = row_lengths(fit.registration.apply(left_out.source) - left_out.target)
     labels = filter(None, (*labels_left_out(planned), *left_out.labels))
-    settings = planned.provenance.settings | {"markers_left_out": ",".join(labels)}
+    settings = {"markers_left_out": ",".join(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.
         rows = [m.sigma_m if len(m.sigma_m) == len(sigma[0]) else sigma[0] for m in others.used]
@@ -551,8 +549,7 @@ def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     is_on_slice = record.source_frame == "image"
     places = [marker.place if is_on_slice else None for marker in others.used]
     return replace(
-        planned,
-        provenance=replace(planned.provenance, settings=settings),
+        planned.with_settings(settings),
         findings=(*planned.findings, *map(left_out_note, left_out.labels, residuals_m, places)),
         registration=replace(
             record, labels=(*record.labels, *left_out.labels),
@@ -649,12 +646,13 @@ def refuse_planning_of_planned(fixture: Fixture, given: Settings) -> None:
     """
     others = other_than_recipe(fixture, FixtureSettings, given)
     if others and fixture.frame != "image" and fixture.rendering is not None:
-        text = (
+        raise SettingError(
             "The fixture is planned already, and these settings would not change it: "
             f"{', '.join(others)}. Leave them out, or plan anew with them: vfplan plan IMAGE "
-            "MARKERS."
+            "MARKERS.",
+            code="planned-already",
+            numbers={"settings": others},
         )
-        raise SettingError(text, code="planned-already", numbers={"settings": others})
 
 
 def refuse_extraction_of_extracted(fixture: Fixture, given: Settings) -> None:
@@ -664,12 +662,13 @@ def refuse_extraction_of_extracted(fixture: Fixture, given: Settings) -> None:
         names.remove("colour")  # The page needs to know the pen.
     others = [name for name in other_than_recipe(fixture, ExtractSettings, given) if name in names]
     if others:
-        text = (
+        raise SettingError(
             "The curve is extracted already, and these settings would not change it: "
             f"{', '.join(others)}. Leave them out, or extract it anew with them: vfplan review "
-            "IMAGE."
+            "IMAGE.",
+            code="extracted-already",
+            numbers={"settings": others},
         )
-        raise SettingError(text, code="extracted-already", numbers={"settings": others})
 
 
 def other_than_recipe(fixture: Fixture, kind: type, given: Settings) -> list[str]:
@@ -764,11 +763,12 @@ def source_of_bundle(
         extraction = replace(extraction_of(fixture, ExtractSettings()), **of_extraction)
         planning = planning_of(fixture, of_planning)
     if fixture.curve is None or fixture.mesh is not None:
-        text = (
+        raise InputError(
             "This bundle has no drawn curve that the page could show. Print its sheet: "
-            f"{command_of('review', path, '--sheet-out', 'sheet.png')}"
+            f"{command_of('review', path, '--sheet-out', 'sheet.png')}",
+            where=str(path),
+            code="no-drawn-curve",
         )
-        raise InputError(text, where=str(path), code="no-drawn-curve")
     image, spacing = None, fixture.image and fixture.image.pixel_spacing_mm
     if slice_path is not None:
         slice_path = slice_file(fixture, slice_path)

@@ -29,8 +29,8 @@ from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
 from vfplan.findings import Finding, doubt
-from vfplan.fixture import Fixture, Rendering, Review, Stroke
-from vfplan.geometry.lines import Array, plane_normal, runs, unit_normal
+from vfplan.fixture import Fixture, Review, Stroke
+from vfplan.geometry.lines import Array, plane_normal, row_lengths, runs, unit_normal
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
@@ -115,12 +115,12 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     elif fixture.frame != "image":
         plane = plane_of_slice(fixture, image)
     if plane is None:
-        text = (
+        raise InputError(
             "Neither the bundle nor the slice says where the curve lies on the slice. Give the "
             "DICOM slice with --slice, or print the sheet without a slice: vfplan review "
-            "FIXTURE.h5 --sheet-out sheet.png"
+            "FIXTURE.h5 --sheet-out sheet.png",
+            code="slice-unplaced",
         )
-        raise InputError(text, code="slice-unplaced")
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
@@ -239,9 +239,9 @@ def guide_outlines(fixture: Fixture, plane: Array) -> Iterator[Outline]:
         along = np.gradient(places, axis=0)
         if closed:
             along[[0, -1]] = places[1] - places[-2]
-        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+        along /= np.maximum(row_lengths(along), 1e-12)[:, None]
         side = np.cross(normal, along)
-        side /= np.maximum(np.linalg.norm(side, axis=1), 1e-12)[:, None]
+        side /= np.maximum(row_lengths(side), 1e-12)[:, None]
         # Along one side, around the end, back along the other side, and around the start.
         left, right = places + reach * side, (places - reach * side)[::-1]
         paths = [left, right]
@@ -311,12 +311,11 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     """What the robot renders in words: (heading, text), one a line; none of a bare curve."""
     if fixture.rendering is None:
         return ()
-    rendering = fixture.rendering
-    rows = [wall_in_words(fixture, rendering), guide_in_words(fixture)]
-    axis, infinite = rendering.ignore_axis, "along no axis: the fixture lies in space"
+    rows = [wall_in_words(fixture), guide_in_words(fixture)]
+    axis, infinite = fixture.ignore_axis, "along no axis: the fixture lies in space"
     if axis is not None:
         infinite = f"along ({coordinates(axis, 4)}), where it gives no force"
-    rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture, rendering)),
+    rows += [("Infinite", infinite), ("Rule", rule_in_words(fixture)),
              ("Robot", robot_in_words(fixture)), ("Place", place_in_words(fixture))]  # fmt: skip
     record = fixture.registration
     if record is not None:
@@ -325,10 +324,10 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
         # A line breaks between two markers, not within one.
         markers = [marker.replace(" ", "\N{NO-BREAK SPACE}") for marker in markers]
         rows.append(("Markers in robot coordinates, x y z [mm]", "; ".join(markers)))
-    return tuple(row for row in rows if row is not None)
+    return tuple(filter(None, rows))
 
 
-def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
+def wall_in_words(fixture: Fixture) -> tuple[str, str]:
     """How far and how stiffly the robot keeps the tool off."""
     what = "points"
     if fixture.guidance is not None:
@@ -337,11 +336,11 @@ def wall_in_words(fixture: Fixture, rendering: Rendering) -> tuple[str, str]:
         what = "surface"
     elif fixture.curve is not None:
         what = "line"
-    radius = rendering.contact_radius + rendering.point_radius
+    radius = fixture.contact_radius + fixture.point_radius
     words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
-    if rendering.point_radius:
-        words += f", of which {millimetres(rendering.point_radius, 2)} belong to the points"
-    stiffness = stiffness_in_words(rendering.stiffness)
+    if fixture.point_radius:
+        words += f", of which {millimetres(fixture.point_radius, 2)} belong to the points"
+    stiffness = stiffness_in_words(fixture.stiffness)
     if fixture.region is None:
         return "Wall", f"none; the wall's {millimetres(radius, 2)} and {stiffness} are not used"
     return "Wall", f"{words}; {stiffness}"
@@ -366,10 +365,10 @@ def guide_in_words(fixture: Fixture) -> tuple[str, str] | None:
     return "Guide", words
 
 
-def rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
+def rule_in_words(fixture: Fixture) -> str:
     """Which rule moves the proxy over what, and how exactly."""
     count = f"{len(fixture.points)} points"
-    if fixture.pieces is not None and rendering.ignore_axis is not None:
+    if fixture.pieces is not None and fixture.ignore_axis is not None:
         count = f"{fixture.pieces.count} lines and arcs"
     elif fixture.mesh is not None:
         count += f", {len(fixture.mesh)} triangles"
@@ -380,9 +379,9 @@ def rule_in_words(fixture: Fixture, rendering: Rendering) -> str:
     except VfplanError as error:
         rule = f"none, for {error.message}"
     most = "as many iterations as the engine allows"
-    if rendering.max_iterations is not None:
-        most = f"at most {rendering.max_iterations} iterations a tick"
-    return f"{rule}, {count}; band {1e6 * rendering.band:.4g} µm; {most}"
+    if fixture.max_iterations is not None:
+        most = f"at most {fixture.max_iterations} iterations a tick"
+    return f"{rule}, {count}; band {1e6 * fixture.band:.4g} µm; {most}"
 
 
 def robot_in_words(fixture: Fixture) -> str:
@@ -425,14 +424,14 @@ def axis_in_words(axis: Array) -> str:
 
 def in_one_line(fixture: Fixture) -> str:
     """What is rendered and who approved it, such as "wall, 1000 N/m, 5.00 mm, along z"."""
-    rendering, guidance = fixture.rendering, fixture.guidance
-    if rendering is None:
+    guidance = fixture.guidance
+    if fixture.rendering is None:
         words = "a curve, which no robot renders yet"
     else:
-        stiffness, radius = rendering.stiffness, rendering.contact_radius + rendering.point_radius
+        stiffness, radius = fixture.stiffness, fixture.contact_radius + fixture.point_radius
         if guidance is not None:
             stiffness, radius = np.full(3, guidance.stiffness), guidance.radius
-        axis = rendering.ignore_axis
+        axis = fixture.ignore_axis
         words = f"{kind_of(fixture)}, {stiffness_in_words(stiffness)}, {millimetres(radius, 2)}, "
         words += "in space" if axis is None else f"along {axis_in_words(axis)}"
         if guidance is not None and guidance.lead_force:
@@ -531,17 +530,18 @@ def accept(
             code="answer-unknown",
             numbers={"unknown": unknown, "open": sorted(open_codes)},
         )
-    now, findings = now_utc(), []
-    for finding in fixture.findings:
-        if finding.is_open and (answer_all or finding.code in answers):
-            finding = replace(finding, answered_by=by, answered_utc=now)
-        findings.append(finding)
-    left = sorted({finding.code for finding in findings if finding.is_open})
-    if left:
-        message = (
+    left = sorted(open_codes - set(answers))
+    if left and not answer_all:
+        raise CheckFailed(
             f"These findings have no answer: {', '.join(left)}. Answer each with --answer CODE, or "
-            "all with --answer-all."
+            "all with --answer-all.",
+            code="findings-unanswered",
+            numbers={"unanswered": left},
         )
-        raise CheckFailed(message, code="findings-unanswered", numbers={"unanswered": left})
-    accepted = replace(fixture, findings=tuple(findings), reviewed=None)
+    now = now_utc()
+    findings = tuple(
+        replace(finding, answered_by=by, answered_utc=now) if finding.is_open else finding
+        for finding in fixture.findings
+    )
+    accepted = replace(fixture, findings=findings, reviewed=None)
     return replace(accepted, reviewed=Review(by, now, review_digest(accepted)))

@@ -246,10 +246,9 @@ class Session:
         # Of the steps, as the draft holds them.
         text = json.dumps(self.steps, sort_keys=True, separators=(",", ":"))
         sha256 = hashlib.sha256(text.encode()).hexdigest()
-        settings = {**fixture.provenance.settings, "review_steps_sha256": sha256}
         opened = self.source.as_opened
         fixture = replace(
-            fixture, provenance=replace(fixture.provenance, settings=settings), findings=findings,
+            fixture.with_settings({"review_steps_sha256": sha256}), findings=findings,
             reviewed=None, case=opened and opened.case,
         )  # fmt: skip
         return replace(fixture, reviewed=Review(by, now_utc(), review_digest(fixture)))

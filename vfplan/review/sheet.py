@@ -24,12 +24,12 @@ import numpy as np
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
 from vfplan.findings import Finding, acceptance
 from vfplan.fixture import Fixture, Stroke
-from vfplan.geometry.lines import arc_lengths, distance_to, length_of
+from vfplan.geometry.lines import Array, arc_lengths, distance_to, length_of
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper, picture
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
-from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Box, Paper
+from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Paper, Pixels
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out, slice_not_shown
 from vfplan.review.strokes import CLOSE_PX
@@ -265,22 +265,20 @@ def draw_lists(
 
     # No line stands alone on a page: no heading, and neither the first nor the last of a list.
     blocks = []
-    headings = []
     for heading, entries in lists_of(plan, unnamed):
         head = [(heading, HEADING, 0)]
         if blocks and not entries:
-            blocks[-1] += head
+            blocks[-1][1].extend(head)
             continue
         cuts = [0, *range(2, len(entries) - 1), len(entries)]
         for start, end in pairwise(cuts):
-            blocks.append(head + [line for entry in entries[start:end] for line in entry])
-            headings.append(heading)
+            lines = head + [line for entry in entries[start:end] for line in entry]
+            blocks.append((heading, lines))
             head = []
 
-    for number, block in enumerate(blocks):
+    for number, (heading, block) in enumerate(blocks):
         # Findings stand in one column, and so does another list that this page has room for.
-        rest = zip(blocks[number:], headings[number:], strict=True)
-        together = [block for block, heading in rest if heading == headings[number]]
+        together = [lines for one, lines in blocks[number:] if one == heading]
         if number and y + height_of(together) > paper.FOOT:
             together = [block]
         before = top
@@ -289,7 +287,7 @@ def draw_lists(
         top = sheet.space_for(top, height_of([block]))
         if top != before and block[0][1] is not HEADING:
             # In another column and on another page a list has its heading again.
-            block.insert(0, (f"{headings[number]}, continued", STRONG, 0))
+            block.insert(0, (f"{heading}, continued", STRONG, 0))
             top = sheet.space_for(top, height_of([block]))
         for line, style, indent, gap in lines_of([block]):
             top = sheet.space_for(top, style.line_height) + gap
@@ -306,13 +304,13 @@ class Inset:
     """
 
     caption: str
-    place: paper.Array
+    place: Array
     note: str
     zoom: int = ZOOM
     is_raised: bool = False
     has_line: bool = False
     has_band: bool = False
-    bridge: paper.Array | None = None
+    bridge: Array | None = None
 
     @property
     def window(self) -> tuple[int, int, int, int]:
@@ -321,14 +319,12 @@ class Inset:
         u, v = np.floor(self.place + 0.5).astype(int).tolist()
         return u - size // 2, v - size // 2, size, size
 
-    def within(self, points: paper.Array) -> paper.Array:
+    def within(self, points: Array) -> Array:
         """(M, 2) places of the slice in the inset [px of the page]."""
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def is_even_ahead(
-    rgb: paper.Pixels, stroke: Stroke, end: paper.Array, direction: paper.Array | None
-) -> bool:
+def is_even_ahead(rgb: Pixels, stroke: Stroke, end: Array, direction: Array | None) -> bool:
     """Whether all pixels ahead of an end have one grey.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
@@ -398,7 +394,7 @@ def insets_of(plan: Plan) -> list[Inset]:
 
 
 def draw_insets(
-    sheet: Paper, insets: list[Inset], rgb: paper.Pixels, plan: Plan, y: float
+    sheet: Paper, insets: list[Inset], rgb: Pixels, plan: Plan, y: float
 ) -> tuple[float, float]:
     """Draw rows of insets; a row that does not fit begins a new page.
 
@@ -423,7 +419,7 @@ def draw_insets(
     return last_row, y
 
 
-def draw_inset(sheet: Paper, inset: Inset, rgb: paper.Pixels, plan: Plan, x: int, y: int) -> None:
+def draw_inset(sheet: Paper, inset: Inset, rgb: Pixels, plan: Plan, x: int, y: int) -> None:
     """Draw an inset with its frame at a place of the page."""
     u, v, size, _ = inset.window
     rows, columns = np.arange(v, v + size), np.arange(u, u + size)
@@ -455,7 +451,7 @@ def draw_inset(sheet: Paper, inset: Inset, rgb: paper.Pixels, plan: Plan, x: int
         cv2.fillConvexPoly(sheet.canvas, corners, BLACK, cv2.LINE_AA, paper.SHIFT)
 
 
-def spread_greys(pixels: paper.Pixels) -> paper.Pixels:
+def spread_greys(pixels: Pixels) -> Pixels:
     """The same picture with its greys spread evenly from black to white; ink keeps its hue.
 
     So greys that differ by one are told apart, and a box of one grey stands out of the noise
@@ -466,7 +462,7 @@ def spread_greys(pixels: paper.Pixels) -> paper.Pixels:
     return np.clip(pixels + shift[:, :, None], 0, 255).astype(np.uint8)
 
 
-def draw_band(enlarged: paper.Pixels, inset: Inset, plan: Plan) -> None:
+def draw_band(enlarged: Pixels, inset: Inset, plan: Plan) -> None:
     """Draw line, 95 % band and what the robot renders to scale, over a paler slice."""
     enlarged[:] = 128 + enlarged // 2
     to_page = inset.zoom / plan.metres_per_px
@@ -485,8 +481,8 @@ def draw_band(enlarged: paper.Pixels, inset: Inset, plan: Plan) -> None:
 class Sheet:
     """A finished sheet: (H, W, 3) uint8 pixels, red first, and what stands where on its pages."""
 
-    pixels: paper.Pixels
-    boxes: tuple[Box, ...]
+    pixels: Pixels
+    boxes: tuple[paper.Box, ...]
 
     def page_pngs(self) -> list[bytes]:
         """Each page as a PNG file of its own."""
@@ -539,7 +535,7 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
     return Sheet(sheet.image(), tuple(sheet.boxes))
 
 
-def png_of(pixels: paper.Pixels) -> bytes:
+def png_of(pixels: Pixels) -> bytes:
     """A PNG file that prints at its own size, 200 dots an inch."""
     from PIL import Image
 

@@ -148,11 +148,11 @@ def required_ink(plan: Plan) -> SliceInk:
     """The ink of the pen; raises `SettingError` where there is none."""
     require_slice(plan)
     if plan.geometry.ink is None:
-        text = (
+        raise SettingError(
             "This step needs a pen's ink, and the curve was drawn as vectors. Draw the stretch by "
-            "clicks, or open the slice without --curve."
+            "clicks, or open the slice without --curve.",
+            code="no-ink",
         )
-        raise SettingError(text, code="no-ink")
     return plan.geometry.ink
 
 
@@ -226,10 +226,10 @@ def clicks_of(plan: Plan, step: Step, closed: bool) -> list[np.ndarray]:
     if closed and len(clicks) > 1 and np.hypot(*(clicks[0] - clicks[-1])) < 1.0:
         clicks.pop()
     if len(clicks) < 2 + closed:
-        text = (
-            f"{len(clicks)} places a pixel or more apart draw no line. Click {2 + closed} places."
+        raise SettingError(
+            f"{len(clicks)} places a pixel or more apart draw no line. Click {2 + closed} places.",
+            code="too-few-clicks",
         )
-        raise SettingError(text, code="too-few-clicks")
     return clicks
 
 
@@ -238,10 +238,10 @@ def stroke_met(geometry: Geometry, path: np.ndarray) -> int:
     for number, stroke in enumerate(geometry.strokes):
         if stroke.meets(path):
             return number
-    text = (
-        "The line lies apart from the curve. Say what becomes of it: replace all, or add a stroke."
+    raise SettingError(
+        "The line lies apart from the curve. Say what becomes of it: replace all, or add a stroke.",
+        code="replace-or-add",
     )
-    raise SettingError(text, code="replace-or-add")
 
 
 def cut(plan: Plan, step: Step) -> Plan:
@@ -314,11 +314,11 @@ def exclude(plan: Plan, step: Step) -> Plan:
     high = np.minimum(np.ceil((u + width, v + height)), (image.width_px, image.height_px))
     size = high.astype(int) - low
     if (size <= 0).any():
-        text = (
+        raise SettingError(
             f"The box at ({u:z.0f}, {v:z.0f}), {width:.0f} x {height:.0f} px, holds no pixel of "
-            "the slice. Draw it over the slice."
+            "the slice. Draw it over the slice.",
+            code="box-empty",
         )
-        raise SettingError(text, code="box-empty")
     box = (*low.tolist(), *size.tolist())
     ink, geometry = replace(ink, exclude=(*ink.exclude, box)), plan.geometry
     if not plan.is_shaped and not any(stroke.edited.any() for stroke in geometry.strokes):

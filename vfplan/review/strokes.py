@@ -50,6 +50,9 @@ from vfplan.geometry.lines import (
     values_at,
 )
 
+# Points of a stroke, by their numbers.
+Indices = NDArray[np.int64]
+
 # Points along a line whose median is what is usual there; longer than a branch's mouth.
 NEARBY_POINTS = 41
 
@@ -378,11 +381,10 @@ class SliceInk:
         if line.edited.all() or valid.sum() < tuned.MIN_PROFILES:
             return line
         ends = find_ends(profiles, valid, is_noisy(self.found, line.points, width))
-        start, stop = float(len(before)), float(len(before) + len(line.points) - 1)
-        if free[0] and not valid[0] and abs(ends[0].place - start) < reach_px:
-            start = ends[0].place
-        if free[1] and not valid[-1] and abs(ends[1].place - stop) < reach_px:
-            stop = ends[1].place
+        known = len(before) + np.array([0.0, len(line.points) - 1])
+        found = np.array([end.place for end in ends])
+        is_moved = free & ~valid[[0, -1]] & (np.abs(found - known) < reach_px)
+        start, stop = np.where(is_moved, found, known)
         if stop - start < tuned.MIN_PROFILES:
             return line
         path = values_at(carried, np.linspace(start, stop, round(stop - start) + 1))
@@ -444,7 +446,7 @@ class MendedStroke(Stroke):
         return cls(**vars(stroke) | {"sigma": sigma, "known_length": None, "is_knot": is_knot})
 
     @property
-    def knots(self) -> NDArray[np.int64]:
+    def knots(self) -> Indices:
         """(K,) indices of the points that can be moved, rising."""
         return np.flatnonzero(self.is_knot)
 
@@ -470,11 +472,11 @@ class MendedStroke(Stroke):
         """A further knot at the point nearest to a place."""
         nearest = nearest_to(at, self.points)
         if self.is_knot[nearest]:
-            text = (
+            raise SettingError(
                 f"There is a knot at ({at[0]:z.1f}, {at[1]:z.1f}) already. Choose a place between "
-                "two knots."
+                "two knots.",
+                code="knot-exists",
             )
-            raise SettingError(text, code="knot-exists")
         return replace(self, is_knot=self.is_knot | (np.arange(len(self.points)) == nearest))
 
     def delete_knot(self, knot: int, ink: SliceInk | None) -> MendedStroke:
@@ -483,14 +485,12 @@ class MendedStroke(Stroke):
         if count <= 2 + self.closed:
             text = f"The stroke has {count} knots and needs them. Cut it, or draw it anew."
             raise SettingError(text, code="too-few-knots")
-        if not self.closed and knot == 0:
-            return self.part(np.arange(self.knots[1], len(self.points)))
-        if not self.closed and knot == count - 1:
-            return self.part(np.arange(self.knots[-2] + 1))
-        before, _, after = self._beside(knot, -1, 0, 1).tolist()
+        if not self.closed and knot in (0, count - 1):
+            return self.part(self._run(*np.delete(self.knots, knot)[[0, -1]]))
         # The spline through the knots around shows how the line would run without this one.
-        around = self._beside(knot, -2, -1, 1, 2)
-        spline = path_through(self.points[list(dict.fromkeys(around.tolist()))], False)
+        around = self._beside(knot, -2, -1, 1, 2).tolist()
+        before, after = around[1:3]
+        spline = path_through(self.points[list(dict.fromkeys(around))], False)
         first = nearest_to(self.points[before], spline)
         last = nearest_to(self.points[after], spline)
         drawn = np.vstack([self.points[before], spline[first + 1 : last], self.points[after]])
@@ -503,7 +503,7 @@ class MendedStroke(Stroke):
             # A ring is opened at the first cut, so that a single cut leaves all of it.
             first = nearest_to(end if start is None else start, self.points)
             # The point of the seam becomes the first and the last.
-            stroke = self.part(np.r_[first : len(self.points), 0 : first + 1])
+            stroke = self.part(self._run(first, first))
         first, last = 0, len(stroke.points) - 1
         if start is not None:
             first = nearest_to(start, stroke.points)
@@ -526,7 +526,7 @@ class MendedStroke(Stroke):
         near, index = self._near(drawn)
         return bool(near[0] or near[-1] or (near.any() and np.ptp(index[near]) > ALONG_PX))
 
-    def _near(self, drawn: NDArray) -> tuple[Flags, NDArray[np.int64]]:
+    def _near(self, drawn: NDArray) -> tuple[Flags, Indices]:
         """Which points of a path lie on the stroke, and which of its points is nearest to each."""
         distance, index = _core.nearest(self.points, drawn)
         return distance <= JOIN_PX, index
@@ -550,11 +550,11 @@ class MendedStroke(Stroke):
             if is_turned:
                 first, last, drawn = last, first, drawn[::-1]
             if self.closed and first == last:
-                text = (
+                raise SettingError(
                     "The drawn stretch begins and ends at one point of the curve. Let it span a "
-                    "part."
+                    "part.",
+                    code="stretch-too-short",
                 )
-                raise SettingError(text, code="stretch-too-short")
             stretch = np.vstack([self.points[first], drawn[1:-1], self.points[last]])
             return self._with_stretch(first, last, stretch, ink)
         if self.closed:
@@ -594,7 +594,7 @@ class MendedStroke(Stroke):
         # Without ink nothing asks about bridges, but what a hand drew is told.
         return replace(joined, sigma=bridged.sigma) if ink is None else bridged
 
-    def with_drawn_ends(self, path: NDArray, is_drawn: NDArray[np.bool_]) -> MendedStroke:
+    def with_drawn_ends(self, path: NDArray, is_drawn: Flags) -> MendedStroke:
         """With (first, last) ends that no ink confirms as they were drawn, along a path.
 
         Beyond its confirmed ink a line may have been moved onto that of another one.
@@ -620,21 +620,21 @@ class MendedStroke(Stroke):
         sigma = np.where(inside, np.maximum(self.sigma, HAND_SIGMA_PX), self.sigma)
         return replace(self, sigma=sigma, edited=self.edited | inside)
 
-    def part(self, order: NDArray[np.int64]) -> MendedStroke:
+    def part(self, order: Indices) -> MendedStroke:
         """The open stroke along these points, with a knot at either end."""
         stroke = replace(self._selected(order), closed=False)
         stroke.is_knot[[0, -1]] = True
         return stroke
 
-    def _selected(self, order: NDArray[np.int64]) -> MendedStroke:
+    def _selected(self, order: Indices) -> MendedStroke:
         """The stroke with these of its points, in this order."""
         return replace(self, **{name: getattr(self, name)[order] for name in PER_POINT})
 
-    def _beside(self, knot: int, *steps: int) -> NDArray[np.int64]:
+    def _beside(self, knot: int, *steps: int) -> Indices:
         """The points of the knots so many steps beside one; of an open stroke no further ones."""
         return self.knots.take(knot + np.array(steps), mode="wrap" if self.closed else "clip")
 
-    def _run(self, first: int, last: int) -> NDArray[np.int64]:
+    def _run(self, first: int, last: int) -> Indices:
         """Indices from one point to another, on a closed stroke through its seam if need be."""
         if first < last or (first == last and not self.closed):
             return np.arange(first, last + 1)
@@ -671,10 +671,8 @@ class MendedStroke(Stroke):
         if knot_at is not None:
             is_knot = np.arange(len(points)) == nearest_to(knot_at, points)
             is_knot[[0, -1]] = True
-        stretch = MendedStroke(
-            points=points, closed=False, sigma=line.sigma, edited=line.edited, hidden=line.hidden,
-            width=self.width, is_knot=is_knot,
-        )  # fmt: skip
+        values = {"points": points, "width": self.width, "is_knot": is_knot}
+        stretch = MendedStroke(**vars(line) | values)
         stroke = self
         if self.closed and last <= first:
             # The stretch leads through the seam: the ring is turned, so that it ends at the seam.
