@@ -38,9 +38,7 @@ def length(metres: float) -> str:
     """
     if 0 < metres < 1e-9:
         return "< 1 nm"
-    if -1e-9 < metres < 0:
-        return "> -1 nm"
-    return _in_units(metres, "m")
+    return "> -1 nm" if -1e-9 < metres < 0 else _in_units(metres, "m")
 
 
 def duration(seconds: float) -> str:

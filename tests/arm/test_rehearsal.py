@@ -35,8 +35,7 @@ def pressed(depth, at=0.03, seconds=1.2):
 def pulled_off():
     """Presses hard near the line's end and goes on past it: the force is gone in a tick."""
     down = pressed(25e-3, at=0.05).hip
-    along = np.linspace(down[-1], down[-1] + [0.05, 0, 0], 400)
-    hip = np.concatenate((down, along))
+    hip = np.concatenate((down, np.linspace(down[-1], down[-1] + [0.05, 0, 0], 400)))
     return Session(1e-3 * np.arange(len(hip)), hip)
 
 

@@ -105,8 +105,7 @@ def test_sampling_by_curvature_uses_the_tolerance_and_no_more(line):
 
 def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     scene = SCENES["segment"]()
-    hips = scene.path("above", 0.2)
-    case = Case("segment", scene, hips)
+    case = Case("segment", scene, scene.path("above", 0.2))
     errors = judge(case, case.truth + np.array([0, 1e-5, 0]))
     assert errors["error_rms"] == pytest.approx(1e-5)
     assert errors["force_rms_n"] == pytest.approx(1e-2)

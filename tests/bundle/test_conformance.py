@@ -92,8 +92,7 @@ def test_the_runner_finds_a_reader_that_trusts_everything(kit, tmp_path, capsys)
     program.write_text(script.format(str(READER)))
     words = ["--kit", str(kit), "--keys=--keys", sys.executable, str(program)]
     assert runner.main(words) == 1
-    printed = capsys.readouterr().out
-    wrong = [line for line in printed.splitlines() if "must refuse" in line]
+    wrong = [line for line in capsys.readouterr().out.splitlines() if "must refuse" in line]
     assert len(wrong) == len(vectors.UNTRUSTED)
 
 

@@ -74,8 +74,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
 
     # A hand that pushes through the bone's flank: the proxy stays R outside the true surface.
     along = np.linspace(40, -5, 900)
-    hips = moved(np.c_[np.full(900, 1.0), along, np.zeros(900)])
-    session = at_1_khz(hips)
+    session = at_1_khz(moved(np.c_[np.full(900, 1.0), along, np.zeros(900)]))
     write_session(tmp_path / "h.csv", session)
     replayed = called("replay", "f.h5", "h.csv", "-o", "r.h5", "--json").json
     assert replayed["contact_ticks"] > 300
@@ -99,8 +98,7 @@ def test_outlines_become_a_registered_fixture_that_holds_a_proxy(struct, markers
     assert "Did a marker move, or is something else touched?" in run.stderr
     assert "pixel" not in registered_text(run.json)
     refined = vfplan.read_fixture(tmp_path / "t.h5")
-    shift = refined.points - moved(1e3 * planned.points + [0.8, 0, 0])
-    assert np.abs(shift).max() < 5e-5
+    assert np.abs(refined.points - moved(1e3 * planned.points + [0.8, 0, 0])).max() < 5e-5
     worst = run.json["tre"]
     assert refined.points[worst["worst_point"]] == pytest.approx(worst["worst_target_m"], abs=1e-9)
     (tmp_path / "t.csv").write_text("a,b\n1,2\n")

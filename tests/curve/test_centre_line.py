@@ -45,9 +45,7 @@ def stroke_of(image, **options):
 def inner_errors(stroke, truth, closed=False):
     """Signed errors across the line, and over their stated deviation, away from the ends."""
     error = normal_errors(stroke.points_px, truth, closed)
-    keep = np.ones(len(error), bool)
-    if not closed:
-        keep = to_ends(stroke.points_px) > INNER_PX
+    keep = np.full(len(error), True) if closed else to_ends(stroke.points_px) > INNER_PX
     return error[keep], (error / stroke.sigma_px)[keep]
 
 
@@ -74,8 +72,7 @@ def test_a_ring_has_its_radius(radius, width):
     ring = centre + radius * unit_vectors(turn)
     stroke = stroke_of(drawn(ring, width, True))
     assert stroke.closed
-    measured = np.hypot(*(stroke.points_px - centre).T)
-    assert rms(measured - radius) < 0.05
+    assert rms(np.hypot(*(stroke.points_px - centre).T) - radius) < 0.05
     assert stroke.length == pytest.approx(2 * np.pi * radius, rel=2e-3)
     assert stroke.width == pytest.approx(width, abs=1.2)
 
@@ -162,8 +159,7 @@ def test_a_turned_or_mirrored_picture_has_the_turned_or_mirrored_curve(change, c
     # Where each pixel of the changed picture came from: a straight map of its columns and rows.
     first, right, below = change(np.indices(SHAPE)[::-1].transpose(1, 2, 0))[[0, 0, 1], [0, 1, 0]]
     back = first + other.points_px @ [right - first, below - first]
-    error = normal_errors(back, plain.points_px, closed)
-    assert np.abs(error).max() < 0.15
+    assert np.abs(normal_errors(back, plain.points_px, closed)).max() < 0.15
     assert other.length == pytest.approx(plain.length, abs=1.0)
 
 
@@ -220,8 +216,7 @@ def test_a_pen_lift_is_bridged_and_less_sure():
     share = np.maximum(coverage(SHAPE, curve[:700], 3.0), coverage(SHAPE, curve[760:], 3.0))
     stroke = stroke_of(to_uint8(blend(flat(SHAPE), share, RED)))
     assert 3 <= np.count_nonzero(stroke.bridged) <= 20
-    error = normal_errors(stroke.points_px, curve, False)
-    assert np.abs(error[stroke.bridged]).max() < 1.0
+    assert np.abs(normal_errors(stroke.points_px, curve, False)[stroke.bridged]).max() < 1.0
     assert stroke.sigma_px[stroke.bridged].max() > 2 * np.median(stroke.sigma_px)
 
 

@@ -74,9 +74,7 @@ def random_picture(rng):
             cv2.line(picture, at[0], at[1], colour, int(rng.integers(1, 12)), cv2.LINE_AA)
         else:
             cv2.circle(picture, at[0], int(rng.integers(0, 40)), colour, int(rng.integers(-1, 9)))
-    if rng.random() < 0.2:
-        return picture.astype(np.uint16) * 257
-    return picture
+    return picture.astype(np.uint16) * 257 if rng.random() < 0.2 else picture
 
 
 def random_options(rng, shape):

@@ -32,8 +32,7 @@ def test_a_real_slice_is_measured_right(shared_data, name, limit_px, lifts, end_
     error = normal_errors(stroke.points_px, truth, closed)
     assert rms(error) < limit_px
     assert [finding.code for finding in extraction.findings] == ["bridge"] * lifts
-    bridges = [entry for entry in extraction.account if entry.what == "bridge"]
-    assert len(bridges) == lifts
+    assert len([entry for entry in extraction.account if entry.what == "bridge"]) == lifts
     if not closed:
         distance = np.hypot(*(truth[[0, -1]] - stroke.points_px[[0, -1]]).T)
         backward = np.hypot(*(truth[[-1, 0]] - stroke.points_px[[0, -1]]).T)

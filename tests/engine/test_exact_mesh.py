@@ -297,8 +297,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     drawn = replace(meshed(points, triangles), sample_radius=6e-4)
     way = np.linspace(0.02, 0.0, 400)[:, None] * [0.0, 0.0, 1.0] + [1e-3, 2e-3, points[:, 2].max()]
     engine = ProxyEngine.of(drawn, rule)
-    trace = play(engine, way)
-    assert trace.proxy[-1] == pytest.approx(way[-1] + [0, 0, R], abs=2e-4)
+    assert play(engine, way).proxy[-1] == pytest.approx(way[-1] + [0, 0, R], abs=2e-4)
     # Edits number the samples: corners first, and the others where `sampled` has them.
     made = sampled(drawn)
     assert made.sample_radius is None

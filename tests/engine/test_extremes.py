@@ -173,8 +173,7 @@ def test_the_proxy_stays_outside_with_settings_at_the_ends_of_their_ranges(setti
 
 
 def test_nothing_is_felt_on_the_medial_axis_of_a_ring():
-    angle = np.linspace(0, 2 * np.pi, 360, endpoint=False)
-    ring = 0.02 * unit_circle(angle)
+    ring = 0.02 * unit_circle(np.linspace(0, 2 * np.pi, 360, endpoint=False))
     trace = play(ProxyEngine(ring, R, ignore_axis="z"), np.zeros((1000, 3)), [1e-3, 0.0, 0.0])
     assert not trace.proxy.any()
     assert not trace.force.any()

@@ -47,8 +47,7 @@ def bumpy(rng):
 
 def singular(rng):
     """Rings, duplicates, exact grids, pairs just wider or narrower than the proxy, one point."""
-    turn = np.arange(24) * (np.pi / 12)
-    ring = unit_circle(turn)
+    ring = unit_circle(np.arange(24) * (np.pi / 12))
     sheet = grid(even(6, 1), even(6, 1)) * R / 5
     gap = R * (1 + rng.choice([-1e-3, -1e-9, 0.0, 1e-9, 1e-3, 0.1]))
     return [

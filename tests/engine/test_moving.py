@@ -183,8 +183,7 @@ def test_a_guide_moves_with_its_frame():
     traces, frames = zip(*parts, strict=True)
     frames = np.concatenate(frames)
     turns = matrices(frames)[:, :3, :3]
-    inner = np.einsum("tji,tj->ti", turns, hips - frames[:, :3])
-    wanted = made[1].run(inner)
+    wanted = made[1].run(np.einsum("tji,tj->ti", turns, hips - frames[:, :3]))
     for name in ("arc_m", "lateral_m", "remaining_m", "held"):
         found = np.concatenate([getattr(trace, name) for trace in traces])
         assert found == pytest.approx(getattr(wanted, name), abs=1e-12), name

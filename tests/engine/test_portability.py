@@ -52,7 +52,6 @@ def test_without_exceptions_a_bad_setting_ends_the_program_with_its_reason(tmp_p
 
 def test_the_rules_compiled_once_give_the_same_engine(tmp_path):
     """With VFPLAN_COMPILED the header only declares the rules; engine.cpp has them."""
-    engine = INCLUDE / "vfplan" / "engine.cpp"
-    apart, says = compiled(tmp_path, "-DVFPLAN_COMPILED", engine)
+    apart, says = compiled(tmp_path, "-DVFPLAN_COMPILED", INCLUDE / "vfplan" / "engine.cpp")
     assert apart, says
     output(apart)

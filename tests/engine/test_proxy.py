@@ -38,8 +38,7 @@ def test_widths_and_searches_give_the_same_path(rule, axis, use_width):
     trace, microseconds = make().run_timed(hips)
     for width in (2, 4, 8):
         use_width(width)
-        rows = _core.Engine(cloud, make().parameters).run(hips)
-        same(trace, vfplan.Trace(*rows[:5]))
+        same(trace, vfplan.Trace(*_core.Engine(cloud, make().parameters).run(hips)[:5]))
     assert microseconds.shape == (800,)
     assert (microseconds > 0).all()
 
@@ -87,8 +86,7 @@ def test_a_start_deep_in_a_thick_fixture_is_taken_out(dims, half):
     engine = vfplan.ProxyEngine(filled(dims, half, 1.3e-3), contact_radius=radius,
         ignore_axis="z" if dims == 2 else None)  # fmt: skip
     hip = np.array([1e-4, 2e-4, 0.0 if dims == 2 else 1e-4])
-    ticks = int(256 * (half / radius + 3)) + 100
-    trace = play(engine, np.tile(hip, (ticks, 1)))
+    trace = play(engine, np.tile(hip, (int(256 * (half / radius + 3)) + 100, 1)))
     spring = np.linalg.norm(trace.proxy - hip, axis=1)
     assert spring.max() <= half + 2 * radius
     assert trace.status[0] == Status.INSIDE

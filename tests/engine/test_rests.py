@@ -261,8 +261,7 @@ def test_a_slow_drift_is_followed():
     hips = np.array([1e-4, 2e-4, 3e-3]) + np.arange(100_000)[:, None] * [1e-9, 0, 0]
     play(engine, np.linspace(hips[0] + [0, 0, 0.01], hips[0], 200))
     trace = engine.run(hips)
-    behind = np.abs(trace.proxy - hips)[:, :2].max()
-    assert behind <= 2 * engine.parameters.band
+    assert np.abs(trace.proxy - hips)[:, :2].max() <= 2 * engine.parameters.band
     assert not trace.status.any()
 
 

@@ -65,8 +65,7 @@ def test_page_says_when_how_and_of_what_it_was_made(pressed, written, tmp_path):
     assert "made in memory" in about
     assert not re.search(">(?:True|False)<", text)
     assert settings_table({"a": "", "b": {"c": 0}, "d": -5e-16}) == settings_table({"d": 0})
-    path = bundles.stored(tmp_path / "f.h5", bundles.whole())
-    replayed = replay(path, probing())
+    replayed = replay(bundles.stored(tmp_path / "f.h5", bundles.whole()), probing())
     digest = replayed.metrics["fixture"]["sha256"]
     before, about = page(replayed).split("About this page")
     assert 'class="digest"' not in before.split("What was replayed")[0]
@@ -196,8 +195,7 @@ def check_scrubber(browser, pressed):
             f"(() => {{ const s = document.getElementById('time'); s.value = {tick}; "
             "s.dispatchEvent(new Event('input')); })()"
         )
-        time = pressed.ticks.time[tick]
-        assert f"t = {time:.3f} s" in browser.run(readout)
+        assert f"t = {pressed.ticks.time[tick]:.3f} s" in browser.run(readout)
         assert f"{1e3 * pressed.ticks.penetration[tick]:.3f} mm" in browser.run(readout)
         seen.add(browser.run(picture))
     assert len(seen) == 4

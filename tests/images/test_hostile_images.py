@@ -273,8 +273,7 @@ def test_the_worst_picture_is_refused_or_stays_within_memory(tmp_path, side, sai
     rows = b"".join(packer.compress(bytes(1 + 8 * side)) for _ in range(side)) + packer.flush()
     head = struct.pack(">IIBBBBB", side, side, 16, 6, 0, 0, 0)
     bomb = file_with(tmp_path / "bomb.png", png_of(head, rows))
-    printed = output(sys.executable, "-c", BOMB, bomb, cwd=tmp_path)
-    result, memory, seconds = printed.split()
+    result, memory, seconds = output(sys.executable, "-c", BOMB, bomb, cwd=tmp_path).split()
     assert result == said
     assert int(memory) < 1536  # a fork begins with the memory of its parent
     assert float(seconds) < 5

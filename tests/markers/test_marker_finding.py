@@ -46,8 +46,7 @@ def dot(u0, v0, radius=3.0):
 
 
 def found(image, at):
-    rgb = np.clip(np.round(image), 0, 255).astype(np.uint8)
-    return find_markers(rgb, ["x1"], [at])[0]
+    return find_markers(np.clip(np.round(image), 0, 255).astype(np.uint8), ["x1"], [at])[0]
 
 
 CYAN, RED, YELLOW = (0, 220, 255), (230, 20, 30), (255, 255, 0)

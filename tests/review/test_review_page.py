@@ -382,6 +382,9 @@ LOOKS = "[...document.querySelectorAll('#over *')].map((n) => getComputedStyle(n
 
 def test_a_tool_changes_the_look_of_nothing_and_an_inset_is_hatched_outside(browser, opened):
     opened(SLICE, *MARKERS)
+    browser.until(
+        "document.querySelector('#over .unseen-part') === null"
+    )  # the first view is a look
     drawn = browser.run(LOOKS)
     for key in "dxmuv":
         browser.key(key)

@@ -285,8 +285,7 @@ class Arm:
 
 def tip_site(model: Any, robot: Robot, name: str) -> int:
     """The number of the site `tip` of an arm of hinges whose limits the robot has."""
-    hinge = mujoco().mjtJoint.mjJNT_HINGE
-    others = int(np.count_nonzero(model.jnt_type != hinge))
+    others = int(np.count_nonzero(model.jnt_type != mujoco().mjtJoint.mjJNT_HINGE))
     if others or not 1 <= model.njnt <= MAX_JOINTS:
         raise InputError(
             f"the arm has {model.njnt} joints, {others} of them no hinges. Give an arm of 1 "

@@ -220,9 +220,8 @@ def draw_print(shown: ReviewedPlan, paper: str, signed_case: str = "") -> tuple[
 
 def cut_words(onto: Array, shape: tuple[int, ...], room: tuple[float, float]) -> str:
     """What of a slice of this shape, laid by `onto`, is beyond the room [mm] for it; else empty."""
-    rows, columns = shape[:2]
-    corners = np.array([[0, 0, 1], [columns, 0, 1], [0, rows, 1], [columns, rows, 1]])
-    corners = (corners - [0.5, 0.5, 0]) @ onto[:2].T
+    v, u = np.array(shape[:2]) - 0.5
+    corners = np.array([[-0.5, -0.5, 1], [u, -0.5, 1], [-0.5, v, 1], [u, v, 1]]) @ onto[:2].T
     seen = np.clip(corners, -0.5 * np.array(room), 0.5 * np.array(room))
     if (seen == corners).all():
         return ""

@@ -430,8 +430,7 @@ def draw_campaign(fixture: Fixture, table: dict[str, Array], beyond_m: float, pa
 
     point = table["point"].astype(int)
     entered = (table["depth_m"] > beyond_m) & (point >= 0)
-    count = np.bincount(point[entered], minlength=len(fixture.points))
-    share = count / len(entered)
+    share = np.bincount(point[entered], minlength=len(fixture.points)) / len(entered)
     centred = fixture.points - fixture.points.mean(axis=0)
     flat = 1e3 * centred @ np.linalg.svd(centred, full_matrices=False)[2][:2].T
     figure, axes = subplots(7.0, 3.6)

@@ -236,8 +236,7 @@ class Guide:
 
     def at(self, arc_m: ArrayLike, stroke: int = 0) -> Vector:
         """(M, 3) the curve's places at arc lengths (M,) [m]."""
-        arcs = np.atleast_1d(np.asarray(arc_m, float)).tolist()
-        return self.native.at(stroke, arcs)
+        return self.native.at(stroke, np.atleast_1d(np.asarray(arc_m, float)).tolist())
 
     def reset(self, hip: ArrayLike) -> None:
         """Take the curve's place nearest to `hip` (3,) [m], and hold the tip as `hold` says."""

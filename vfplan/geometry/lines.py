@@ -92,8 +92,7 @@ def evenly(points: NDArray, closed: bool, step: float = 1.0) -> Array:
     ring = ring_of(points, closed)
     arc = arc_lengths(points, closed)
     count = max(4, round(arc[-1] / step))
-    at = np.linspace(0.0, arc[-1], count + 1)
-    even = interpolated(at, arc, ring)
+    even = interpolated(np.linspace(0.0, arc[-1], count + 1), arc, ring)
     return even[:-1] if closed else even
 
 

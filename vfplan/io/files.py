@@ -335,9 +335,7 @@ def to_json_types(value: Any) -> Any:
         return [to_json_types(v) for v in value]
     if hasattr(value, "tolist"):  # NumPy arrays and scalars, without importing NumPy here.
         return to_json_types(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 MIXED_DECIMALS = (

@@ -137,8 +137,7 @@ def next_answer(pipe: Connection) -> dict[str, Any] | None:
 def read_array(pipe: Connection, dtype: str, shape: list[int]) -> NDArray:
     """An array of an answer, of one of the types that are sent."""
     known = np.dtype(_ARRAY_TYPES[_ARRAY_TYPES.index(dtype)])
-    data = pipe.recv_bytes(MAX_ARRAY_BYTES)
-    return np.frombuffer(bytearray(data), known).reshape(shape)
+    return np.frombuffer(bytearray(pipe.recv_bytes(MAX_ARRAY_BYTES)), known).reshape(shape)
 
 
 # --- In the program: start the helper and send it requests --------------------------------------

@@ -246,8 +246,7 @@ def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
 def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     """(N,) arc lengths such that each gap fits the spacing there; whole gaps, evenly shared."""
     density = 1 / spacing
-    steps = np.diff(arc)
-    gaps = np.cumsum(steps * np.maximum(density[1:], density[:-1]))
+    gaps = np.cumsum(np.diff(arc) * np.maximum(density[1:], density[:-1]))
     count = np.concatenate([[0.0], gaps])
     if not count[-1] < MAX_POINTS:
         raise SettingError(

@@ -199,8 +199,7 @@ class ChangingFixture:
         # The hand gets energy because the frame moves on while the HIP in it stays where it was.
         forces, before, hip, hips = self._with_previous(trace.force, frames, hip, hips)
         if self._frame is not None:
-            rotations = matrices(before[:-1])[:, :3, :3]
-            rotated = np.einsum("tij,tj->ti", rotations, hip[1:])
+            rotated = np.einsum("tij,tj->ti", matrices(before[:-1])[:, :3, :3], hip[1:])
             carried = hips[1:] - rotated - before[:-1, :3]
             self._found["fixture_energy_j"] += float(dots(forces[:-1], carried).sum())
         return moved

@@ -430,9 +430,7 @@ class Plan:
         Earlier bundles do not hold it, so it is computed of the lines on their slice.
         """
         kept = self.fixture.provenance.settings.get(CURVE95)
-        if kept is None and self.tre95_m is not None:
-            return float(self.tre95_m.max())
-        return kept
+        return float(self.tre95_m.max()) if kept is None and self.tre95_m is not None else kept
 
     @property
     def margin_m(self) -> float | None:

@@ -400,10 +400,8 @@ class ReviewServer:
             else:
                 if "undo" in message:
                     session = self.session.undo()
-                elif "redo" in message:
-                    session = self.session.redo()
                 else:
-                    session = self.session.apply(step)
+                    session = self.session.redo() if "redo" in message else self.session.apply(step)
                 self._draft.keep(session, self._names.get(connection, self._about["by"]))
                 self.session = session
                 self._version += 1

@@ -457,8 +457,7 @@ class MendedStroke(Stroke):
         if np.abs(to - self.points[moved]).max() <= 1e-4:
             return self
         # One run of indices, which on a closed stroke may lead through its seam.
-        run = self._run(before, after)
-        points = self.points[run]
+        points = self.points[self._run(before, after)]
         middle = (moved - before) % len(self.points)
         arc = arc_lengths(points, False)
         ends = middle == 0, 1, middle == len(points) - 1

@@ -160,8 +160,7 @@ class Link:
         share = s / self.length
         if not self.sweep:
             return self.a + share[:, None] * (self.b - self.a)
-        angle = self.start + share * self.sweep
-        return self.centre + self.radius * unit_vectors(angle)
+        return self.centre + self.radius * unit_vectors(self.start + share * self.sweep)
 
 
 @dataclass(frozen=True, eq=False)

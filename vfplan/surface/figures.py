@@ -72,8 +72,7 @@ def cut_pieces(result: Surface, z: float) -> Array:
     """(N, 2, 2) pieces of the surface's cut at one height, in the slices' plane [mm]."""
     local = result.fixture.points @ result.sliced.R_slice_patient.T
     # The surface has corners on the slice itself; a nanometre beyond, it is cut between corners.
-    pieces = crossings(local[result.fixture.mesh], 2, z + 1e-9)
-    return 1e3 * pieces[:, :, :2]
+    return 1e3 * crossings(local[result.fixture.mesh], 2, z + 1e-9)[:, :, :2]
 
 
 def draw_from_side(axes: Any, result: Surface) -> None:

@@ -241,9 +241,8 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, list[in
     names = "SegmentIdentificationSequence", "ReferencedSegmentNumber"
     numbers = [group_value(dataset, *names, k) for k in range(count)]
     members = [k for k, number in enumerate(numbers) if number is None or int(number) == segment]
-    normal = unit_normal(axes)
 
-    heights = np.sort(corners[members] @ normal)
+    heights = np.sort(corners[members] @ unit_normal(axes))
     doubled = np.flatnonzero(np.diff(heights) < SAME_M)
     if len(doubled):
         raise InputError(
