@@ -356,7 +356,7 @@ class SliceInk:
         sigma = line.sigma.copy()
         sigma[[0, -1]] = np.maximum(sigma[[0, -1]], HAND_SIGMA_PX * stays)
         line = replace(line, sigma=sigma, edited=edited)
-        return MendedStroke.of(line).with_drawn_ends(path, free & edited[[0, -1]])
+        return MendedStroke.of(line).with_drawn_ends(path, stays & edited[[0, -1]])
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
