@@ -58,10 +58,10 @@ JOINED_GAPS = 3.0
 # tests/making/extraction_kinds.py, 1.
 MIN_CORNER_DEG = 30.0
 
-# Pixels beyond a corner that may be a letter's stroke, and the degrees of such a corner. At 1,920
-# ends of clear lines of tests/making/extraction_kinds.py all turned by 56 at most but one line that
-# was wrong; the letters L and T that run on in an end turned by 75 and more.
-HOOK_PX, HOOK_DEG = 15, 65.0
+# Degrees of a corner from which a stretch beyond it, too short to be straight, may be a letter's
+# stroke. At 1,920 ends of clear lines of tests/making/extraction_kinds.py all turned by 56 at most
+# but one line that was wrong; letters L and T that an end ran into turned by 75 and more.
+HOOK_DEG = 65.0
 
 # Points of the curve that are held against all later ones at once.
 FOLD_ROWS = 256
@@ -597,7 +597,7 @@ def corner_findings(stroke: Stroke) -> list[Finding]:
     findings = []
     for at in sorted({*corners[:1], *corners[-1:]}):
         beyond = min(heading[:at][::-1], heading[at:], key=len)
-        if runs_straight(beyond) or (len(beyond) <= HOOK_PX and turn[at] >= HOOK_DEG):
+        if runs_straight(beyond) or (len(beyond) <= tuned.TANGENT_PX and turn[at] >= HOOK_DEG):
             text = (
                 f"the curve turns by {turn[at]:.0f} degrees. Do the {len(beyond)} px beyond the "
                 "corner belong to the curve?"
