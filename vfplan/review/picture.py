@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from typing import Any, NamedTuple
 
 import cv2
@@ -424,14 +424,14 @@ def draw_mark(canvas: Pixels, centre: Array, tip: Array, *, is_used: bool = True
         paper.draw_arrow(canvas, centre, tip, BLACK)
 
 
-def bridges_of(plan: Plan) -> Iterator[tuple[str, Array, list[str]]]:
-    """Each bridge: its name, its points [px of the slice], and the names of its findings."""
+def bridges_of(plan: Plan) -> Iterator[tuple[str, Array]]:
+    """Each bridge: its name, and its points [px of the slice]."""
     bridges = [
         stroke.points[run]
         for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
     ]  # fmt: skip
     for number, points in enumerate(bridges, 1):
-        yield f"bridge {number}", points, findings_at(plan, points)
+        yield f"bridge {number}", points
 
 
 def findings_at(plan: Plan, points: Array) -> list[str]:
@@ -483,7 +483,7 @@ def draw_captions(
 
     def tag(place: Any, *choices: str, ground: paper.Colour = paper.WHITE) -> bool:
         """Write the first caption that has room close to its place in a small plate of a colour."""
-        for words, may_cross in (*product(choices, [False]), (choices[-1], True)):
+        for may_cross, words in product((False, True), choices):
             size = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
             found = paper.place_for_caption(taken, shunned, panel.place(place), *size, may_cross)
             if found is not None:
@@ -493,28 +493,27 @@ def draw_captions(
         (x, y, leader), (width, height) = found, size
         paper.draw_cased(panel.canvas, leader, BLACK, 2)
         plate = panel.canvas[y : y + height, x : x + width]
-        plate[:] = BLACK
-        plate[2:-2, 2:-2] = ground
         letters = BLACK if ground == paper.WHITE else paper.WHITE
+        plate[:] = letters
+        plate[2:-2, 2:-2] = ground
         sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 
-    # Each plate with the number of a finding is black.
-    named, ends = [], []
+    places = []
     for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
-            about = findings_at(plan, end[None])
-            words = " ".join([name + of_line, *about])
-            tag(end, words, ground=BLACK if about else LINE_COLOUR)
-            named += about
-            ends.append(end)
-    for end in ends:
-        paper.draw_disc(shunned, panel.place(end), NEAR_END, 1)
-    for name, points, about in bridges_of(plan):
-        words = " ".join([name, *about])
-        tag(points[len(points) // 2], words, ground=BLACK if about else paper.WHITE)
+            places.append((name + of_line, end[None], LINE_COLOUR))
+    places += [(name, points, paper.WHITE) for name, points in bridges_of(plan)]
+    named = []
+    for name, points, ground in places:
+        about = findings_at(plan, points)
         named += about
+        # Each plate with the number of a finding is black.
+        words = " ".join([name, *about])
+        tag(points[len(points) // 2], words, ground=BLACK if about else ground)
+    for end in chain(*(stroke.end_points for stroke in plan.strokes)):
+        paper.draw_disc(shunned, panel.place(end), NEAR_END, 1)
     numbers = set()
     for name, finding in placed_findings(plan):
         number = ink_at(plan, finding)

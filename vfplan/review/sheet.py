@@ -339,7 +339,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = "with the line drawn" if has_line else "contrast raised"
             insets.append(Inset(f"{caption}, wider", end, note, ZOOM // 2, True, has_line))
     # One inset a bridge, or several along a long one.
-    for name, points, about in picture.bridges_of(plan):
+    for name, points in picture.bridges_of(plan):
         along = arc_lengths(points, False)
         parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
         for part in range(parts):
@@ -347,7 +347,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = f"orange: {along[-1]:.0f} px"
             if parts > 1:
                 note += f", part {part + 1} of {parts}"
-            caption = " ".join([name.capitalize(), *about])
+            caption = " ".join([name.capitalize(), *picture.findings_at(plan, points)])
             insets.append(Inset(caption, place, note, bridge=points))
     gaps = [entry for entry in plan.other_ink if entry.what != "ink"]
     placed = picture.placed_findings(plan)
@@ -364,7 +364,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
             rendered = {"wall": "; red: wall", "guide": "; green: tube"}.get(plan.kind, "")
-            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}"
+            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}; blue: line"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
@@ -397,7 +397,7 @@ def draw_insets(
         where = f"{inset.zoom}x: {width} at ({coordinates(inset.place)})"
         for line, words in enumerate((inset.caption, where, inset.note)):
             style = BODY if line else STRONG
-            words = paper.shortened(words, INSET_PX, style)
+            words = paper.shortened(words, INSET_STEP - 6, style)
             sheet.text(x, last_row + line * BODY.line_height, words, style)
         draw_inset(sheet, inset, rgb, plan, x, round(last_row + CAPTION_HEIGHT))
     return last_row, y
