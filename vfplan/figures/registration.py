@@ -12,6 +12,7 @@ from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
 from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, row_lengths, unit_normal
+from vfplan.images.read import as_uint8
 from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 
 if TYPE_CHECKING:
@@ -76,8 +77,7 @@ def draw_registration(
         axes,
     ):
         if image is not None:
-            grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
-            axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
+            axes.imshow(as_uint8(image.rgb), interpolation="bilinear")
         points = pixels_on(plane, places)
         if is_cloud:
             # The points of a surface or a cloud.

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from vfplan.display import MAX_NUMBERED, finding_name
@@ -48,6 +47,9 @@ ARROW_PX = 16
 
 # Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
+
+# Distance [px of the slice] from a line up to which a place belongs to it.
+ON_LINE_PX = 20.0
 
 # Distance [pt] of a word from the place that it speaks of: clear of the ring.
 WORD_DISTANCE_PT = RING_PT / 2 + 1
@@ -88,28 +90,24 @@ def draw_overlay(
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
+    place = error.numbers.get("u_px", np.nan), error.numbers.get("v_px", np.nan)
+    away_px = [np.hypot(*(line - place).T).min() for line in error.lines]
     with drawing_on(image, path) as (axes, _):
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             words = f"--stroke {number}"
-            if number in error.forked or is_refused(error, line):
+            # The number of a line that was chosen and refused would be refused again.
+            is_refused = away_px[number - 1] < 2 * OUTLINE_GAP_PX
+            if number in error.forked or (is_refused and error.code != "several-candidates"):
                 words = f"{number}: only the review page takes it"
             if error.code == "line-dotted":
                 words = "the dotted line"
             axes.plot(*line.T, color=colour, lw=1.2, label=words)
             write_beside(axes, image, line[0], str(number), colour)
-        if "u_px" in error.numbers:
-            place = error.numbers["u_px"], error.numbers["v_px"]
+        # Between two lines that are far apart there is nothing to see.
+        if "u_px" in error.numbers and min(away_px, default=0.0) <= ON_LINE_PX:
             axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
             write_beside(axes, image, place, error.code, CONTACT)
-
-
-def is_refused(error: CurveError, line: NDArray) -> bool:
-    """Whether a line was chosen and refused, so that its number would be refused again."""
-    if error.code == "several-candidates" or "u_px" not in error.numbers:
-        return False
-    away = line - (error.numbers["u_px"], error.numbers["v_px"])
-    return bool(np.hypot(*away.T).min() < 2 * OUTLINE_GAP_PX)
 
 
 def write_beside(

@@ -341,9 +341,11 @@ NEAREST = BODY.line_height // 2
 # Length [px of the page] around its point that a leader does not cover.
 LEADER_GAP = 0.4 * BODY.line_height
 
-# Length [px of the page] of a leader on what is to be kept clear, at most: it leaves the line, the
-# ring or the end that it begins at, and crosses no other.
-LEADER_COVERS = 52
+# By how much [px of the page] a leader may be longer for a pixel less on what is to be kept clear.
+PIXEL_CROSSED = 4.0
+
+# Cost [px of the page] of a pixel that no caption may cover: more than any other place has.
+COVERED = 1e6
 
 # By how much [px of the page] a leader may be longer for one row less on what is better left clear.
 ROW_COVERED = 5.0
@@ -353,7 +355,7 @@ CLEARANCE = BODY.line_height // 8
 
 
 def place_for_caption(
-    taken: Pixels, shunned: Pixels, point: Array, width: int, height: int, may_cross: bool
+    taken: Pixels, shunned: Pixels, point: Array, width: int, height: int
 ) -> tuple[int, int, Array] | None:
     """A place for a caption of this size close to a point (x, y); `None` if there is none.
 
@@ -364,10 +366,10 @@ def place_for_caption(
     Parameters
     ----------
     taken
-        (H, W), 1 where no caption may cover the picture, 254 where no leader may cross it either
-        unless `may_cross`, and 255 where none ever may. The place and its leader are entered there.
+        (H, W), 1 where no caption may cover the picture, 254 where a leader is better not, and 255
+        where none may be. The place and its leader are entered there.
     shunned
-        (H, W), 1 where a caption is better not.
+        (H, W), 1 where a caption or a leader is better not.
 
     Returns
     -------
@@ -380,24 +382,21 @@ def place_for_caption(
     corners = np.column_stack([x, y])
     targets = np.clip(point, corners, corners + extent)
     lengths = np.hypot(*(targets - point).T)
-    # How much of each place is taken, and of what is better left clear how much it covers.
-    is_taken, covered = (
-        cv2.boxFilter(marked, cv2.CV_32F, extent.tolist(), anchor=(0, 0), normalize=False)[y, x]
-        for marked in (np.minimum(taken, 1), shunned)
-    )
     # Of two that are as close, the one whose middle is closer.
     costs = lengths + 0.1 * np.hypot(*(corners + extent / 2 - point).T)
-    costs += ROW_COVERED * covered / height
-    tried = np.flatnonzero((is_taken == 0) & (lengths >= NEAREST) & (lengths <= REACH))
+    weights = np.where(taken > 0, COVERED, shunned * ROW_COVERED / height)
+    sums = cv2.boxFilter(weights, -1, extent.tolist(), anchor=(0, 0), normalize=False)
+    costs += sums[y, x]
+    tried = np.flatnonzero((costs < COVERED) & (lengths >= NEAREST) & (lengths <= REACH))
     best, found = np.inf, None
     for number in tried[np.argsort(costs[tried])].tolist():
         if costs[number] >= best:
             break
         way = np.linspace(point, targets[number], int(lengths[number])).clip(0, size - 1)
         leader = tuple(way.astype(int).T[::-1])
-        crossed = 0 if may_cross else np.count_nonzero(taken[leader] > 1)
-        cost = costs[number] + 2 * (crossed + np.count_nonzero(shunned[leader]))
-        if crossed <= LEADER_COVERS and cost < best and (taken[leader] < 255).all():
+        crossed = np.count_nonzero((taken[leader] > 1) | (shunned[leader] > 0))
+        cost = costs[number] + PIXEL_CROSSED * crossed
+        if cost < best and (taken[leader] < 255).all():
             best, found = cost, (number, leader)
     if found is None:
         return None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain, product
 from typing import Any, NamedTuple
 
 import cv2
@@ -27,7 +26,6 @@ from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import Array, distance_to, nearest_to, normals, row_lengths, runs
 from vfplan.review import paper
 from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
-from vfplan.review.markers import Marker
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, Pixels
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
@@ -59,11 +57,12 @@ VIEW_STEP = VIEW_PX + 3 * BODY.line_height
 MAX_DRAWN = 50_000
 
 
-# The words of each view, which axes they are, and its directions: right, down, to the viewer.
+# Across what axis each view is, its words, which axes they are, and its directions: right, down, to
+# the viewer.
 SIDES = (
-    ("Seen from above (+z)", "x to the right, y up", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
-    ("Seen from the side (-y)", "x to the right, z up", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
-    ("Seen from the side (+x)", "y to the right, z up", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
+    ("z", "Seen from above (+z)", "x to the right, y up", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
+    ("y", "Seen from the side (-y)", "x to the right, z up", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
+    ("x", "Seen from the side (+x)", "y to the right, z up", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
 )
 
 
@@ -79,7 +78,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     middle = (low + high) / 2
     outlines = []
     axis = plan.fixture.ignore_axis if plan.kind else None
-    for number, (words, axes, turn) in enumerate(SIDES):
+    for number, (letter, words, axes, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * VIEW_STEP
@@ -95,11 +94,12 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
                 draw_rendered(canvas, outline, lambda points: points)
                 outlines.append(outline)
-        box, across = sheet.picture(x, view_y + 34, canvas), int(np.abs(towards).argmax())
+        box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x, box.bottom + 6, 160, scale / per_metre, unit)
         if outlines and not is_endless:
-            cut = f"the outline is cut at {'xyz'[across]} = {per_metre * middle[across]:.1f} {unit}"
+            place = per_metre * abs(towards) @ middle
+            cut = f"the outline is cut at {letter} = {place:.1f} {unit}"
             sheet.text(box.right - BODY.width_of(cut), box.bottom + 6, cut)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_STEP
     rows = rendered_legend(outlines)
@@ -157,6 +157,9 @@ PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 # whole page, and what stands beside others stands below it.
 LONG = 2
 
+# Share of its size that the picture has on a sheet with findings, so that their words have room.
+BESIDE_FINDINGS = 0.85
+
 # Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
 CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
 
@@ -170,9 +173,6 @@ AHEAD_RADIUS = 5 * FREE_RADIUS
 # Distance [px of the page] from the outline beside the ink to what the robot renders, at least:
 # nearer, two lines and their casings look like one.
 OUTLINES_APART = 5.0
-
-# Radius [px of the page] around an end that captions of other things rather do not enter.
-NEAR_END = 4 * FREE_RADIUS
 
 # Radius [px of the page] of the circle of a marker, and how far its ticks reach.
 MARK_RADIUS, MARK_REACH = 13, 21
@@ -219,11 +219,9 @@ class Panel:
 
 
 def draw_picture(
-    sheet: paper.Paper, plan: Plan, rgb: Pixels, y: float, share: float
+    sheet: paper.Paper, plan: Plan, rgb: Pixels, y: float
 ) -> tuple[float, float, list[str]]:
     """Draw the slice with all that is marked on it, and the legend in the column beside it.
-
-    It takes this share of the size that it can have.
 
     Below a wide slice the legend stands on the left. Returns where the next thing below begins, in
     the left part and in the column, and the markers for whose captions there is no room.
@@ -232,7 +230,9 @@ def draw_picture(
     is_tall, is_wide = height > LONG * width, width > LONG * height
     corner = CAPTION_PAPER * (is_tall, is_wide)
     # A row of insets fits below a picture of this height.
-    zoom = share * min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
+    zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
+    if plan.findings:
+        zoom *= BESIDE_FINDINGS
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
@@ -382,7 +382,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: Pixels) -> float | None:
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
-    known = [(*m.place, *m.residual_px) for m in plan.markers if has_arrow(m)]
+    known = [(*m.place, *m.residual_px) for m in plan.markers if m.is_used]
     places, moved = np.hsplit(np.reshape(known, (-1, 4)), 2)
     longest = np.hypot(*moved.T).max(initial=0.0)
     size = np.array([plan.image.width_px, plan.image.height_px])
@@ -398,16 +398,11 @@ def draw_markers(plan: Plan, panel: Panel, keep: Pixels) -> float | None:
     for marker in plan.markers:
         centre = tip = panel.place(marker.place)
         paper.draw_disc(keep, centre, 24, 254)
-        if has_arrow(marker):
+        if marker.is_used:
             tip = centre + np.asarray(marker.residual_px) * panel.zoom * enlargement
             paper.draw_line(keep, np.array([centre, tip]), 254, 20)
         draw_mark(panel.canvas, centre, tip, is_used=marker.is_used)
     return enlargement
-
-
-def has_arrow(marker: Marker) -> bool:
-    """Whether a marker's residual is drawn: one that is left out may be off by any length."""
-    return marker.is_used and marker.residual_px is not None
 
 
 def draw_mark(canvas: Pixels, centre: Array, tip: Array, *, is_used: bool = True) -> None:
@@ -418,7 +413,7 @@ def draw_mark(canvas: Pixels, centre: Array, tip: Array, *, is_used: bool = True
         paper.draw_disc(canvas, centre, MARK_RADIUS, colour, thickness)
         for turn in np.radians(first + 90 * np.arange(4)):
             direction = np.array([np.cos(turn), np.sin(turn)])
-            tick = np.array([centre + inner * direction, centre + MARK_REACH * direction])
+            tick = centre + np.outer([inner, MARK_REACH], direction)
             paper.draw_line(canvas, tick, colour, thickness)
     if np.hypot(*(tip - centre)) > MARK_REACH:
         paper.draw_arrow(canvas, centre, tip, BLACK)
@@ -450,14 +445,12 @@ def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
-    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for place in plan.slicer_points:
         stroke = min(plan.strokes, key=lambda line, at=place: distance_to(at, line.points))
         nearest = nearest_to(place, stroke.points)
         across, point = normals(stroke.points, stroke.closed)[nearest], panel.place(place)
-        gap = panel.outline_distance(stroke) + 3
-        if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):
-            gap = FREE_RADIUS + 4  # An end is left free.
+        # An end is left free.
+        gap = max(panel.outline_distance(stroke) + 3, FREE_RADIUS + 4)
         tick = point + across * np.array([[gap], [gap + 10.0]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
         paper.draw_line(keep, tick, 254, 8)
@@ -483,9 +476,9 @@ def draw_captions(
 
     def tag(place: Any, *choices: str, ground: paper.Colour = paper.WHITE) -> bool:
         """Write the first caption that has room close to its place in a small plate of a colour."""
-        for may_cross, words in product((False, True), choices):
+        for words in choices:
             size = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-            found = paper.place_for_caption(taken, shunned, panel.place(place), *size, may_cross)
+            found = paper.place_for_caption(taken, shunned, panel.place(place), *size)
             if found is not None:
                 break
         else:
@@ -512,8 +505,6 @@ def draw_captions(
         # Each plate with the number of a finding is black.
         words = " ".join([name, *about])
         tag(points[len(points) // 2], words, ground=BLACK if about else ground)
-    for end in chain(*(stroke.end_points for stroke in plan.strokes)):
-        paper.draw_disc(shunned, panel.place(end), NEAR_END, 1)
     numbers = set()
     for name, finding in placed_findings(plan):
         number = ink_at(plan, finding)

@@ -54,9 +54,6 @@ CAPTION_HEIGHT = 3 * BODY.line_height + BODY.line_height // 2
 ROW_HEIGHT = CAPTION_HEIGHT + INSET_PX + 16
 
 
-# Share of its size that the picture has where that saves a page.
-SMALLER = 0.85
-
 # Distance [px of the page] from a list to the heading of the next.
 LIST_GAP = 14
 
@@ -193,11 +190,11 @@ Block = list[tuple[str, paper.Style, float]]
 
 def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]]:
     """The findings, other ink, unnamed markers and what is rendered: (heading, entries) each."""
-    findings, shown = [], list(enumerate(plan.findings, 1))
-    if plan.is_slice_missing and all(one.code != "slice-not-shown" for _, one in shown):
+    findings, shown = [], plan.findings
+    if plan.is_slice_missing and all(one.code != "slice-not-shown" for one in shown):
         # Whoever accepts this sheet is asked about that.
-        shown.append((len(shown) + 1, slice_not_shown()))
-    for number, finding in sorted(shown, key=lambda numbered: not numbered[1].is_open):
+        shown = (*shown, slice_not_shown())
+    for number, finding in sorted(enumerate(shown, 1), key=lambda row: not row[1].is_open):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
@@ -222,12 +219,8 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
             words.append(
                 f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
             )
-        heading = "Other ink in the pen's colour"
-        if words:
-            lists.append((heading, [[(line, BODY, 0)] for line in words]))
-        else:
-            # A heading alone stands with what comes before it.
-            lists[-1][1].append([(f"{heading}: none", HEADING, 0)])
+        rows = [[(line, BODY, 0)] for line in words or ["none"]]
+        lists.append(("Other ink in the pen's colour", rows))
     if unnamed:
         lists.append(("Markers without room", [[(marker, BODY, 0)] for marker in unnamed]))
     if plan.kind:
@@ -481,23 +474,13 @@ def write_sheet(plan: Plan, path: Path) -> None:
 
 def draw_sheet(plan: Plan, title: str = "") -> Sheet:
     """Draw the sheet of what is to be reviewed; its title says what to do, or what is given."""
-    sheet = pages_of(plan, title or verdict_of(plan), 1.0)
-    if sheet.page and plan.image is not None:
-        # A smaller picture where that saves a page.
-        smaller = pages_of(plan, title or verdict_of(plan), SMALLER)
-        sheet = min(sheet, smaller, key=lambda drawn: drawn.page)
-    return Sheet(sheet.image(), tuple(sheet.boxes))
-
-
-def pages_of(plan: Plan, title: str, share: float) -> Paper:
-    """The pages of a sheet whose picture takes this share of the size that it can have."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
     x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
     is_more = plan.fixture.open_findings or plan.is_slice_missing
     if is_more:
         x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
-    y = sheet.paragraph(x, float(MARGIN), title, width, paper.TITLE, colour)
+    y = sheet.paragraph(x, float(MARGIN), title or verdict_of(plan), width, paper.TITLE, colour)
     if is_more:
         bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
@@ -513,7 +496,7 @@ def pages_of(plan: Plan, title: str, share: float) -> Paper:
         draw_lists(sheet, plan, y)
     else:
         rgb = as_uint8(plan.image.rgb)
-        bottom, column_y, unnamed = picture.draw_picture(sheet, plan, rgb, y, share)
+        bottom, column_y, unnamed = picture.draw_picture(sheet, plan, rgb, y)
         column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 4, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
         last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
@@ -527,7 +510,7 @@ def pages_of(plan: Plan, title: str, share: float) -> Paper:
         sheet.text(MARGIN, paper.FOOT, f"digest {plan.digest}", page=page)
         x = paper.PAGE_WIDTH - MARGIN - BODY.width_of(number)
         sheet.text(x, paper.FOOT, number, BODY, GREY, page=page)
-    return sheet
+    return Sheet(sheet.image(), tuple(sheet.boxes))
 
 
 def png_of(pixels: Pixels) -> bytes:
