@@ -70,12 +70,9 @@ def draw_registration(
     residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * width)
 
-    inch, is_cloud = WIDTH_PX / width / DPI, curve.curve is None and len(plane) == 3
-    legend = {"loc": "lower left", "columnspacing": 1.2}
-    with on_slice(path, (width, height), inch, MARGIN_IN, BAR_IN * is_cloud, **legend) as (
-        figure,
-        axes,
-    ):
+    is_cloud = curve.curve is None and len(plane) == 3
+    sizes = (width, height), WIDTH_PX / width / DPI, MARGIN_IN, BAR_IN * is_cloud
+    with on_slice(path, *sizes, loc="lower left", fontsize="small") as (figure, axes):
         if image is not None:
             axes.imshow(as_uint8(image.rgb), interpolation="bilinear")
         points = pixels_on(plane, places)
@@ -118,7 +115,7 @@ def draw_band(axes: Any, curve: Fixture, points: Array, half_px: Array) -> None:
         quads = np.stack([line - out, line + out], axis=1)
         quads = np.concatenate([quads[:-1], quads[1:, ::-1]], axis=1)
         axes.add_collection(PolyCollection(quads, facecolor=PROXY, alpha=0.45, lw=0))
-        axes.plot(*line.T, color=CLOUD, lw=2.0, label="curve")
+        axes.plot(*line.T, color=CLOUD, lw=2.0)
     axes.plot([], [], lw=6, alpha=0.45, color=PROXY, label=f"95 % band, drawn {factor:g}x")
 
 

@@ -43,7 +43,7 @@ OUTLINE_GAP_PX = 3.0
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
 
 # Length [px of the picture] of an arrow.
-ARROW_PX = 16
+ARROW_PX = 32
 
 # Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
@@ -90,15 +90,15 @@ def draw_overlay(
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
-    place = error.numbers.get("u_px", np.nan), error.numbers.get("v_px", np.nan)
+    place = [error.numbers.get(name, np.nan) for name in ("u_px", "v_px")]
     away_px = [np.hypot(*(line - place).T).min() for line in error.lines]
     with drawing_on(image, path) as (axes, _):
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             words = f"--stroke {number}"
             # The number of a line that was chosen and refused would be refused again.
-            is_refused = away_px[number - 1] < 2 * OUTLINE_GAP_PX
-            if number in error.forked or (is_refused and error.code != "several-candidates"):
+            is_chosen = error.code != "several-candidates"
+            if number in error.forked or (is_chosen and away_px[number - 1] < 2 * OUTLINE_GAP_PX):
                 words = f"{number}: only the review page takes it"
             if error.code == "line-dotted":
                 words = "the dotted line"
@@ -164,7 +164,7 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
         outline = outline[np.asarray(stroke.bridged, bool)]
         if len(outline):
             axes.plot(*outline.T, ".", color=BRIDGED, ms=2, label="bridged", zorder=4)
-    # Arrows beside the line, to the left of who goes along it.
+    # Arrows beside the line, to the right of who goes along it.
     shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
     along = ARROW_PX / scale * np.column_stack([left[:, 1], -left[:, 0]])
     starts = points + (distance + ARROW_GAP_PX / scale) * left

@@ -57,12 +57,11 @@ VIEW_STEP = VIEW_PX + 3 * BODY.line_height
 MAX_DRAWN = 50_000
 
 
-# Across what axis each view is, its words, which axes they are, and its directions: right, down, to
-# the viewer.
+# Across what axis each view is, its words, and its directions: right, down, to the viewer.
 SIDES = (
-    ("z", "Seen from above (+z)", "x to the right, y up", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
-    ("y", "Seen from the side (-y)", "x to the right, z up", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
-    ("x", "Seen from the side (+x)", "y to the right, z up", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
+    ("z", "Seen from above (+z): x to the right, y up", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
+    ("y", "Seen from the side (-y): x to the right, z up", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
+    ("x", "Seen from the side (+x): y to the right, z up", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
 )
 
 
@@ -78,7 +77,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     middle = (low + high) / 2
     outlines = []
     axis = plan.fixture.ignore_axis if plan.kind else None
-    for number, (letter, words, axes, turn) in enumerate(SIDES):
+    for number, (letter, words, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
         view_y = round(y) + row * VIEW_STEP
@@ -88,7 +87,6 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         # A tube that is infinite along an axis has no outline where it is seen from the side.
         is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
-        sheet.text(x + STRONG.width_of(f"{words}  "), view_y, axes, BODY, GREY)
         canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
@@ -98,8 +96,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
         draw_scale_bar(sheet, x, box.bottom + 6, 160, scale / per_metre, unit)
         if outlines and not is_endless:
-            place = per_metre * abs(towards) @ middle
-            cut = f"the outline is cut at {letter} = {place:.1f} {unit}"
+            cut = f"the outline is cut at {letter} = {MM * abs(towards) @ middle:.1f} mm"
             sheet.text(box.right - BODY.width_of(cut), box.bottom + 6, cut)
     free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_STEP
     rows = rendered_legend(outlines)
@@ -508,10 +505,9 @@ def draw_captions(
     numbers = set()
     for name, finding in placed_findings(plan):
         number = ink_at(plan, finding)
-        if name not in named:
-            words = f"{name} ({number})" if number else name
-            if tag(finding.place_px, words, ground=BLACK):
-                numbers.add(number)
+        words = f"{name} ({number})" if number else name
+        if name not in named and tag(finding.place_px, words, ground=BLACK):
+            numbers.add(number)
     unnamed = []
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
@@ -533,9 +529,7 @@ def draw_legend(
     """What the lines on the picture mean, those alone that are drawn there."""
     rows = [
         LegendRow("Ink: the line that was drawn", pen),
-        LegendRow(
-            "Blue: beside the line that was taken; not to scale, ends left free", LINE_COLOUR
-        ),
+        LegendRow("Blue: beside the line that was taken; not to scale, ends free", LINE_COLOUR),
     ][plan.strokes[0].sigma is None :]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):

@@ -407,8 +407,7 @@ def draw_inset(sheet: Paper, inset: Inset, rgb: Pixels, plan: Plan, x: int, y: i
     if inset.is_raised:
         pixels = spread_greys(pixels)
     # What lies outside of the slice is striped, so that nobody takes it for black or white there.
-    pitch = STRIPES_PX // inset.zoom
-    pixels[is_outside & (np.add.outer(rows, columns) % pitch == 0)] = GREY
+    pixels[is_outside & (np.add.outer(rows, columns) % (STRIPES_PX // inset.zoom) == 0)] = GREY
     enlarged = pixels.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
     if inset.has_line:
         for stroke in plan.strokes:
