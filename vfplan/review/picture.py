@@ -253,7 +253,7 @@ def draw_picture(
     for stroke in plan.strokes:
         draw_along(ink, panel, stroke, min(panel.half_width(stroke), to_rendered - 1.5))
     canvas[ink > 127] = before[ink > 127]
-    pen = np.median(before[ink > 127], axis=0).tolist()
+    pen = max([BLACK, *before[ink > 127].tolist()], key=lambda rgb: max(rgb) - min(rgb))
     region = draw_ink_outline(plan, panel)
     has_band = False
     for stroke, half_m in plan.bounds:
