@@ -50,8 +50,8 @@ def draw_review() -> None:
     page = cv2.resize(sheets[0], None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(PICTURES / "review_sheet.jpg"), page, JPEG_QUALITY)
     # The row of insets of the ends begins with the upper edge of the first one's frame.
-    is_frame = (sheets[1][1200:, 60:420] < 40).all(axis=(1, 2))
-    top = 1200 + int(is_frame.argmax())
+    is_frame = (sheets[1][1050:, 60:420] < 40).all(axis=(1, 2))
+    top = 1050 + int(is_frame.argmax())
     row = sheets[1][top - 110 : top + 372, 40:1620]
     row = cv2.resize(row, None, fx=0.6, fy=0.6, interpolation=cv2.INTER_AREA)
     cv2.imwrite(str(PICTURES / "review_covered.jpg"), row, JPEG_QUALITY)

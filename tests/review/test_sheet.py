@@ -141,17 +141,15 @@ def test_nothing_covers_the_ends_on_the_picture_itself():
     picture = picture_of(plain)
     zoom = picture.width / drawn.image.shape[1]
     size = round(picture.width), round(picture.height)
-    method = cv2.INTER_NEAREST if zoom >= 2 else cv2.INTER_LINEAR
-    bare = cv2.resize(drawn.image, size, interpolation=method)
+    bare = cv2.resize(drawn.image, size, interpolation=cv2.INTER_NEAREST)
     seen = drawn_part(plain, picture)
-    rows, columns = np.mgrid[: size[1], : size[0]]
-    for end in (drawn.line[0], drawn.line[-1]):
-        u, v = (end + 0.5) * zoom - 0.5
-        close = np.hypot(columns - u, rows - v) < FREE_RADIUS - 4
-        changed = (seen != bare).any(axis=2) & close
+    changed = (seen != bare).any(axis=2)
+    rows, columns = np.indices(changed.shape)
+    for u, v in (drawn.line[[0, -1]] + 0.5) * zoom - 0.5:
+        away = np.hypot(columns - u, rows - v)
         # A thin line leads from the caption to the end; it stops 8 px before it.
-        assert changed.mean() * changed.size <= 0.15 * close.sum()
-        assert not (changed & (np.hypot(columns - u, rows - v) < 6)).any()
+        assert changed[away < FREE_RADIUS - 4].mean() <= 0.15
+        assert not changed[away < 6].any()
 
 
 @pytest.mark.parametrize("patch", [None, 255])
@@ -171,6 +169,7 @@ def test_cover_of_the_grey_around_it_is_told_in_words(patch):
 
 @pytest.mark.parametrize("seed", range(16))
 def test_ink_and_covers_of_ends_stay_visible_and_no_captions_overlap_on_random_slices(seed):
+    """Nor do many captions lie on the wall."""
     rng = np.random.default_rng([seed, 1])
     drawn = drawn_ends.draw(seed, covered=["", "start", "end"][seed % 3])
     shape = drawn.image.shape
@@ -182,6 +181,7 @@ def test_ink_and_covers_of_ends_stay_visible_and_no_captions_overlap_on_random_s
     markers = drawn_ends.markers(rng, shape, int(rng.integers(4, 41)))
     account = drawn_ends.account(rng, shape, int(rng.integers(0, 30)))
     more = {"findings": tuple(findings), "metres_per_px": 5e-4, "side": "above (robot +z)"}
+    more["outlines"] = (Outline("wall", (drawn.line - [0, 12], drawn.line - [0, -12])),)
     sheet = checked(drawn_ends.shown(drawn, markers=markers, account=account, **more))
     # Captions, outlines and arrows leave the middle of the ink as it is, but where a marker or its
     # arrow lies on the line.
@@ -189,22 +189,25 @@ def test_ink_and_covers_of_ends_stay_visible_and_no_captions_overlap_on_random_s
     zoom = picture.width / shape[1]
     at = np.rint((drawn.line + 0.5) * zoom - 0.5).astype(int)
     seen = drawn_part(sheet, picture)[at[:, 1], at[:, 0]]
-    at_slice = np.rint(drawn.line).astype(int)
-    ink = drawn.image[at_slice[:, 1], at_slice[:, 0]].astype(int)
-    is_ink = (ink[:, 0] - ink[:, 1]) > 150
-    is_seen = (seen[:, 0].astype(int) - seen[:, 1]) > 60
+    columns, rows = np.rint(drawn.line).astype(int).T
+    is_ink = drawn.image[rows, columns] @ [1, -1, 0] > 150
+    is_seen = seen @ [1, -1, 0] > 60
     assert is_seen[is_ink].mean() > 0.85
     # No caption lies on the line, nor ahead of an end, where its cover is.
     ends = (drawn.line[[0, -1]] + 0.5) * zoom - 0.5
     ahead = drawn.line[[0, -1]] - drawn.line[[8, -9]]
     centres = ends + AHEAD_RADIUS * ahead / np.hypot(*ahead.T)[:, None]
     captions = [b for b in sheet.boxes if b.kind == "text" and overlap(b, picture)]
+    on_wall, at = 0, np.vstack([at, at - [0, 12 * zoom], at - [0, -12 * zoom]])
     for box in captions:
-        corner, size = np.array([[box.x - picture.x, box.y - picture.y], [box.width, box.height]])
-        off = at - corner
-        assert not ((off >= 0) & (off < size)).all(axis=1).any(), box.words
-        away = np.hypot(*(centres.clip(corner, corner + size) - centres).T)
+        frame = np.array([[box.x, box.y], [box.right, box.bottom]]) - (picture.x, picture.y)
+        covered = (at == at.clip(*frame)).all(axis=1)
+        assert not covered[: len(drawn.line)].any(), box.words
+        on_wall += covered.any()
+        away = np.hypot(*(centres.clip(*frame) - centres).T)
         assert (away >= AHEAD_RADIUS - 1).all(), box.words
+    print(f"{on_wall} of {len(captions)} captions lie on the wall")
+    assert on_wall <= 2
 
 
 # ---- what a sheet shows ----
@@ -334,10 +337,8 @@ def test_open_line_has_both_ends_each_bridge_and_each_hidden_stretch_enlarged():
     ]  # fmt: skip
     notes = {"orange: 9 px", *(f"orange: 89 px, part {k} of 3" for k in (1, 2, 3))}
     assert notes <= set(words_of(sheet))
-    covered = np.zeros(380, bool)
-    for box in insets(sheet, "Bridge 2"):
-        covered[box.window[0] : box.window[0] + box.window[2]] = True
-    assert covered[215:315].all()
+    windows = [box.window for box in insets(sheet, "Bridge 2")]
+    assert {u + k for u, _, width, _ in windows for k in range(width)} >= {*range(215, 315)}
 
 
 def test_line_without_ink_is_drawn_in_the_wider_view_alone():
@@ -364,14 +365,14 @@ def test_any_size_of_slice_fits(size):
     [inset, _] = insets(sheet, "Start")
     assert inset.width == INSET_PX
     assert size != (60, 3000) or picture_of(sheet).width == CONTENT_WIDTH
-    assert all(f"M{k} " in " ".join(words_of(sheet)) for k in range(6))
+    words = " ".join(words_of(sheet))
+    assert all(f"M{k} " in words for k in range(6))
     # The picture's legend names the band where it is drawn there; the last inset always has it.
     *_, last = insets(sheet, "")
     purple = [(np.abs(drawn_part(sheet, box).astype(int) - BAND_COLOUR).sum(axis=2) < 60).any()
               for box in (picture_of(sheet), last)]  # fmt: skip
-    legend = "95 % band of markers and drawing, to scale" in " ".join(words_of(sheet))
-    assert purple == [legend, True]
-    assert any(words.startswith("purple: 95 %") for words in words_of(sheet))
+    assert purple == ["95 % band of markers and drawing, to scale" in words, True]
+    assert " purple: 95 %" in words
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():

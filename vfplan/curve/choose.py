@@ -22,6 +22,7 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke, error_at
 from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
+from vfplan.display import coordinates
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.geometry.lines import BEYOND, Array, running_median, runs, windows
@@ -39,7 +40,7 @@ def finding_at(
 ) -> Finding:
     """A finding on what the picture shows at a place (u, v) [px]."""
     u, v = (round(float(x), 1) for x in place)
-    return severity(code, "extract", f"At ({u:z.0f}, {v:z.0f}): {text}", place_px=(u, v))
+    return severity(code, "extract", f"At ({coordinates((u, v))}): {text}", place_px=(u, v))
 
 
 def two_runs_finding(place: tuple[float, float]) -> Finding:

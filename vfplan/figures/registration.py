@@ -12,7 +12,8 @@ from vfplan.errors import SettingError
 from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice, pixels_on
 from vfplan.fixture import Curve
 from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, row_lengths, unit_normal
-from vfplan.palette import CONTACT, FORCE, HIP
+from vfplan.images.read import as_uint8
+from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from vfplan.registration.registration import Registration
 
 
-# Width [in] of the strip on the right of the view: the bar of colours, its numbers, its name.
+# Width [in] of the strip on the right of a cloud: the bar of colours, its numbers, its name.
 BAR_IN = 2.5 * MARGIN_IN
 
 
@@ -69,26 +70,23 @@ def draw_registration(
     residuals_px = registration.vectors @ np.linalg.pinv(linear).T
     factor = exaggeration(residuals_px, 0.07 * width)
 
-    inch = WIDTH_PX / width / DPI
-    legend = {"loc": "lower left", "columnspacing": 1.2}
-    with on_slice(path, (width, height), inch, MARGIN_IN, BAR_IN, **legend) as (figure, axes):
+    is_cloud = curve.curve is None and len(plane) == 3
+    sizes = (width, height), WIDTH_PX / width / DPI, MARGIN_IN, BAR_IN * is_cloud
+    with on_slice(path, *sizes, loc="lower left", fontsize="small") as (figure, axes):
         if image is not None:
-            grey = image.rgb.astype(np.float32).mean(axis=2) / np.iinfo(image.rgb.dtype).max
-            axes.imshow(0.35 + 0.6 * grey, cmap="gray", vmin=0, vmax=1, interpolation="bilinear")
-        tre_mm = registration.tre_m(places) * MM
+            axes.imshow(as_uint8(image.rgb), interpolation="bilinear")
         points = pixels_on(plane, places)
-        if curve.curve is None and len(plane) == 3:
+        if is_cloud:
             # The points of a surface or a cloud.
             every = max(1, len(points) // MAX_DRAWN)
-            look = {"c": tre_mm[::every], "cmap": "viridis", "s": 3, "lw": 0}
-            coloured = axes.scatter(*points[::every].T, **look)
+            tre_mm = registration.tre_m(places[::every]) * MM
+            coloured = axes.scatter(*points[::every].T, c=tre_mm, cmap="viridis", s=3, lw=0)
+            width_in = figure.get_size_inches()[0]
+            bar = figure.add_axes((1 - 0.92 / width_in, 0.3, 0.18 / width_in, 0.5))
+            figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
+            bar.grid(False)
         else:
-            half_px = registration.tre95_curve_m(places) / m_per_px
-            coloured = draw_band(axes, curve, points, tre_mm, half_px)
-        width_in = figure.get_size_inches()[0]
-        bar = figure.add_axes((1 - 0.92 / width_in, 0.3, 0.18 / width_in, 0.5))
-        figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
-        bar.grid(False)
+            draw_band(axes, curve, points, registration.tre95_curve_m(places) / m_per_px)
         markers = pixels_on(plane, registration.source)
         draw_markers(axes, registration, markers, linear, residuals_px * factor, factor)
         draw_scale(axes, MM * m_per_px, factor)
@@ -100,17 +98,15 @@ def exaggeration(lengths_px: Array, wanted_px: float) -> float:
     return nice_length(max(wanted_px / longest, 1.0)) if longest > 0 else 1.0
 
 
-def draw_band(axes: Any, curve: Fixture, points: Array, tre_mm: Array, half_px: Array) -> Any:
-    """The predicted RMS TRE as colour, and the 95 % band for the whole curve as width.
+def draw_band(axes: Any, curve: Fixture, points: Array, half_px: Array) -> None:
+    """The curve, and the 95 % band for all of it.
 
     points: (M, 2) the curve's points on the slice [px]
     half_px: (M,) half the width of the band at each point
     """
-    from matplotlib.collections import LineCollection, PolyCollection
+    from matplotlib.collections import PolyCollection
 
     factor = exaggeration(half_px[:, None], 0.02 * axes.get_xlim()[1])
-    low = tre_mm.min()
-    look = {"cmap": "viridis", "clim": (low, max(tre_mm.max(), low + 1e-9))}
     drawn = curve.curve or Curve(np.zeros(len(points), np.int32), np.array([False]))
     for number, closed in enumerate(drawn.closed):
         rows = ring_of(np.flatnonzero(drawn.stroke == number)[:, None], closed)[:, 0].astype(int)
@@ -118,12 +114,9 @@ def draw_band(axes: Any, curve: Fixture, points: Array, tre_mm: Array, half_px: 
         out = normals(line, closed=False) * (factor * half_px[rows, None])
         quads = np.stack([line - out, line + out], axis=1)
         quads = np.concatenate([quads[:-1], quads[1:, ::-1]], axis=1)
-        middle = (tre_mm[rows[:-1]] + tre_mm[rows[1:]]) / 2
-        axes.add_collection(PolyCollection(quads, array=middle, alpha=0.45, lw=0, **look))
-        pieces = np.stack([line[:-1], line[1:]], axis=1)
-        coloured = axes.add_collection(LineCollection(pieces, array=middle, lw=2.0, **look))
-    axes.plot([], [], lw=6, alpha=0.45, color="#21918c", label=f"95 % band, drawn {factor:g}x")
-    return coloured
+        axes.add_collection(PolyCollection(quads, facecolor=PROXY, alpha=0.45, lw=0))
+        axes.plot(*line.T, color=CLOUD, lw=2.0)
+    axes.plot([], [], lw=6, alpha=0.45, color=PROXY, label=f"95 % band, drawn {factor:g}x")
 
 
 def draw_markers(

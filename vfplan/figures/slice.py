@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from vfplan.display import MAX_NUMBERED, finding_name
 from vfplan.figures.style import DPI, HALO, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_scale, on_slice
-from vfplan.geometry.lines import Array, normals, ring_of
-from vfplan.images.read import side_of_patient
+from vfplan.geometry.lines import normals
+from vfplan.images.read import as_uint8, side_of_patient
 from vfplan.io.writing import write_whole
 from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
 
@@ -29,27 +28,6 @@ if TYPE_CHECKING:
     from vfplan.findings import Finding
     from vfplan.fixture import RegistrationRecord, Stroke
     from vfplan.images.read import PlannedImage
-
-
-# Parts of a pixel, so that the outline is a smooth line on a picture twice as large.
-FINE = 4
-
-
-def outline_along(points: Array, distance: float, *, closed: bool = False) -> list[Array]:
-    """Closed lines (K, 2) that lie this far from a line of (M, 2) points, all [px].
-
-    A closed line has two, one on either side; an open one has one around it.
-    """
-    margin = distance + 2
-    corner = np.floor(points.min(axis=0) - margin)
-    width, height = (np.ceil(points.max(axis=0) + margin) - corner).astype(int) * FINE + 1
-    region = np.zeros((height, width), np.uint8)
-    # OpenCV takes coordinates as whole numbers of 1/16 pixel.
-    vertices = np.rint((points - corner) * FINE * 16).astype(np.int32).reshape(-1, 1, 2)
-    thickness = max(1, round(2 * distance * FINE))
-    cv2.polylines(region, [vertices], closed, 255, thickness, cv2.LINE_8, 4)
-    contours, _ = cv2.findContours(region, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    return [ring_of(contour[:, 0] / FINE + corner, closed=True) for contour in contours]
 
 
 # Width [px of the picture] of the largest slice: two pages side by side.
@@ -65,10 +43,13 @@ OUTLINE_GAP_PX = 3.0
 ARROW_GAP_PX = 3 * OUTLINE_GAP_PX
 
 # Length [px of the picture] of an arrow.
-ARROW_PX = 16
+ARROW_PX = 32
 
 # Diameter [pt] of the ring around a place that a refusal speaks of.
 RING_PT = 3 * TEXT_PT
+
+# Distance [px of the slice] from a line up to which a place belongs to it.
+ON_LINE_PX = 20.0
 
 # Distance [pt] of a word from the place that it speaks of: clear of the ring.
 WORD_DISTANCE_PT = RING_PT / 2 + 1
@@ -109,28 +90,24 @@ def draw_overlay(
 
 def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
     """Write the slice with what a refusal speaks of: its place, and the lines to choose from."""
+    place = [error.numbers.get(name, np.nan) for name in ("u_px", "v_px")]
+    away_px = [np.hypot(*(line - place).T).min() for line in error.lines]
     with drawing_on(image, path) as (axes, _):
         for number, line in enumerate(error.lines[:MAX_NUMBERED], 1):
             colour = CYCLE[(number - 1) % len(CYCLE)]
             words = f"--stroke {number}"
-            if number in error.forked or is_refused(error, line):
+            # The number of a line that was chosen and refused would be refused again.
+            is_chosen = error.code != "several-candidates"
+            if number in error.forked or (is_chosen and away_px[number - 1] < 2 * OUTLINE_GAP_PX):
                 words = f"{number}: only the review page takes it"
             if error.code == "line-dotted":
                 words = "the dotted line"
             axes.plot(*line.T, color=colour, lw=1.2, label=words)
             write_beside(axes, image, line[0], str(number), colour)
-        if "u_px" in error.numbers:
-            place = error.numbers["u_px"], error.numbers["v_px"]
+        # Between two lines that are far apart there is nothing to see.
+        if "u_px" in error.numbers and min(away_px, default=0.0) <= ON_LINE_PX:
             axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
             write_beside(axes, image, place, error.code, CONTACT)
-
-
-def is_refused(error: CurveError, line: NDArray) -> bool:
-    """Whether a line was chosen and refused, so that its number would be refused again."""
-    if error.code == "several-candidates" or "u_px" not in error.numbers:
-        return False
-    away = line - (error.numbers["u_px"], error.numbers["v_px"])
-    return bool(np.hypot(*away.T).min() < 2 * OUTLINE_GAP_PX)
 
 
 def write_beside(
@@ -153,10 +130,7 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "fontsize": "small"}
     legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5, "frameon": False}
     with on_slice(path, size, scale / DPI, MARGIN_IN, **legend) as (_, axes):
-        picture = image.rgb
-        if picture.dtype != np.uint8:
-            picture = picture / np.iinfo(picture.dtype).max
-        axes.imshow(picture, interpolation="nearest")
+        axes.imshow(as_uint8(image.rgb), interpolation="nearest")
         yield axes, scale
         if image.pixel_spacing_mm is not None:
             draw_scale(axes, image.pixel_spacing_mm[0])
@@ -181,21 +155,22 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     points = stroke.points
     # A curve that was given as points has no ink, and no width.
     distance = (stroke.width or 0.0) / 2 + OUTLINE_GAP_PX / scale
-    bridges = points[np.asarray(stroke.bridged, bool)]
-    for outline in outline_along(points, distance, closed=stroke.closed):
+    left = normals(points, stroke.closed)
+    for beside in (points + distance * left, points - distance * left):
+        # Within a narrow bend there is no room beside the ink.
+        is_free = cKDTree(points).query(beside)[0] > 0.9 * distance
+        outline = np.where(is_free[:, None], beside, np.nan)
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
-        if len(bridges):
-            to_bridge, _ = cKDTree(bridges).query(outline)
-            beside_bridge = np.where((to_bridge < distance + 1)[:, None], outline, np.nan)
-            axes.plot(*beside_bridge.T, color=BRIDGED, lw=1.6, label="bridged", zorder=4)
-    # Arrow heads beside the line, to the right of who goes along it.
-    beside = distance + ARROW_GAP_PX / scale
+        outline = outline[np.asarray(stroke.bridged, bool)]
+        if len(outline):
+            axes.plot(*outline.T, ".", color=BRIDGED, ms=2, label="bridged", zorder=4)
+    # Arrows beside the line, to the right of who goes along it.
     shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
-    left = normals(points, closed=False)[shown]
-    along = ARROW_PX * np.column_stack([left[:, 1], -left[:, 0]])
-    head = {"width": 3, "headwidth": 5, "headlength": 5, "headaxislength": 5, "pivot": "mid"}
-    axes.quiver(*(points[shown] + beside * left).T, *along.T, color=CLOUD, angles="xy",
-                units="dots", scale_units="dots", scale=1, zorder=5, **head)  # fmt: skip
+    along = ARROW_PX / scale * np.column_stack([left[:, 1], -left[:, 0]])
+    starts = points + (distance + ARROW_GAP_PX / scale) * left
+    look = {"arrowstyle": "-|>", "color": CLOUD, "shrinkA": 0, "shrinkB": 0}
+    for place, way in zip(starts[shown], along[shown], strict=True):
+        axes.annotate("", place + way, place, arrowprops=look, zorder=5)
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
     look = {"textcoords": "offset points", "fontsize": "small", "color": FORCE, "weight": "bold"}
     look |= {"path_effects": HALO, "zorder": 6}

@@ -13,7 +13,6 @@ import unicodedata
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -330,66 +329,81 @@ def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> 
                 draw_line(canvas, dash, BAND_COLOUR, 2)
 
 
-# Distance [px of the page] from one try to the next: half a line of text.
-STEP = BODY.line_height // 2
+# Distance [px of the page] from one place that is tried for a caption to the next.
+STEP = BODY.line_height // 3
 
-# Distances that are tried: a leader longer than twelve lines of text is hard to follow.
-TRIES = 24
+# Length [px of the page] of a leader at most: one of twelve lines of text is hard to follow.
+REACH = 12 * BODY.line_height
+
+# Distance [px of the page] from a point to its caption, at least.
+NEAREST = BODY.line_height // 2
 
 # Length [px of the page] around its point that a leader does not cover.
 LEADER_GAP = 0.4 * BODY.line_height
 
-# Length [px of the page] of a leader on what is to be kept clear, at most: it leaves the line, the
-# ring or the end that it begins at, and crosses no other.
-LEADER_COVERS = 52
+# By how much [px of the page] a leader may be longer for a pixel less on what is to be kept clear.
+PIXEL_CROSSED = 4.0
+
+# Cost [px of the page] of a pixel that no caption may cover: more than any other place has.
+COVERED = 1e6
+
+# By how much [px of the page] a leader may be longer for one row less on what is better left clear.
+ROW_COVERED = 5.0
 
 # Distance [px of the page] between two captions, and from a caption to the picture's edge.
 CLEARANCE = BODY.line_height // 8
 
-# The unit vectors of the directions that are tried at each distance, the first to the upper right.
-TURNS = np.arange(16) * np.pi / 8 - np.pi / 4
-DIRECTIONS = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
-
 
 def place_for_caption(
-    taken: Pixels, point: Array, width: int, height: int, may_cross: bool
+    taken: Pixels, shunned: Pixels, point: Array, width: int, height: int
 ) -> tuple[int, int, Array] | None:
     """A place for a caption of this size close to a point (x, y); `None` if there is none.
 
-    It tries places around the point, the closest first, and takes the first one that lies inside
-    the picture and where nothing is taken: no other caption, and nothing that has to stay visible.
+    It takes the closest place inside the picture where nothing is taken: no other caption, and
+    nothing that has to stay visible. A place counts as farther away if it or its leader covers
+    what is better left clear.
 
     Parameters
     ----------
     taken
-        (H, W), 1 where no caption may cover the picture, 254 where no leader may cross it either
-        unless `may_cross`, and 255 where none ever may. The place and its leader are entered there.
+        (H, W), 1 where no caption may cover the picture, 254 where a leader is better not, and 255
+        where none may be. The place and its leader are entered there.
+    shunned
+        (H, W), 1 where a caption or a leader is better not.
 
     Returns
     -------
     tuple or None
         Its corner x, y, and the leader (2, 2) from the point to its edge.
     """
-    size = np.array(taken.shape[::-1])
-    limit = size - (width, height) - CLEARANCE
-    for attempt, direction in product(range(1, TRIES + 1), DIRECTIONS):
-        # The caption extends away from its point.
-        corner = point + direction * float(attempt * STEP)
-        x, y = np.rint(corner + (direction - 1) / 2 * (width, height)).astype(int).tolist()
-        is_inside = CLEARANCE <= x <= limit[0] and CLEARANCE <= y <= limit[1]
-        if not is_inside or taken[y : y + height, x : x + width].any():
-            continue
-        target = np.clip(point, (x, y), (x + width, y + height))
-        way = np.linspace(point, target, attempt * STEP).clip(0, size - 1)
-        columns, rows = way.astype(int).T
-        crossed = taken[rows, columns]
-        covers = 0 if may_cross else np.count_nonzero(crossed > 1)
-        if covers > LEADER_COVERS or (crossed == 255).any():
-            continue
-        taken[rows, columns] = 255
-        around = slice(y - CLEARANCE, y + height + CLEARANCE)
-        taken[around, x - CLEARANCE : x + width + CLEARANCE] = 255
-        length = float(np.hypot(*(target - point)))
-        start = point + (target - point) * min(1.0, LEADER_GAP / max(length, 1e-9))
-        return x, y, np.array([start, target])
-    return None
+    size, extent = np.array(taken.shape[::-1]), np.array([width, height])
+    (right, lowest), first = size - extent - CLEARANCE, CLEARANCE
+    y, x = np.mgrid[first:lowest:STEP, first:right:STEP].reshape(2, -1)
+    corners = np.column_stack([x, y])
+    targets = np.clip(point, corners, corners + extent)
+    lengths = np.hypot(*(targets - point).T)
+    # Of two that are as close, the one whose middle is closer.
+    costs = lengths + 0.1 * np.hypot(*(corners + extent / 2 - point).T)
+    weights = np.where(taken > 0, COVERED, shunned * ROW_COVERED / height)
+    sums = cv2.boxFilter(weights, -1, extent.tolist(), anchor=(0, 0), normalize=False)
+    costs += sums[y, x]
+    tried = np.flatnonzero((costs < COVERED) & (lengths >= NEAREST) & (lengths <= REACH))
+    best, found = np.inf, None
+    for number in tried[np.argsort(costs[tried])].tolist():
+        if costs[number] >= best:
+            break
+        way = np.linspace(point, targets[number], int(lengths[number])).clip(0, size - 1)
+        leader = tuple(way.astype(int).T[::-1])
+        crossed = np.count_nonzero((taken[leader] > 1) | (shunned[leader] > 0))
+        cost = costs[number] + PIXEL_CROSSED * crossed
+        if cost < best and (taken[leader] < 255).all():
+            best, found = cost, (number, leader)
+    if found is None:
+        return None
+    number, leader = found
+    (left, top), target = corners[number].tolist(), targets[number]
+    taken[leader] = 255
+    around = slice(top - CLEARANCE, top + height + CLEARANCE)
+    taken[around, left - CLEARANCE : left + width + CLEARANCE] = 255
+    start = point + (target - point) * LEADER_GAP / lengths[number]
+    return left, top, np.array([start, target])

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
 from typing import Any, NamedTuple
 
 import cv2
@@ -26,6 +25,7 @@ from vfplan.findings import Finding
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import Array, distance_to, nearest_to, normals, row_lengths, runs
 from vfplan.review import paper
+from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, INSET_PX, LINE_COLOUR, MARGIN, STRONG, Pixels
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import Outline, onto_plane, outlines_of
@@ -50,15 +50,18 @@ def ends_of(stroke: Stroke) -> Iterator[tuple[str, Array, Array | None]]:
 # Side [px of the page] of a view: two stand side by side.
 VIEW_PX = paper.CONTENT_WIDTH // 2 - BODY.line_height
 
+# From the top of a view to that of the next: its heading stands above it, its scale below.
+VIEW_STEP = VIEW_PX + 3 * BODY.line_height
+
 # Points of a view at most: it has no pixels for more.
 MAX_DRAWN = 50_000
 
 
-# The words of each view, which axes they are, and its directions: right, down, to the viewer.
+# Across what axis each view is, its words, and its directions: right, down, to the viewer.
 SIDES = (
-    ("Seen from above (+z)", "x to the right, y upwards", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
-    ("Seen from the side (-y)", "x to the right, z upwards", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
-    ("Seen from the side (+x)", "y to the right, z upwards", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
+    ("z", "Seen from above (+z): x to the right, y up", [[1, 0, 0], [0, -1, 0], [0, 0, 1]]),
+    ("y", "Seen from the side (-y): x to the right, z up", [[1, 0, 0], [0, 0, -1], [0, -1, 0]]),
+    ("x", "Seen from the side (+x): y to the right, z up", [[0, 1, 0], [0, 0, -1], [1, 0, 0]]),
 )
 
 
@@ -74,17 +77,16 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     middle = (low + high) / 2
     outlines = []
     axis = plan.fixture.ignore_axis if plan.kind else None
-    for number, (words, axes, turn) in enumerate(SIDES):
+    for number, (letter, words, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
-        view_y = round(y) + row * (VIEW_PX + 60)
+        view_y = round(y) + row * VIEW_STEP
         right, down, towards = np.array(turn)
         corner = middle - (right + down) / scale * (VIEW_PX / 2 - 0.5)
         plane = np.column_stack([right / scale, down / scale, corner])
         # A tube that is infinite along an axis has no outline where it is seen from the side.
         is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
-        sheet.text(x + 330, view_y, axes, BODY, GREY)
         canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
             for outline in outlines_of(plan.fixture, plane, (VIEW_PX, VIEW_PX)):
@@ -92,16 +94,18 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
                 outlines.append(outline)
         box = sheet.picture(x, view_y + 34, canvas)
         unit, per_metre = ("px", 1.0) if plan.fixture.frame == "image" else ("mm", MM)
-        draw_scale_bar(sheet, x + 16, box.bottom - 40, 160, scale / per_metre, unit)
-    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_PX + 60
+        draw_scale_bar(sheet, x, box.bottom + 6, 160, scale / per_metre, unit)
+        if outlines and not is_endless:
+            cut = f"the outline is cut at {letter} = {MM * abs(towards) @ middle:.1f} mm"
+            sheet.text(box.right - BODY.width_of(cut), box.bottom + 6, cut)
+    free_x, free_y = MARGIN + paper.CONTENT_WIDTH - VIEW_PX, y + VIEW_STEP
     rows = rendered_legend(outlines)
     if rows:
-        heading = "In the middle of each view"
-        free_y = draw_legend_rows(sheet, heading, rows, free_x, free_y, VIEW_PX)
+        free_y = draw_legend_rows(sheet, "In each view", rows, free_x, free_y, VIEW_PX)
         if plan.kind == "guide" and axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
             free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
-    return free_x, free_y, y + 2 * (VIEW_PX + 60)
+    return free_x, free_y, y + 2 * VIEW_STEP
 
 
 def draw_scale_bar(
@@ -110,9 +114,6 @@ def draw_scale_bar(
     """Draw a bar of a round length with its words beside it; a unit takes so many pixels."""
     length = nice_length(longest_px / unit_px)
     end, middle, words = x + length * unit_px, round(y + BODY.line_height / 2), f"{length:g} {unit}"
-    # No line of a picture goes through the words.
-    right = round(end + 18 + BODY.width_of(words))
-    sheet.canvas[round(y) - 4 : round(y) + BODY.line_height, round(x) - 4 : right] = paper.WHITE
     sheet.canvas[middle - 2 : middle + 2, round(x) : round(end)] = BLACK
     sheet.text(end + 14, y, words)
 
@@ -153,6 +154,9 @@ PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 # whole page, and what stands beside others stands below it.
 LONG = 2
 
+# Share of its size that the picture has on a sheet with findings, so that their words have room.
+BESIDE_FINDINGS = 0.85
+
 # Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
 CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
 
@@ -166,6 +170,9 @@ AHEAD_RADIUS = 5 * FREE_RADIUS
 # Distance [px of the page] from the outline beside the ink to what the robot renders, at least:
 # nearer, two lines and their casings look like one.
 OUTLINES_APART = 5.0
+
+# Radius [px of the page] of the circle of a marker, and how far its ticks reach.
+MARK_RADIUS, MARK_REACH = 13, 21
 
 # How much farther apart than mostly the channels of a pixel are, of 256, that counts as coloured:
 # ink, and what else was drawn on the slice.
@@ -194,15 +201,18 @@ class Panel:
         """Pixels of the slice to pixels of this picture; (0, 0) is the middle of the first."""
         return (np.asarray(points_px, dtype=float) + 0.5) * self.zoom - 0.5 + self.corner
 
+    def half_width(self, stroke: Stroke) -> float:
+        """Half the width of a line's ink [px of the page]."""
+        # As wide as pens mostly are, if nobody knows.
+        return (4.0 if stroke.width is None else stroke.width) / 2 * self.zoom
+
     def outline_distance(self, stroke: Stroke) -> float:
         """From the middle of a line to the outline beside its ink [px of the page]."""
-        # Half of what pens mostly are, if nobody knows the width.
-        half_width = 2.0 if stroke.width is None else stroke.width / 2
-        # The outline leaves 7 px of the page free beside the ink.
-        distance = half_width * self.zoom + 7.0
-        if abs(self.rendered_distance - distance) < OUTLINES_APART:
-            return self.rendered_distance + OUTLINES_APART
-        return distance
+        # The outline leaves 7 px of the page free beside the ink; 3 px within a narrow wall.
+        ink, wall = self.half_width(stroke), self.rendered_distance
+        if abs(wall - ink - 7) >= OUTLINES_APART:
+            return ink + 7
+        return wall - OUTLINES_APART if wall - ink >= OUTLINES_APART + 3 else wall + OUTLINES_APART
 
 
 def draw_picture(
@@ -218,6 +228,8 @@ def draw_picture(
     corner = CAPTION_PAPER * (is_tall, is_wide)
     # A row of insets fits below a picture of this height.
     zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
+    if plan.findings:
+        zoom *= BESIDE_FINDINGS
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
@@ -233,9 +245,15 @@ def draw_picture(
     spread = np.ptp(canvas, axis=2)
     coloured = (spread > np.median(spread) + COLOURED).astype(np.uint8)
 
-    # What was drawn is checked first, so its outline lies on top.
+    # What was drawn is checked first, so its ink and its outline lie on top.
+    before, ink = canvas.copy(), np.zeros(canvas.shape[:2], np.uint8)
     for outline in plan.outlines:
-        draw_rendered(panel.canvas, outline, panel.place)
+        draw_rendered(canvas, outline, panel.place)
+    shunned = cv2.dilate((canvas != before).any(axis=2).astype(np.uint8), np.ones((5, 5)))
+    for stroke in plan.strokes:
+        draw_along(ink, panel, stroke, min(panel.half_width(stroke), to_rendered - 1.5))
+    canvas[ink > 127] = before[ink > 127]
+    pen = max([BLACK, *before[ink > 127].tolist()], key=lambda rgb: max(rgb) - min(rgb))
     region = draw_ink_outline(plan, panel)
     has_band = False
     for stroke, half_m in plan.bounds:
@@ -259,7 +277,7 @@ def draw_picture(
     keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 254
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
-    unnamed = draw_captions(sheet, plan, panel, keep, y)
+    unnamed, numbered = draw_captions(sheet, plan, panel, keep, shunned, y)
 
     unit_px, unit = zoom, "px"
     if plan.metres_per_px is not None:
@@ -267,8 +285,18 @@ def draw_picture(
     draw_scale_bar(sheet, box.x + 2, bottom + 8, 0.2 * box.width, unit_px, unit)
     bottom += 8.0 + BODY.line_height
     column = (MARGIN, bottom + 10, PICTURE_WIDTH) if is_wide else (COLUMN_X, y, COLUMN_WIDTH)
-    end = draw_legend(sheet, plan, enlargement, has_band, *column)
+    end = draw_legend(sheet, plan, enlargement, has_band, numbered, pen, *column)
     return *((end, bottom) if is_wide else (bottom, end)), unnamed
+
+
+def draw_along(mask: Pixels, panel: Panel, stroke: Stroke, distance: float) -> None:
+    """Draw, in 255, what lies within a distance [px of the page] of a line."""
+    points = panel.place(stroke.points)
+    if stroke.is_ordered:
+        paper.draw_line(mask, points, 255, max(1, round(2 * distance)), stroke.closed)
+    else:
+        for point in points:
+            paper.draw_disc(mask, point, distance, 255)
 
 
 def draw_ink_outline(plan: Plan, panel: Panel) -> Pixels:
@@ -278,15 +306,11 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> Pixels:
         # A closed line has no end that something could cover.
         for end in stroke.end_points:
             paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
-        distance, points = panel.outline_distance(stroke), panel.place(stroke.points)
-        thickness = max(1, round(2 * distance))
-        if stroke.is_ordered:
-            paper.draw_line(region, points, 255, thickness, stroke.closed)
-        else:
-            for point in points:
-                paper.draw_disc(region, point, distance, 255)
+        distance = panel.outline_distance(stroke)
+        draw_along(region, panel, stroke, distance)
         for run in runs(stroke.bridged, stroke.closed):
-            paper.draw_line(bridges, points[run], 255, thickness + 12)
+            thickness = max(1, round(2 * distance)) + 12
+            paper.draw_line(bridges, panel.place(stroke.points[run]), 255, thickness)
     contours, before = paper.contours_of(region), panel.canvas.copy()
     cv2.drawContours(panel.canvas, contours, -1, paper.WHITE, 4, cv2.LINE_AA)
     bridged = panel.canvas.copy()
@@ -355,7 +379,7 @@ def draw_markers(plan: Plan, panel: Panel, keep: Pixels) -> float | None:
 
     Returns how much longer than true the residuals are drawn, as on the page; `None` for none.
     """
-    known = [(*m.place, *m.residual_px) for m in plan.markers if m.residual_px is not None]
+    known = [(*m.place, *m.residual_px) for m in plan.markers if m.is_used]
     places, moved = np.hsplit(np.reshape(known, (-1, 4)), 2)
     longest = np.hypot(*moved.T).max(initial=0.0)
     size = np.array([plan.image.width_px, plan.image.height_px])
@@ -369,31 +393,37 @@ def draw_markers(plan: Plan, panel: Panel, keep: Pixels) -> float | None:
             # Half as long an arrow is still plain. What the border cuts then too has no head.
             enlargement = nice_length(enlargement / 2)
     for marker in plan.markers:
-        centre = panel.place(marker.place)
+        centre = tip = panel.place(marker.place)
         paper.draw_disc(keep, centre, 24, 254)
-        # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
-        first, inner = (0, 13) if marker.is_used else (45, 4)
-        for colour, thickness in ((paper.WHITE, 5), (BLACK, 2)):
-            paper.draw_disc(panel.canvas, centre, 13, colour, thickness)
-            for turn in np.radians(first + 90 * np.arange(4)):
-                direction = np.array([np.cos(turn), np.sin(turn)])
-                tick = np.array([centre + inner * direction, centre + 21 * direction])
-                paper.draw_line(panel.canvas, tick, colour, thickness)
-        if marker.residual_px is not None:
+        if marker.is_used:
             tip = centre + np.asarray(marker.residual_px) * panel.zoom * enlargement
-            paper.draw_arrow(panel.canvas, centre, tip, BLACK)
             paper.draw_line(keep, np.array([centre, tip]), 254, 20)
+        draw_mark(panel.canvas, centre, tip, is_used=marker.is_used)
     return enlargement
 
 
-def bridges_of(plan: Plan) -> Iterator[tuple[str, Array, list[str]]]:
-    """Each bridge: its name, its points [px of the slice], and the names of its findings."""
+def draw_mark(canvas: Pixels, centre: Array, tip: Array, *, is_used: bool = True) -> None:
+    """Draw a marker's circle, and its arrow unless that lies within the ticks."""
+    # A ring and four ticks leave the place itself free; slanted ticks mean that it is unused.
+    first, inner = (0, MARK_RADIUS) if is_used else (45, 4)
+    for colour, thickness in ((paper.WHITE, 5), (BLACK, 2)):
+        paper.draw_disc(canvas, centre, MARK_RADIUS, colour, thickness)
+        for turn in np.radians(first + 90 * np.arange(4)):
+            direction = np.array([np.cos(turn), np.sin(turn)])
+            tick = centre + np.outer([inner, MARK_REACH], direction)
+            paper.draw_line(canvas, tick, colour, thickness)
+    if np.hypot(*(tip - centre)) > MARK_REACH:
+        paper.draw_arrow(canvas, centre, tip, BLACK)
+
+
+def bridges_of(plan: Plan) -> Iterator[tuple[str, Array]]:
+    """Each bridge: its name, and its points [px of the slice]."""
     bridges = [
         stroke.points[run]
         for stroke in plan.strokes for run in runs(stroke.bridged, stroke.closed)
     ]  # fmt: skip
     for number, points in enumerate(bridges, 1):
-        yield f"bridge {number}", points, findings_at(plan, points)
+        yield f"bridge {number}", points
 
 
 def findings_at(plan: Plan, points: Array) -> list[str]:
@@ -412,77 +442,95 @@ def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: Pixels) -> None:
     """Draw a tick beside the line at each point that was set in Slicer; `keep` gets them too."""
-    ends = [panel.place(end) for stroke in plan.strokes for _, end, _ in ends_of(stroke)]
     for place in plan.slicer_points:
         stroke = min(plan.strokes, key=lambda line, at=place: distance_to(at, line.points))
         nearest = nearest_to(place, stroke.points)
         across, point = normals(stroke.points, stroke.closed)[nearest], panel.place(place)
-        gap = panel.outline_distance(stroke) + 3
-        if any(np.hypot(*(end - point)) < FREE_RADIUS for end in ends):
-            gap = FREE_RADIUS + 4  # An end is left free.
+        # An end is left free.
+        gap = max(panel.outline_distance(stroke) + 3, FREE_RADIUS + 4)
         tick = point + across * np.array([[gap], [gap + 10.0]])
         paper.draw_cased(panel.canvas, tick, LINE_COLOUR, 3)
         paper.draw_line(keep, tick, 254, 8)
 
 
+def ink_at(plan: Plan, finding: Finding) -> int:
+    """The number of the other ink that a finding asks about; 0 for another finding."""
+    if finding.code not in ASKS_ABOUT_INK:
+        return 0
+    away = [(away_from(one.piece, finding), one.number) for one in plan.other_ink if one.piece]
+    away_px, number = min(away, default=(np.inf, 0))
+    return number if away_px <= CLOSE_PX else 0
+
+
 def draw_captions(
-    sheet: paper.Paper, plan: Plan, panel: Panel, taken: Pixels, top: int
-) -> list[str]:
+    sheet: paper.Paper, plan: Plan, panel: Panel, taken: Pixels, shunned: Pixels, top: int
+) -> tuple[list[str], bool]:
     """Ends and bridges first, then findings, markers and other ink, as long as places are free.
 
-    None covers what is `taken`. Returns the captions of markers that have no place; the lists name
-    all else that has none.
+    None covers what is `taken`, and few what is `shunned`. Returns the captions of markers that
+    have no place, and whether other ink has its number; the lists name all else that has none.
     """
 
     def tag(place: Any, *choices: str, ground: paper.Colour = paper.WHITE) -> bool:
         """Write the first caption that has room close to its place in a small plate of a colour."""
-        for words, may_cross in (*product(choices, [False]), (choices[-1], True)):
-            width, height = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
-            found = paper.place_for_caption(taken, panel.place(place), width, height, may_cross)
+        for words in choices:
+            size = round(STRONG.width_of(words)) + 12, STRONG.line_height + 2
+            found = paper.place_for_caption(taken, shunned, panel.place(place), *size)
             if found is not None:
                 break
         else:
             return False
-        x, y, leader = found
-        paper.draw_cased(panel.canvas, leader, BLACK, 1)
+        (x, y, leader), (width, height) = found, size
+        paper.draw_cased(panel.canvas, leader, BLACK, 2)
         plate = panel.canvas[y : y + height, x : x + width]
-        plate[:] = BLACK
-        plate[2:-2, 2:-2] = ground
         letters = BLACK if ground == paper.WHITE else paper.WHITE
+        plate[:] = letters
+        plate[2:-2, 2:-2] = ground
         sheet.text(MARGIN + x + 6, top + y + 1, words, STRONG, letters)
         return True
 
-    named = []
+    places = []
     for number, stroke in enumerate(plan.strokes, 1):
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
-            about = findings_at(plan, end[None])
-            tag(end, " ".join([name + of_line, *about]), ground=LINE_COLOUR)
-            named += about
-    for name, points, about in bridges_of(plan):
-        tag(points[len(points) // 2], " ".join([name, *about]))
+            places.append((name + of_line, end[None], LINE_COLOUR))
+    places += [(name, points, paper.WHITE) for name, points in bridges_of(plan)]
+    named = []
+    for name, points, ground in places:
+        about = findings_at(plan, points)
         named += about
+        # Each plate with the number of a finding is black.
+        words = " ".join([name, *about])
+        tag(points[len(points) // 2], words, ground=BLACK if about else ground)
+    numbers = set()
     for name, finding in placed_findings(plan):
-        if name not in named:
-            tag(finding.place_px, name, ground=BLACK)
+        number = ink_at(plan, finding)
+        words = f"{name} ({number})" if number else name
+        if name not in named and tag(finding.place_px, words, ground=BLACK):
+            numbers.add(number)
     unnamed = []
     for marker in plan.markers:
         residual = millimetres(marker.residual_m, 2) if marker.is_used else "left out"
         # The name is shortened, and the number is not.
-        names = [paper.shortened(marker.label, width, STRONG) for width in NAME_WIDTHS]
-        if not tag(marker.place, *(f"{isolated(name)} {residual}" for name in names)):
-            unnamed.append(f"{isolated(names[0])} {residual} at ({coordinates(marker.place)})")
+        names = dict.fromkeys(paper.shortened(marker.label, w, STRONG) for w in NAME_WIDTHS)
+        words = [f"{isolated(name)} {residual}" for name in names]
+        if not tag(marker.place, *words):
+            unnamed.append(f"{words[0]} at ({coordinates(marker.place)})")
     for entry in plan.other_ink[:MAX_NUMBERED]:
-        tag(entry.middle, str(entry.number))
-    return unnamed
+        if entry.number not in numbers and tag(entry.middle, str(entry.number)):
+            numbers.add(entry.number)
+    return unnamed, any(numbers)
 
 
 def draw_legend(
-    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool,
-    x: float, y: float, width: float,
+    sheet: paper.Paper, plan: Plan, enlargement: float | None, has_band: bool, numbered: bool,
+    pen: paper.Colour, x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean, those alone that are drawn there."""
-    rows = [LegendRow("Blue outline: beside the line that was taken", LINE_COLOUR)]
+    rows = [
+        LegendRow("Ink: the line that was drawn", pen),
+        LegendRow("Blue: beside the line that was taken; not to scale, ends free", LINE_COLOUR),
+    ][plan.strokes[0].sigma is None :]
     rows += rendered_legend(plan.outlines)
     if len(plan.slicer_points):
         rows.append(LegendRow("Blue ticks: points that were set in Slicer", LINE_COLOUR))
@@ -493,12 +541,13 @@ def draw_legend(
         rows.append(LegendRow(words, paper.BAND_COLOUR, DASHED))
     if enlargement is not None:
         length = "true length" if enlargement == 1 else f"drawn {enlargement:g} times as long"
-        words = "Circle: marker as given, with its residual in space; arrow: the residual's part "
-        rows.append(LegendRow(f"{words}in the slice, {length}", BLACK, ()))
+        words = "Marker as given, with its residual in space; arrow: its part in the slice, "
+        rows.append(LegendRow(words + length, BLACK, ()))
     y = draw_legend_rows(sheet, "On the picture", rows, x, y, width)
-    if any(box.words.isdigit() for box in sheet.boxes):
-        y = sheet.paragraph(x, y, "Plain numbers: other ink, listed below.", width)
-    return y + 10
+    plates = ["#1: finding"] * bool(placed_findings(plan)) + ["1: other ink"] * numbered
+    if plates:
+        y = sheet.paragraph(x, y, f"{'; '.join(plates)} (listed below)", width)
+    return y + 6
 
 
 def draw_legend_rows(
@@ -510,7 +559,8 @@ def draw_legend_rows(
     for words, colour, dashes in rows:
         middle = y + BODY.line_height / 2
         if not dashes:
-            paper.draw_disc(sheet.canvas, (x + 22, middle), 13, BLACK, 2)
+            centre = np.array([x + 22, middle + 6])
+            draw_mark(sheet.canvas, centre, np.add(centre, (18, 38)))
         for start, end in dashes:
             line = np.array([[x + start, middle], [x + end, middle]])
             paper.draw_line(sheet.canvas, line, colour, 4)

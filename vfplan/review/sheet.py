@@ -15,24 +15,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 from vfplan.display import MAX_NUMBERED, MM, coordinates, count, finding_name, isolated, millimetres
-from vfplan.findings import Finding, acceptance
+from vfplan.findings import acceptance
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import Array, arc_lengths, distance_to, length_of
 from vfplan.images.read import SLICE_IN_WORDS, as_uint8, height_in_words
 from vfplan.io.writing import write_whole
 from vfplan.review import paper, picture
-from vfplan.review.geometry import ASKS_ABOUT_INK, away_from
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Paper, Pixels
 from vfplan.review.plan import Plan
 from vfplan.review.rendered import described, labels_left_out, slice_not_shown
-from vfplan.review.strokes import CLOSE_PX
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -46,6 +44,9 @@ ONE_GREY = 2
 # Radius [px of the slice] of the disc ahead of an end whose greys are compared: a box that covers
 # an end is larger than that.
 AHEAD_PX = 10.0
+
+# Distance [px of the page] from one stripe to the next outside of the slice.
+STRIPES_PX = 4 * ZOOM
 
 INSETS_IN_A_ROW = paper.CONTENT_WIDTH // INSET_PX
 INSET_STEP = (paper.CONTENT_WIDTH - INSET_PX) / (INSETS_IN_A_ROW - 1)
@@ -171,23 +172,15 @@ def error_in_words(plan: Plan) -> str:
 
 
 def draw_facts(sheet: Paper, plan: Plan, x: float, y: float, width: float) -> float:
-    """What to look for at the ends, and the numbers of the plan.
-
-    Where there is room, a number stands beside its heading.
-    """
+    """What to look for at the ends, and the numbers of the plan."""
     facts = facts_of(plan)
     has_ends = any(len(stroke.end_points) for stroke in plan.strokes)
     if has_ends and plan.image is not None and plan.fixture.reviewed is None:
         facts.insert(0, ("Look at each end", WHAT_TO_LOOK_FOR))
     for heading, words in facts:
-        y = sheet.space_for(y, HEADING.line_height + BODY.line_height)
-        sheet.text(x, y, heading, HEADING)
-        heading_width = HEADING.width_of(f"{heading}  ")
-        if heading_width + BODY.width_of(words) <= width:
-            sheet.text(x + heading_width, y + HEADING.baseline - BODY.baseline, words)
-            y += HEADING.line_height + 10
-        else:
-            y = sheet.paragraph(x, y + HEADING.line_height, words, width) + 10
+        y = sheet.space_for(y, 2 * BODY.line_height)
+        sheet.text(x, y, heading, STRONG)
+        y = sheet.paragraph(x, y + BODY.line_height, words, width) + 4
     return y
 
 
@@ -198,14 +191,16 @@ Block = list[tuple[str, paper.Style, float]]
 def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]]:
     """The findings, other ink, unnamed markers and what is rendered: (heading, entries) each."""
     findings, shown = [], plan.findings
-    if plan.is_slice_missing and all(finding.code != "slice-not-shown" for finding in shown):
+    if plan.is_slice_missing and all(one.code != "slice-not-shown" for one in shown):
         # Whoever accepts this sheet is asked about that.
         shown = (*shown, slice_not_shown())
-    for number, finding in enumerate(shown, 1):
+    for number, finding in sorted(enumerate(shown, 1), key=lambda row: not row[1].is_open):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
         if finding.place_px is not None:
-            head += f", at ({coordinates(finding.place_px)}){ink_at(plan, finding)}"
+            head += f", at ({coordinates(finding.place_px)})"
+        if ink := picture.ink_at(plan, finding):
+            head += f", other ink {ink}"
         if finding.answered_by is not None:
             words += acceptance(finding.answered_by, finding.answered_utc)
         findings.append([(head, style, 0), (words, BODY, 30)])
@@ -224,8 +219,8 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
             words.append(
                 f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
             )
-        heading = f"Other ink in the pen's colour{'' if words else ': none'}"
-        lists.append((heading, [[(line, BODY, 0)] for line in words]))
+        rows = [[(line, BODY, 0)] for line in words or ["none"]]
+        lists.append(("Other ink in the pen's colour", rows))
     if unnamed:
         lists.append(("Markers without room", [[(marker, BODY, 0)] for marker in unnamed]))
     if plan.kind:
@@ -234,65 +229,45 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
     return lists
 
 
-def ink_at(plan: Plan, finding: Finding) -> str:
-    """The other ink that a finding asks about, by its number; empty for another finding."""
-    if finding.code not in ASKS_ABOUT_INK:
-        return ""
-    away = [(away_from(one.piece, finding), one.number) for one in plan.other_ink if one.piece]
-    away_px, number = min(away, default=(np.inf, 0))
-    return f", other ink {number}" if away_px <= CLOSE_PX else ""
-
-
 def draw_lists(
     sheet: Paper, plan: Plan, y: float, beside: tuple[float, float] | None = None,
     unnamed: Sequence[str] = (),
 ) -> None:  # fmt: skip
-    """Draw the lists in the room `beside` (x, y) the last row of insets, then from `y` on."""
-    x, top = beside or (MARGIN, y)
-    top -= LIST_GAP
+    """Draw each list beside (x, y) the last row of insets if it fits there, else from `y` on."""
+    page, (corner_x, corner_y) = sheet.page, beside or (MARGIN, y)
+    end, y, corner_y = y, y - LIST_GAP, corner_y - LIST_GAP
 
-    def lines_of(blocks: list[Block]) -> list[tuple[str, paper.Style, float, int]]:
-        """The lines, each with the gap above it."""
-        width = paper.PAGE_WIDTH - MARGIN - x
+    def lines_of(block: Block, x: float) -> list[tuple[str, paper.Style, float, float]]:
+        """Each line with its style, its x, and its height with the gap above a heading."""
         return [
-            (line, style, indent, LIST_GAP * (style is HEADING and number == 0))
-            for block in blocks for words, style, indent in block
-            for number, line in enumerate(paper.wrapped(words, width - indent, style))
+            (line, style, x + indent, style.line_height + LIST_GAP * (style is HEADING))
+            for words, style, indent in block
+            for line in paper.wrapped(words, paper.PAGE_WIDTH - MARGIN - x - indent, style)
         ]  # fmt: skip
 
-    def height_of(blocks: list[Block]) -> float:
-        return sum(style.line_height + gap for _, style, _, gap in lines_of(blocks))
+    def draw(block: Block, x: float, y: float, page: int) -> float:
+        for line, style, left, height in lines_of(block, x):
+            y = sheet.space_for(y, height) + height
+            sheet.text(left, y - style.line_height, line, style, page=page)
+        return y
 
-    # No line stands alone on a page: no heading, and neither the first nor the last of a list.
-    blocks = []
+    def height_of(block: Block, x: float) -> float:
+        return sum(height for *_, height in lines_of(block, x))
+
     for heading, entries in lists_of(plan, unnamed):
-        head = [(heading, HEADING, 0)]
-        if blocks and not entries:
-            blocks[-1][1].extend(head)
+        # No line stands alone on a page: no heading, and neither the first nor the last of a list.
+        cuts = pairwise([0, *range(2, len(entries) - 1), len(entries)])
+        blocks = [[*chain(*entries[start:stop])] for start, stop in cuts]
+        blocks[0].insert(0, (heading, HEADING, 0))
+        whole = [*chain(*blocks)]
+        if corner_y + height_of(whole, corner_x) <= end:
+            corner_y = draw(whole, corner_x, corner_y, page)
             continue
-        cuts = [0, *range(2, len(entries) - 1), len(entries)]
-        for start, end in pairwise(cuts):
-            lines = head + [line for entry in entries[start:end] for line in entry]
-            blocks.append((heading, lines))
-            head = []
-
-    for number, (heading, block) in enumerate(blocks):
-        # Findings stand in one column, and so does another list that this page has room for.
-        together = [lines for one, lines in blocks[number:] if one == heading]
-        if number and y + height_of(together) > paper.FOOT:
-            together = [block]
-        before = top
-        if x > MARGIN and top + height_of(together) > y:
-            x, top = MARGIN, y
-        top = sheet.space_for(top, height_of([block]))
-        if top != before and block[0][1] is not HEADING:
-            # In another column and on another page a list has its heading again.
-            block.insert(0, (f"{heading}, continued", STRONG, 0))
-            top = sheet.space_for(top, height_of([block]))
-        for line, style, indent, gap in lines_of([block]):
-            top = sheet.space_for(top, style.line_height) + gap
-            sheet.text(x + indent, top, line, style)
-            top += style.line_height
+        for number, block in enumerate(blocks):
+            top = sheet.space_for(y, height_of(block, MARGIN))
+            if number and top != y:
+                block.insert(0, (f"{heading}, continued", STRONG, 0))
+            y = draw(block, MARGIN, top, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,13 +299,13 @@ class Inset:
         return (points - self.window[:2] + 0.5) * self.zoom - 0.5
 
 
-def is_even_ahead(rgb: Pixels, stroke: Stroke, end: Array, direction: Array | None) -> bool:
+def is_even_ahead(rgb: Pixels, stroke: Stroke, end: Array, direction: Array) -> bool:
     """Whether all pixels ahead of an end have one grey.
 
     A cover of the grey that surrounds it leaves no border. A person who knows that the ground is
     even can compare the slice with the one that was not drawn on.
     """
-    if direction is None or stroke.sigma is None:
+    if stroke.sigma is None:
         return False
     # The blur of the pen's own end reaches two pixels.
     centre = end + direction * ((stroke.width or 0.0) / 2 + 2.0 + AHEAD_PX)
@@ -346,6 +321,8 @@ def insets_of(plan: Plan) -> list[Inset]:
     for number, stroke in enumerate(plan.strokes, 1):
         name = "the line" if len(plan.strokes) == 1 else f"line {number}"
         for which, end, direction in picture.ends_of(stroke):
+            if direction is None:
+                continue  # A closed line has no end.
             caption = f"{which.capitalize()} of {name}"
             is_even = is_even_ahead(rgb, stroke, end, direction)
             note = "one grey ahead: look twice" if is_even else ""
@@ -355,7 +332,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = "with the line drawn" if has_line else "contrast raised"
             insets.append(Inset(f"{caption}, wider", end, note, ZOOM // 2, True, has_line))
     # One inset a bridge, or several along a long one.
-    for name, points, about in picture.bridges_of(plan):
+    for name, points in picture.bridges_of(plan):
         along = arc_lengths(points, False)
         parts = max(1, int(np.ceil(along[-1] / (0.75 * SHOWN_PX))))
         for part in range(parts):
@@ -363,7 +340,7 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = f"orange: {along[-1]:.0f} px"
             if parts > 1:
                 note += f", part {part + 1} of {parts}"
-            caption = " ".join([name.capitalize(), *about])
+            caption = " ".join([name.capitalize(), *picture.findings_at(plan, points)])
             insets.append(Inset(caption, place, note, bridge=points))
     gaps = [entry for entry in plan.other_ink if entry.what != "ink"]
     placed = picture.placed_findings(plan)
@@ -380,7 +357,7 @@ def insets_of(plan: Plan) -> list[Inset]:
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
             rendered = {"wall": "; red: wall", "guide": "; green: tube"}.get(plan.kind, "")
-            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}"
+            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}; blue: line"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
@@ -413,7 +390,7 @@ def draw_insets(
         where = f"{inset.zoom}x: {width} at ({coordinates(inset.place)})"
         for line, words in enumerate((inset.caption, where, inset.note)):
             style = BODY if line else STRONG
-            words = paper.shortened(words, INSET_PX, style)
+            words = paper.shortened(words, INSET_STEP - 6, style)
             sheet.text(x, last_row + line * BODY.line_height, words, style)
         draw_inset(sheet, inset, rgb, plan, x, round(last_row + CAPTION_HEIGHT))
     return last_row, y
@@ -430,7 +407,7 @@ def draw_inset(sheet: Paper, inset: Inset, rgb: Pixels, plan: Plan, x: int, y: i
     if inset.is_raised:
         pixels = spread_greys(pixels)
     # What lies outside of the slice is striped, so that nobody takes it for black or white there.
-    pixels[is_outside & (np.add.outer(rows, columns) % 4 == 0)] = GREY
+    pixels[is_outside & (np.add.outer(rows, columns) % (STRIPES_PX // inset.zoom) == 0)] = GREY
     enlarged = pixels.repeat(inset.zoom, axis=0).repeat(inset.zoom, axis=1)
     if inset.has_line:
         for stroke in plan.strokes:
@@ -510,7 +487,7 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
     if plan.fixture.case:
         words += f" Case {isolated(plan.fixture.case)}."
     if plan.side is not None:
-        words += f" The slice is seen from {plan.side}."
+        words += f" By the markers, the slice is seen from {plan.side}."
     y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
     if plan.image is None:
         free_x, free_y, y = picture.draw_views(sheet, plan, y)
@@ -519,7 +496,7 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
     else:
         rgb = as_uint8(plan.image.rgb)
         bottom, column_y, unnamed = picture.draw_picture(sheet, plan, rgb, y)
-        column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 10, picture.COLUMN_WIDTH)
+        column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 4, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
         last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
         in_last_row = len(insets) % INSETS_IN_A_ROW
