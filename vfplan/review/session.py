@@ -203,7 +203,10 @@ class Session:
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
-            "candidates": [describe_candidate(*row) for row in sorted(geometry.candidates.items())],
+            "candidates": [
+                describe_candidate(name, number, geometry.candidates[number])
+                for name, number in geometry.names.items()
+            ],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
             "can_undo": bool(steps), "can_redo": bool(self.undone),

@@ -160,7 +160,7 @@ export class Curve {
     // Once a line was chosen, the others stay at hand.
     const last = state.steps.at(-1);
     const isJustChosen = state.curve_px.length > 0 && last?.do === "choose";
-    const others = isJustChosen ? state.candidates.filter((way) => way.number !== last.candidate) : [];
+    const others = isJustChosen ? state.candidates.filter((way) => ![way.name, way.number].includes(last.candidate)) : [];
     byId("others-card").hidden = others.length === 0;
     refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
@@ -177,7 +177,7 @@ export class Curve {
   }
 
   choose(way) {
-    this.app.step({ do: "choose", candidate: way.number });
+    this.app.step({ do: "choose", candidate: way.name });
   }
 
   heat(way, isHot) {
@@ -206,7 +206,7 @@ export class Curve {
     const isFree = distanceTo(taken, place, enough) >= enough;
     const [x, y] = this.view.freeWay(place, isFree ? 0 : STEM_PX, placed, NUMBER_PX);
     const stem = make("path", { d: `M0 0L${x} ${y}` });
-    const number = make("text", { x, y }, String(way.number));
+    const number = make("text", { x, y }, way.name);
     return makeAt(place, { class: "thing way-number" }, stem, make("circle", { cx: x, cy: y, r: NUMBER_PX }), number);
   }
 
@@ -222,7 +222,7 @@ export class Curve {
         onfocus: () => this.heat(way, true),
         onblur: () => this.heat(way, false),
       },
-      make("span", { class: "badge way-badge" }, String(way.number)),
+      make("span", { class: "badge way-badge" }, way.name),
       `Take this line: ${way.words}`,
     );
     return make("li", {}, button);
