@@ -271,7 +271,7 @@ class Session:
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
         return self.current.why_not + [
-            f"{max(flags.mean(), 0.01):.0%} of stroke {number} was not in view yet at full size. "
+            f"{100 * max(flags.mean(), 0.01):.0f} % of stroke {number} was not in view yet at full size. "
             "Look along it."
             for number, flags in enumerate(self.unseen(by), 1)
             if flags.any()
@@ -289,7 +289,7 @@ def marker_state(plan: Plan) -> Report:
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {
             name: getattr(fit.settings, name)
-            for name in ("model", "contact_radius", "seen_from", "arcs_m")
+            for name in ("model", "contact_radius", "guide_m", "guide_stroke", "seen_from", "arcs_m")
         }
         | {"pixel_spacing_mm": fit.pixel_spacing_mm},
         "tre95_m": fit.tre95_m(plan.geometry.strokes),

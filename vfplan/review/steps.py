@@ -456,8 +456,9 @@ def set_plan(plan: Plan, step: Step) -> Plan:
             if step[name] not in allowed:
                 raise malformed(step, name, " or ".join(map(json.dumps, allowed)))
             changes[name] = step[name]
-    if "contact_radius" in step:
-        changes["contact_radius"] = numbers_of(step, "contact_radius", 1)[0]
+    for name in ("contact_radius", "guide_m"):
+        if name in step:
+            changes[name] = numbers_of(step, name, 1)[0]
     # A bundle that was opened is planned anew.
     changed = replace(source, planning=replace(source.planning, **changes), as_opened=None)
     new = replace(fit, settings=replace(fit.settings, **changes))
