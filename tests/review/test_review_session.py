@@ -823,13 +823,15 @@ def test_the_bound_of_the_whole_curve_holds_with_parts_drawn_by_hand(tmp_path):
     assert np.mean(held) >= 0.93
 
 
+@pytest.mark.parametrize("step", ["leave_out_marker", "delete_marker"])
 @pytest.mark.parametrize("settings", [{}, {"robust": True}])
-def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path, settings):
-    pairs = read_markers(*MARKERS)
+def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path, settings, step):
+    pairs, odd = read_markers(*MARKERS), 'x4, "left"'
     off = pairs.target + [[0, 0, 4e-3 * (label == "x4")] for label in pairs.labels]
     markers = marker_table(tmp_path / "m.csv", pairs.source, off, pairs.labels)
+    markers.write_text(markers.read_text().replace("x4", '"x4, ""left"""'))
     by_hand = Session.open(SLICE, markers, pixel_spacing_mm=0.5, **settings)
-    by_hand = do(by_hand, "leave_out_marker", marker="x4")
+    by_hand = do(by_hand, step, marker=odd)
     planned = vfplan.plan(SLICE, markers, extraction=sample.source.extraction,
                           settings=FixtureSettings(robust=True)).fixture  # fmt: skip
     told = [[f for f in one.findings if f.code == "marker-left-out"]
@@ -837,7 +839,7 @@ def test_a_marker_left_out_by_a_step_is_told_as_robust_tells_it(sample, tmp_path
     assert told[0] == told[1] != []
     fixture = by_hand.current.fixture
     assert dict(facts_of(by_hand.current))["Markers"].startswith("8 of 9, ")
-    assert [m.label for m in by_hand.current.markers if not m.is_used] == ["x4"]
+    assert [m.label for m in by_hand.current.markers if not m.is_used] == [odd]
     path = bundles.stored(tmp_path / "f.h5", fixture)
     assert "affine, 8 of 9 markers" in summary_text(describe(path, work=True))
     again = Session.open(path, slice=SLICE)

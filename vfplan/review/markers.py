@@ -87,6 +87,8 @@ class Fit:
         (3, 3) from [u v 1] to the patient's frame [m], if the markers are given there; else `None`.
     given
         The markers as they were read, while nobody has changed one; else `None`.
+    deleted
+        Those that a person took out of the list.
     """
 
     markers: tuple[Marker, ...] = ()
@@ -94,6 +96,7 @@ class Fit:
     pixel_spacing_mm: tuple[float, float] | None = None
     T_patient_image: Array | None = None
     given: Correspondences | None = None
+    deleted: tuple[Marker, ...] = ()
 
     @property
     def used(self) -> tuple[Marker, ...]:
@@ -212,6 +215,15 @@ class Fit:
             return self
         given = replace(kept.pairs(), inputs={}, tool=self.given.tool, tip=self.given.tip)
         return replace(kept, given=given)
+
+    @property
+    def of_left_out(self) -> Fit:
+        """The fit of the markers that this one does not rest on, though it could."""
+        # Of a label that was given anew, the marker with it counts.
+        known = {one.label: one for one in (*self.deleted, *self.markers)}
+        unused = known.keys() - {one.label for one in self.markers if one.is_used}
+        others = (replace(known[label], is_used=True) for label in known if label in unused)
+        return self.with_markers(tuple(others))
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label."""

@@ -394,9 +394,11 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
-    """Take a marker out of the list."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    return replace(plan, fit=fit.with_markers(fit.markers[:number] + fit.markers[number + 1 :]))
+    """Take a marker out of the list; the plan tells of it as of one that is left out."""
+    markers = list(plan.fit.markers)
+    deleted = (*plan.fit.deleted, markers.pop(plan.fit.index(step.get("marker"))))
+    fit = plan.fit.with_markers(tuple(markers))
+    return replace(plan, fit=replace(fit, deleted=deleted))
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
