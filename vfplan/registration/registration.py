@@ -34,12 +34,9 @@ as the next one fits.
 
 from __future__ import annotations
 
-import csv
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from io import StringIO
 from itertools import combinations, islice
 from math import comb
 from statistics import NormalDist
@@ -261,16 +258,8 @@ def left_out_note(label: str | int, distance_m: float, place: Sequence[float] | 
 
 
 def labels_as_text(labels: Iterable[str]) -> str:
-    """Labels behind commas, as a bundle records them: one that holds a comma stands in quotes."""
-    text = StringIO()
-    csv.writer(text, lineterminator="").writerow(labels)
-    return text.getvalue()
-
-
-def labels_in_text(text: str) -> list[str]:
-    """The labels that `labels_as_text` joined."""
-    parts = re.findall(r'"((?:[^"]|"")*)"(?![^,])|([^,]+)', text)
-    return [quoted.replace('""', '"') or plain for quoted, plain in parts]
+    """Labels behind commas, as a bundle records them; their own commas stand as "%2C"."""
+    return ",".join(label.replace(",", "%2C") for label in labels)
 
 
 def consistent_markers(problem: Problem) -> Flags:

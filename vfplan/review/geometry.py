@@ -251,14 +251,13 @@ class Geometry:
         behind that. Any other route has a number beyond those of the lines.
         """
         names, beyond = {}, map(str, count(len(self.numbered) + 1))
-        forked = {
-            number: chain(map(str(number).__add__, ascii_lowercase), beyond)
+        forked = [
+            (np.concatenate(line.pieces), chain(map(str(number).__add__, ascii_lowercase), beyond))
             for number, line in self.numbered.items()
             if len(line.junctions)
-        }
+        ]
         for number, route in sorted(self.candidates.items()):
-            over = [line for line in forked if lies_on(route, self.numbered[line])]
-            free = forked[over[0]] if over else beyond
+            free = next((ways for ink, ways in forked if runs_along(route, ink)), beyond)
             names[str(number) if number in self.numbered else next(free)] = number
         return names
 
@@ -495,12 +494,6 @@ def apart_px(line: Candidate, stroke: Stroke) -> float:
 def runs_along(stroke: Stroke, places: NDArray) -> bool:
     """Whether at least half of a stroke lies on the places of a line (N, 2)."""
     return np.median(_core.nearest(places.astype(float), stroke.points)[0]) <= CLOSE_PX
-
-
-def lies_on(route: Stroke, line: Candidate) -> bool:
-    """Whether all of a route lies on the ink of a line."""
-    places = np.concatenate(line.pieces).astype(float)
-    return bool(_core.nearest(places, route.points)[0].max() <= CLOSE_PX)
 
 
 def ink_at(ink: SliceInk, place: Array) -> list[AccountEntry]:

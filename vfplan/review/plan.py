@@ -531,12 +531,14 @@ def sentence(text: str) -> str:
 
 def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     """A fixture by the markers in use of a fit, told of those that a person left out."""
-    others = fit.of_left_out
+    others = fit.with_markers(
+        tuple(replace(marker, is_used=not marker.is_used) for marker in fit.markers)
+    )
     if not others.used:
         return planned
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
     residuals_m = row_lengths(fit.registration.apply(left_out.source) - left_out.target)
-    labels = (*labels_left_out(planned), *left_out.labels)
+    labels = filter(None, (*labels_left_out(planned), *left_out.labels))
     settings = {"markers_left_out": labels_as_text(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.
@@ -685,20 +687,16 @@ def made_flat_plan(plan: Plan, ink: SliceInk) -> Plan:
     flattened = flattening(plan.fit.pairs(), source.image, limit_m, MAX_MEGAPIXELS)
     image = made_flat(source.image, flattened.numbers)
 
-    def on_flat(marker: Marker) -> Marker:
-        if marker.place is None:
-            return marker
-        place = projected(flattened.homography, np.array([marker.place]))[0]
-        return replace(marker, place=tuple(place.tolist()))
-
-    markers, deleted = (tuple(map(on_flat, ms)) for ms in (plan.fit.markers, plan.fit.deleted))
-    given = plan.fit.given
+    markers, given = list(plan.fit.markers), plan.fit.given
+    for number, marker in enumerate(markers):
+        if marker.place is not None:
+            place = projected(flattened.homography, np.array([marker.place]))[0]
+            markers[number] = replace(marker, place=tuple(place.tolist()))
     if given is not None:
         given = replace(given, source=projected(flattened.homography, given.source))
     fit = replace(
-        plan.fit, markers=markers, given=given, deleted=deleted,
-        pixel_spacing_mm=image.pixel_spacing_mm,
-    )  # fmt: skip
+        plan.fit, markers=tuple(markers), given=given, pixel_spacing_mm=image.pixel_spacing_mm
+    )
     source = replace(
         source, image=image, notes=(*source.notes, *flat_findings(flattened.told)),
         recipe=source.recipe | {MADE_FLAT_BY: flat(flattened.numbers)},

@@ -34,7 +34,7 @@ from vfplan.geometry.lines import Array, plane_normal, row_lengths, runs, unit_n
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.io.files import now_utc
 from vfplan.planning.settings import LEAD_SPEED_M_S
-from vfplan.registration.registration import Registration, fit_registration, labels_in_text
+from vfplan.registration.registration import Registration, fit_registration
 from vfplan.review.markers import size_of
 from vfplan.settings import MISFIT, incomplete_recipe, value_as
 
@@ -133,7 +133,8 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
 
 def labels_left_out(fixture: Fixture) -> list[str]:
     """The labels of the markers that the registration does not rest on."""
-    return labels_in_text(str(fixture.provenance.settings.get("markers_left_out", "")))
+    labels = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    return [label.replace("%2C", ",") for label in labels]
 
 
 def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:

@@ -395,10 +395,7 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
     """Take a marker out of the list; the plan tells of it as of one that is left out."""
-    markers = list(plan.fit.markers)
-    deleted = (*plan.fit.deleted, markers.pop(plan.fit.index(step.get("marker"))))
-    fit = plan.fit.with_markers(tuple(markers))
-    return replace(plan, fit=replace(fit, deleted=deleted))
+    return with_marker(plan, step, is_used=False, is_deleted=True)
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
