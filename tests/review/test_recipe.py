@@ -203,7 +203,7 @@ def test_no_step_reads_a_file_again(planned, files, tmp_path, kind):
     _, session = planned()
     if kind == "fork":
         fork(files[0])
-        steps = [{"do": "choose", "candidate": 2}]  # Line 1 is the one that forks.
+        steps = [{"do": "choose", "candidate": "1a"}]
     if kind != "bundle":
         session = Session.open(*files)
     known = session.source.inputs | session.source.sha256

@@ -197,7 +197,7 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
 def test_finer_arcs_are_offered_in_place_of_typed_ones_only(arcs, offers, browser, opened):
     opened(SLICE, *MARKERS, "--guide", 0.015, *arcs)
     assert browser.run("review.state.refusal.code") == "arcs-coarse"
-    assert browser.run("document.getElementById('candidates').textContent") == offers
+    assert browser.run("document.getElementById('other-ways').textContent") == offers
 
 
 @pytest.mark.slow

@@ -626,9 +626,12 @@ def dotted_finding(stroke: Stroke) -> Finding:
 def stretch_findings(curve: Stroke) -> list[Finding]:
     """A note for each stretch of a curve that does not show.
 
-    It is a doubt where the stretch is long, or where a small share of the stroke lies beyond a gap.
+    It is a doubt where the stretch is long, where a small share of the stroke lies beyond a gap, and
+    where the longest gap of a ring joins the ends of a line.
     """
     findings = []
+    gaps = [run for reason, run in _stretches(curve) if reason == "bridge"]
+    closing_px = max(map(len, gaps), default=0) if curve.closed else np.inf
     heading = headings_along(curve)
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
@@ -644,6 +647,9 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
             text = f"{carried} Do the {len(beyond)} px beyond it belong to the curve?"
             if not len(beyond):
                 text = f"no ink shows the last {length} px of the curve. Does it end here?"
+            findings.append(finding_at(place, "bridge-near-end", text))
+        elif reason == "bridge" and length >= max(closing_px, tuned.FLANK_PX):
+            text = f"{carried} It joins both ends of the line. Is the curve a ring?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif length > tuned.LONG_STRETCH_PX:
             code = "stretch-hidden" if reason == "hidden" else "bridge-long"

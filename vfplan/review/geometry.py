@@ -11,7 +11,8 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import chain
+from itertools import chain, count
+from string import ascii_lowercase
 from typing import Any
 
 import cv2
@@ -241,6 +242,24 @@ class Geometry:
         """The lines that extraction takes by number; one that forks has a number that none has."""
         lines = in_number_order(lines_of(self.ink, self.max_gap_px), self.ink and self.ink.found)
         return dict(enumerate(lines, 1))
+
+    @cached_property
+    def names(self) -> dict[str, int]:
+        """The candidates' numbers by their names, as page, terminal and pictures count.
+
+        A line is called by its number for `--stroke`, and a way over a line that forks has a letter
+        behind that. Any other route has a number beyond those of the lines.
+        """
+        names, beyond = {}, map(str, count(len(self.numbered) + 1))
+        forked = [
+            (np.concatenate(line.pieces), chain(map(str(number).__add__, ascii_lowercase), beyond))
+            for number, line in self.numbered.items()
+            if len(line.junctions)
+        ]
+        for number, route in sorted(self.candidates.items()):
+            free = next((ways for ink, ways in forked if runs_along(route, ink)), beyond)
+            names[str(number) if number in self.numbered else next(free)] = number
+        return names
 
     @cached_property
     def leftover(self) -> list[Leftover]:
@@ -530,17 +549,18 @@ def candidate_at(geometry: Geometry, place: Array) -> tuple[Geometry, int]:
 
 
 def with_chosen(
-    image: PlannedImage, settings: ExtractSettings, geometry: Geometry, number: int
+    image: PlannedImage, settings: ExtractSettings, geometry: Geometry, name: str | int
 ) -> Geometry:
-    """The geometry with one of its candidates as the curve.
+    """The geometry with one of its candidates, by name or number, as the curve.
 
     `vfplan extract` measures a line that it can. A route of another number, and a line that it
     refuses because something lies beside it, is measured along the candidate itself.
     """
+    number = geometry.names.get(name, name)
     route = geometry.candidates.get(number)
     if route is None:
-        known = ", ".join(map(str, sorted(geometry.candidates))) or "none"
-        text = f"There is no candidate {number}. The candidates are: {known}."
+        known = ", ".join(geometry.names) or "none"
+        text = f"There is no candidate {name}. The candidates are: {known}."
         raise SettingError(text, code="no-such-candidate")
     if route.sigma is not None:
         # A dotted line is measured already.
@@ -613,9 +633,10 @@ def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Fin
     )
 
 
-def describe_candidate(number: int, route: Stroke) -> dict[str, Any]:
+def describe_candidate(name: str, number: int, route: Stroke) -> dict[str, Any]:
     """A candidate as the page shows it."""
     return {
+        "name": name,
         "number": number,
         "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
         "closed": route.closed,

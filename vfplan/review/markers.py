@@ -48,6 +48,8 @@ class Marker:
         Standard deviations of the target: none, one, or one an axis.
     is_used
         Whether the registration rests on it.
+    is_deleted
+        Whether a person took it out of the list; it is told as one that is left out.
     depth_m
         Distance from the slice's plane, for markers of the patient's frame.
     residual_m
@@ -61,6 +63,7 @@ class Marker:
     target_m: tuple[float, float, float] | None = None
     sigma_m: tuple[float, ...] = ()
     is_used: bool = True
+    is_deleted: bool = False
     depth_m: float = 0.0
     residual_m: float | None = None
     residual_px: tuple[float, float] | None = None
@@ -191,6 +194,8 @@ class Fit:
             loo_m = {label: value for label, value in left_out if np.isfinite(value)}
         rows = []
         for marker in self.markers:
+            if marker.is_deleted:
+                continue
             residual_m = residual_px = None
             if registration is not None and marker.is_whole:
                 reached = registration.apply(self.to_source(marker.place, marker.depth_m))[0]
@@ -215,7 +220,7 @@ class Fit:
 
     def index(self, name: Any) -> int:
         """A marker's place in the list by its label."""
-        labels = [marker.label for marker in self.markers]
+        labels = [marker.label for marker in self.markers if not marker.is_deleted]
         if name not in labels:
             text = f"There is no marker {name!r}. The markers are: {', '.join(labels) or 'none'}."
             raise SettingError(text, code="no-such-marker")
@@ -229,11 +234,15 @@ class Fit:
 
     def with_markers(self, markers: tuple[Marker, ...]) -> Fit:
         """The fit of other markers; raises `SettingError` for a label that two of them have."""
-        for label, count in Counter(marker.label for marker in markers).items():
+        labels = Counter(marker.label for marker in markers if not marker.is_deleted)
+        for label, count in labels.items():
             if count > 1:
                 text = f"There is a marker {label!r} already. Give each its own label."
                 raise SettingError(text, code="label-exists")
-        return replace(self, markers=markers, given=None)
+        # The deleted ones come last; one whose label is given anew is replaced by that.
+        listed = tuple(marker for marker in markers if not marker.is_deleted)
+        deleted = tuple(one for one in markers if one.is_deleted and one.label not in labels)
+        return replace(self, markers=listed and listed + deleted, given=None)
 
 
 def size_of(plane: NDArray) -> float:

@@ -48,7 +48,7 @@ from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, r
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import CURVE95, ExtractSettings, FixtureSettings, overridden
 from vfplan.registration.checks import perspective_test
-from vfplan.registration.registration import describe_side, left_out_note
+from vfplan.registration.registration import describe_side, labels_as_text, left_out_note
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice, ink_of
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -539,7 +539,7 @@ def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
     residuals_m = row_lengths(fit.registration.apply(left_out.source) - left_out.target)
     labels = filter(None, (*labels_left_out(planned), *left_out.labels))
-    settings = {"markers_left_out": ",".join(labels)}
+    settings = {"markers_left_out": labels_as_text(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.
         rows = [m.sigma_m if len(m.sigma_m) == len(sigma[0]) else sigma[0] for m in others.used]

@@ -132,8 +132,9 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
 
 
 def labels_left_out(fixture: Fixture) -> list[str]:
-    """The labels of the markers that a robust registration did not use."""
-    return str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    """The labels of the markers that the registration does not rest on."""
+    labels = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
+    return [label.replace("%2C", ",") for label in labels]
 
 
 def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:

@@ -203,7 +203,10 @@ class Session:
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
-            "candidates": [describe_candidate(*row) for row in sorted(geometry.candidates.items())],
+            "candidates": [
+                describe_candidate(name, number, geometry.candidates[number])
+                for name, number in geometry.names.items()
+            ],
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
             "can_undo": bool(steps), "can_redo": bool(self.undone),
@@ -268,7 +271,7 @@ class Session:
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
         return self.current.why_not + [
-            f"{max(flags.mean(), 0.01):.0%} of stroke {number} was not in view yet at full size. "
+            f"{100 * max(flags.mean(), 0.01):.0f} % of stroke {number} was not in view yet at full size. "
             "Look along it."
             for number, flags in enumerate(self.unseen(by), 1)
             if flags.any()
@@ -286,7 +289,14 @@ def marker_state(plan: Plan) -> Report:
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {
             name: getattr(fit.settings, name)
-            for name in ("model", "contact_radius", "seen_from", "arcs_m")
+            for name in (
+                "model",
+                "contact_radius",
+                "guide_m",
+                "guide_stroke",
+                "seen_from",
+                "arcs_m",
+            )
         }
         | {"pixel_spacing_mm": fit.pixel_spacing_mm},
         "tre95_m": fit.tre95_m(plan.geometry.strokes),

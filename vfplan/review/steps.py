@@ -1,7 +1,7 @@
 """The steps of a review, each a function from a plan and the step's fields to the next plan.
 
-Strokes, knots and findings count from 0, as in the lists of the plan. Candidates and ink have the
-numbers that the state gives them, from 1. Places are (u, v) in pixels.
+Strokes, knots and findings count from 0, as in the lists of the plan. Candidates have the names,
+and ink the numbers, that the state gives them, from 1. Places are (u, v) in pixels.
 """
 
 from __future__ import annotations
@@ -281,17 +281,21 @@ def reverse(plan: Plan, step: Step) -> Plan:
 
 
 def choose(plan: Plan, step: Step) -> Plan:
-    """Take a candidate as the curve: by its number, or the longest `at` a place."""
+    """Take a candidate as the curve: by its name, or the longest `at` a place.
+
+    Earlier drafts give its number instead.
+    """
     required_ink(plan)
     if "at" in step:
         return with_candidate(plan, *candidate_at(plan.geometry, place_of(plan, step, "at")))
-    return with_candidate(plan, plan.geometry, whole_number(step, "candidate"))
+    field_of = label_of if isinstance(step.get("candidate"), str) else whole_number
+    return with_candidate(plan, plan.geometry, field_of(step, "candidate"))
 
 
-def with_candidate(plan: Plan, geometry: Geometry, number: int) -> Plan:
+def with_candidate(plan: Plan, geometry: Geometry, name: str | int) -> Plan:
     """The plan with a candidate of this geometry as its curve."""
     settings = plan.source.extraction_with(geometry.ink)
-    return replace(plan, geometry=with_chosen(plan.source.image, settings, geometry, number))
+    return replace(plan, geometry=with_chosen(plan.source.image, settings, geometry, name))
 
 
 def choose_pen(plan: Plan, step: Step) -> Plan:
@@ -390,9 +394,8 @@ def add_marker(plan: Plan, step: Step) -> Plan:
 
 
 def delete_marker(plan: Plan, step: Step) -> Plan:
-    """Take a marker out of the list."""
-    fit, number = plan.fit, plan.fit.index(step.get("marker"))
-    return replace(plan, fit=fit.with_markers(fit.markers[:number] + fit.markers[number + 1 :]))
+    """Take a marker out of the list; the plan tells of it as of one that is left out."""
+    return with_marker(plan, step, is_used=False, is_deleted=True)
 
 
 def rename_marker(plan: Plan, step: Step) -> Plan:
@@ -452,8 +455,9 @@ def set_plan(plan: Plan, step: Step) -> Plan:
             if step[name] not in allowed:
                 raise malformed(step, name, " or ".join(map(json.dumps, allowed)))
             changes[name] = step[name]
-    if "contact_radius" in step:
-        changes["contact_radius"] = numbers_of(step, "contact_radius", 1)[0]
+    for name in ("contact_radius", "guide_m"):
+        if name in step:
+            changes[name] = numbers_of(step, name, 1)[0]
     # A bundle that was opened is planned anew.
     changed = replace(source, planning=replace(source.planning, **changes), as_opened=None)
     new = replace(fit, settings=replace(fit.settings, **changes))

@@ -35,7 +35,7 @@ export class Curve {
       const closed = state.closed[k];
       const bound = state.bound_px?.[k];
       if (bound && byId("show-bands").checked) bands.push(make("path", { d: bandAlong(points, closed, bound), class: "band" }));
-      lines.push(line(points, closed, "casing"), line(points, closed, "line"));
+      lines.push(line(points, closed, "casing of-line"), line(points, closed, "line"));
       for (const run of state.unseen[k]) lines.push(line(stretch(points, run), false, "line unseen-part"));
       for (const run of state.bridged[k]) lines.push(line(stretch(points, run), false, "line bridged"));
       for (const run of state.edited[k]) lines.push(line(stretch(points, run), false, "line edited"));
@@ -160,7 +160,7 @@ export class Curve {
     // Once a line was chosen, the others stay at hand.
     const last = state.steps.at(-1);
     const isJustChosen = state.curve_px.length > 0 && last?.do === "choose";
-    const others = isJustChosen ? state.candidates.filter((way) => way.number !== last.candidate) : [];
+    const others = isJustChosen ? state.candidates.filter((way) => ![way.name, way.number].includes(last.candidate)) : [];
     byId("others-card").hidden = others.length === 0;
     refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
@@ -177,7 +177,7 @@ export class Curve {
   }
 
   choose(way) {
-    this.app.step({ do: "choose", candidate: way.number });
+    this.app.step({ do: "choose", candidate: way.name });
   }
 
   heat(way, isHot) {
@@ -206,7 +206,7 @@ export class Curve {
     const isFree = distanceTo(taken, place, enough) >= enough;
     const [x, y] = this.view.freeWay(place, isFree ? 0 : STEM_PX, placed, NUMBER_PX);
     const stem = make("path", { d: `M0 0L${x} ${y}` });
-    const number = make("text", { x, y }, String(way.number));
+    const number = make("text", { x, y }, way.name);
     return makeAt(place, { class: "thing way-number" }, stem, make("circle", { cx: x, cy: y, r: NUMBER_PX }), number);
   }
 
@@ -222,7 +222,7 @@ export class Curve {
         onfocus: () => this.heat(way, true),
         onblur: () => this.heat(way, false),
       },
-      make("span", { class: "badge way-badge" }, String(way.number)),
+      make("span", { class: "badge way-badge" }, way.name),
       `Take this line: ${way.words}`,
     );
     return make("li", {}, button);
@@ -262,7 +262,7 @@ export class Curve {
       const at = this.view.onStage(top);
       if (distanceTo(placed, at, INK_NUMBER_PX) < INK_NUMBER_PX) continue;
       placed.push(at);
-      nodes.push(makeAt(top, { class: "thing ink-number" }, make("text", { y: -9 }, String(ink.number))));
+      nodes.push(makeAt(top, { class: "thing ink-number" }, make("circle", { cy: -9, r: 8 }), make("text", { y: -9 }, String(ink.number))));
     }
     byId("ink-numbers").replaceChildren(...nodes);
   }
@@ -285,8 +285,11 @@ export class Curve {
     const mm = (metres) => `${(1e3 * metres).toFixed(2)} mm`;
     const has = (severity) => state.findings.some((one) => one.severity === severity && one.place_px);
     const hasInk = (isOut) => state.curve_px.length > 0 && state.account.some((one) => one.what === "ink" && one.left_out === isOut);
+    const isOpen = state.curve_px.length === 0;
     const hasRuns = (name) => state[name].some((runs) => runs.length);
     const rows = [
+      [isOpen && state.candidates.length, "of-way", "a line that may be the curve"],
+      [isOpen && state.refusal?.place_px, "of-refused", "where the line is in doubt"],
       [state.curve_px.length, "measured", "the measured line, from the ring to the square"],
       [hasRuns("bridged"), "bridged", "carried across a gap in the ink"],
       [hasRuns("edited"), "edited", "placed by hand"],

@@ -36,7 +36,7 @@ export class Findings {
 
   list(state) {
     const unanswered = state.findings.filter((f) => f.severity === "doubt" && f.answered_by === null);
-    let count = "none";
+    let count = state.curve_px.length ? "none" : "none yet";
     if (state.findings.length) count = `${unanswered.length} to answer, ${state.findings.length} in all`;
     byId("findings-count").textContent = count;
     refill(byId("findings"), state.findings.map((finding, k) => this.row(finding, k)));
@@ -101,7 +101,8 @@ export class Findings {
 
   pins(state) {
     const nodes = [];
-    const placed = state.markers.filter((one) => one.place_px).map((one) => this.view.onStage(one.place_px));
+    const markers = state.markers.filter((one) => one.place_px).map((one) => one.place_px);
+    const placed = [...markers, ...state.knots_px.flat()].map((place) => this.view.onStage(place));
     state.findings.forEach((finding, k) => {
       if (!finding.place_px) return;
       const chosen = k === this.chosen() ? " chosen" : "";
@@ -136,7 +137,7 @@ export class Findings {
       this.inset(place, END_PX, label),
     );
     const { mmPerPx } = this.view;
-    const width = mmPerPx ? `${fixed(END_PX * mmPerPx, 0)}\u00a0mm` : `${END_PX}\u00a0px`;
+    const width = mmPerPx ? `${fixed(END_PX * mmPerPx, 1)}\u00a0mm` : `${END_PX}\u00a0px`;
     return make("figure", {}, button, make("figcaption", {}, `${label}, ${width}\u00a0wide`));
   }
 

@@ -4,7 +4,7 @@ import { byId, make } from "./dom.js";
 const LIST = [
   ["V, D, X, M, U", "tools: select, draw, exclude, marker, push"],
   ["Wheel, pinch, + and -", "zoom at the pointer"],
-  ["Drag, arrows", "move the slice; Space and drag with any tool"],
+  ["Drag, arrows", "move the slice (with Space: drag with any tool)"],
   ["Drag with the right button", "window (across) and level (up, down)"],
   ["Shift and the wheel", "next and previous slice of a folder or volume"],
   ["F, 1", "fit; one to one"],
@@ -13,7 +13,7 @@ const LIST = [
   ["A", "accept the finding as it is"],
   ["K, Shift-K", "next and previous knot"],
   ["J, Shift-J", "next and previous marker"],
-  ["Arrows", "move what is selected by a pixel (Shift: ten, Alt: a tenth)"],
+  ["Arrows, once selected", "move the knot or marker by a pixel (Shift: ten, Alt: a tenth)"],
   ["Del", "delete the knot or marker"],
   ["I", "insert a knot behind the selected one"],
   ["[ and ]", "cut the line before or behind the knot"],
@@ -21,7 +21,7 @@ const LIST = [
   ["Enter, C, Backspace, Esc", "while drawing: end, close, take back, cancel"],
   ["L", "look along the line, where it was not in view"],
   ["Ctrl-Z, Ctrl-Shift-Z", "undo and redo"],
-  ["Esc", "select nothing"],
+  ["Esc, else", "end the tool, or select nothing"],
 ];
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const ZOOM_STEP = 1.25;

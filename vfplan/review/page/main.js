@@ -237,7 +237,8 @@ function showRefusal(state) {
   const isShown = refusal !== null && !(isOfCurve && state.curve_px.length > 0);
   byId("refusal").hidden = !isShown;
   if (!isShown) return;
-  const rows = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
+  const lines = isOfCurve ? state.candidates.map((way) => curve.candidateRow(way)) : [];
+  const rows = []; // ways out that are no lines
   const colour = refusal.other_pen;
   if (colour) {
     const swatch = make("span", { class: "pen", style: `background:${colour}` });
@@ -249,13 +250,15 @@ function showRefusal(state) {
     rows.push(wayRow(() => app.step(finer), "Take finer lines and arcs"));
   }
   let text = refusal.text;
-  if (refusal.code === "several-candidates" && rows.length) {
-    text = `There are ${rows.length} candidates. Choose the line that is meant, or draw it.`;
+  if (refusal.code === "several-candidates" && lines.length) {
+    text = `There are ${lines.length} candidates. Choose the line that is meant, or draw it.`;
   }
   if (refusal.code === "image-grey") text = "The picture is grey, so no pen can be told from it. Draw the curve.";
   byId("refusal").querySelector("h2").textContent = isOfCurve ? "No curve yet" : "The plan is refused";
   byId("refusal-text").textContent = inPageWords(text);
-  refill(byId("candidates"), rows);
+  refill(byId("candidates"), lines);
+  refill(byId("other-ways"), rows);
+  byId("other-ways-heading").hidden = !lines.length || !rows.length;
 }
 
 // A way out of a refusal, by a button: another pen than the command named, a photograph made flat.

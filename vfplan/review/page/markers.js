@@ -34,6 +34,7 @@ export class Markers {
     set("plan-side", (side) => ({ seen_from: side || null }));
     this.setNumber("plan-spacing", (size) => ({ pixel_spacing_mm: [size, size] }));
     this.setNumber("plan-distance", (distance) => ({ contact_radius: [distance / 1e3] }));
+    this.setNumber("plan-guide", (radius) => ({ guide_m: [radius / 1e3] }));
   }
 
   // A field of millimetres. What is no number above 0 is told, and the field shows the plan's again.
@@ -49,11 +50,15 @@ export class Markers {
     });
   }
 
-  showFields({ model, contact_radius: distance, seen_from: side, pixel_spacing_mm: spacing }) {
+  showFields({ model, contact_radius: distance, guide_m: guide, guide_stroke: guiding, seen_from: side, pixel_spacing_mm: spacing }) {
+    // A plan that only guides keeps no distance.
+    byId("plan-guide").parentNode.hidden = guide === null;
+    byId("plan-distance").parentNode.hidden = guide !== null && guiding === null;
     const values = {
       "plan-spacing": spacing ? String(Number(spacing[0].toFixed(6))) : "",
       "plan-model": model,
       "plan-distance": String(Number((1e3 * distance).toFixed(6))),
+      "plan-guide": String(Number((1e3 * guide).toFixed(6))),
       "plan-side": typeof side === "string" ? side : "",
     };
     for (const [id, value] of Object.entries(values)) {

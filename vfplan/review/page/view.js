@@ -6,6 +6,7 @@ const BORDER_PX = 300; // as in review.css: how far the drawing reaches beyond t
 const REST_MS = 250; // a view that does not change for so long is at rest
 const [MIN_ZOOM, MAX_ZOOM] = [0.02, 64];
 const GO_TO_ZOOM = 3;
+const INK_ZOOM = 3; // below it what is drawn is as broad as the ink, and is drawn thin
 const MAX_COPY_PX = 1200;
 const MAX_BAR_PX = 160;
 const BAR_LENGTHS = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
@@ -215,6 +216,7 @@ export class View {
     if (this.shownZoom !== this.zoom) {
       this.shownZoom = this.zoom;
       byId("world").style.setProperty("--unit", 1 / this.zoom);
+      byId("world").classList.toggle("far", this.zoom < INK_ZOOM);
       this.showScaleBar();
       this.zoomed?.();
     }
@@ -291,7 +293,7 @@ export class View {
     const words = [`u ${fixed(u, 1)}  v ${fixed(v, 1)} px`];
     const spacing = this.image.pixel_spacing_mm;
     if (spacing) words.push(`${fixed(u * spacing[0], 1)}, ${fixed(v * spacing[1], 1)} mm`);
-    byId("place").textContent = words.join("  |  ");
+    byId("place").textContent = words.join("  =  ");
   }
 
   showScaleBar() {
