@@ -13,7 +13,10 @@ from matplotlib.ticker import MaxNLocator
 
 from vfplan.figures.replay import EPISODE, MM, plane_basis
 from vfplan.figures.style import new_figure, save_png, style
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import CLOUD, FORCE
+from vfplan.palette import ERROR as PROXY
+from vfplan.palette import TUBE as HIP
+from vfplan.palette import WALL as CONTACT
 from vfplan.replaying.replay import Replay, contact_marks
 
 MARK_HZ = 10.0

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.colors import rgb2hex
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refuses
@@ -17,8 +19,10 @@ from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.fixture import Guidance, RegistrationRecord
+from vfplan.palette import WALL
 from vfplan.replaying.metrics import CurveRuler
 from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
+from vfplan.report.page import scene_data, scrubber_data
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
@@ -37,10 +41,28 @@ def test_timeline_shades_each_episode_and_shows_the_force(pressed):
     assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
 
 
+@pytest.mark.parametrize(("limit", "is_drawn"), [(1.0, True), (1000.0, False)])
+def test_timeline_shows_each_limit_that_leaves_the_force_room(limit, is_drawn):
+    limits = (("force_max_n", "at_most", limit), ("force_max_n", "at_least", 0.1))
+    limited = replay(fixture_of(line()), probing(), limits=limits)
+    names = [drawn.get_label() for drawn in timeline(limited).axes[0].get_lines()]
+    assert (f"limit {limit:g} N" in names, len(names)) == (is_drawn, 2 + is_drawn)
+    assert scrubber_data(limited)["limits"] == [limit] * is_drawn
+
+
+def test_scene_shows_where_the_proxy_stops(pressed):
+    axes = scene(pressed).axes[0]
+    wall, inside = axes.collections[:2]
+    assert rgb2hex(wall.get_edgecolor()[0]) == WALL
+    assert_allclose(wall.get_offsets(), 1e3 * pressed.fixture.points[:, :2])
+    assert {wall._widths[0], inside._widths[0]} == {5.0}  # half of 10 mm
+    assert scene_data(pressed.fixture)["wall"]["radius"] == pytest.approx(5.0)
+
+
 def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
     axes = scene(pressed).axes[0]
     marks = contact_marks(pressed.ticks, 10.0)
-    [drawn] = [line for line in axes.lines if line.get_label().startswith("contact circle")]
+    [drawn] = [line for line in axes.lines if line.get_label().startswith("proxy's circle")]
     circles = drawn.get_xydata().reshape(len(marks), -1, 2)[:, :-1]  # the last is NaN
     away = circles - 1e3 * pressed.ticks.proxy[marks, None, :2]
     assert_allclose(np.hypot(*away.T), 5.0, rtol=1e-6)  # mm
@@ -54,7 +76,7 @@ def test_scene_shows_the_whole_path_or_says_how_much_is_left_out(pressed, times)
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()]) / 1e3
     is_seen = ((ends[:, :2] >= low) & (ends[:, :2] <= high)).all()
     assert is_seen == (times == 1)
-    assert ("of the HIP's path lies outside" in axes.get_title("right")) != is_seen
+    assert ("of the tip's path lies outside" in axes.get_title("right")) != is_seen
 
 
 def test_scene_shows_the_whole_tube_of_a_guide():
@@ -104,7 +126,11 @@ def on_image(pressed):
 def test_depth_is_carried_back_to_the_slice(pressed):
     moved, uv = on_image(pressed)
     image = PlannedImage(np.zeros((120, 200, 3), np.uint8))
-    axes = pictures.slice_depth(moved, image).axes[0]
+    wall = SimpleNamespace(kind="wall", lines=[uv + 10, uv - 10])
+    axes = pictures.slice_depth(moved, image, [wall]).axes[0]
+    *_, borders = axes.collections
+    assert_allclose(borders.get_segments(), wall.lines)
+    assert rgb2hex(borders.get_color()) == WALL
     drawn = np.vstack([axes.lines[0].get_xydata(), axes.collections[0].get_offsets()])
     assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
     with refuses(InputError, "no-image-registration"):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from vfplan.arm.rehearsal import Rehearsal, objections
 from vfplan.display import MAX_DRAWN, resolved
 from vfplan.figures.style import subplots
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import CLOUD, FORCE, PROXY, TIP, WALL
 from vfplan.replaying.metrics import row_norms
 from vfplan.report.page import document, facts_table, picture, plain, section, table
 
@@ -37,10 +37,10 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
     path = motion.tip[:: len(motion.tip) // MAX_DRAWN + 1]
-    axes.plot(*path.T, color=HIP, lw=1.0, label="tip")
+    axes.plot(*path.T, color=TIP, lw=1.0, label="tip")
     for stop in rehearsal.metrics["reflexes"][:1]:
         place = motion.tip[stop["tick"]]
-        axes.plot(*place[:, None], "x", color=CONTACT, ms=9, mew=2, label=f"{stop['kind']}")
+        axes.plot(*place[:, None], "x", color=WALL, ms=9, mew=2, label=f"{stop['kind']}")
 
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", aspect="equal")
     axes.legend(loc="upper left")
@@ -57,23 +57,23 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
 
     force.plot(time, row_norms(motion.rendered), color=PROXY, lw=0.8, label="rendered")
     force.plot(time, row_norms(motion.force), color=FORCE, lw=1.0, label="commanded")
-    force.plot(time, row_norms(motion.pull), color=HIP, lw=0.6, alpha=0.7, label="hand")
+    force.plot(time, row_norms(motion.pull), color=TIP, lw=0.6, alpha=0.7, label="hand")
     force.set_ylabel("force [N]")
     force.legend(ncols=3)
 
     scale = robot.torque_limit_nm or np.ones(arm.joints)
     torque.plot(time, np.abs(motion.torque) / scale, lw=0.8, label=range(1, arm.joints + 1))
-    torque.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
+    torque.axhline(1.0, color=WALL, lw=1.0, ls="--")
     torque.set_ylabel("torque\n/ limit")
     torque.legend(ncols=arm.joints, title="joint")
 
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
     joint_range.plot(time, to_limit, lw=0.8)
-    joint_range.axhline(0.0, color=CONTACT, lw=1.0, ls="--")
+    joint_range.axhline(0.0, color=WALL, lw=1.0, ls="--")
     joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:
         for axes in (force, torque, joint_range):
-            axes.axvline(time[stop["tick"]], color=CONTACT, lw=0.8)
+            axes.axvline(time[stop["tick"]], color=WALL, lw=0.8)
     return figure
 
 

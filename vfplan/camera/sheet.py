@@ -30,7 +30,7 @@ from vfplan.geometry.lines import plane as across
 from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
 from vfplan.markers.correspondences import read_sides
-from vfplan.palette import CLOUD, CONTACT, HIP
+from vfplan.palette import CLOUD, TUBE, WALL
 from vfplan.review.plan import Plan as ReviewedPlan
 from vfplan.review.rendered import outlines_of
 
@@ -68,7 +68,7 @@ PX_PER_M = 1e4
 THIN = 4
 
 # The colour of where the tool stops, and of where it is held.
-COLOURS = {"wall": CONTACT, "guide": HIP}
+COLOURS = {"wall": WALL, "guide": TUBE}
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
-from vfplan.figures.style import pixels_on, subplots
+from vfplan.figures.style import HALO, draw_scale, pixels_on, subplots
 from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
-from vfplan.replaying.findings import beyond, guides_alone
+from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
+from vfplan.replaying.findings import beyond, force_limits, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay, contact_marks
+from vfplan.session.result import STATES
 
 # How often contact circles and normals are drawn [Hz], as in the paper.
 MARK_HZ = 10.0
@@ -24,7 +28,7 @@ MAX_TIMES_FIXTURE = 5
 
 
 def timeline(replayed: Replay) -> Figure:
-    """Force, penetration and overlap over time, contact episodes shaded."""
+    """Force with its limits, penetration and overlap over time, contact episodes shaded."""
     ticks = replayed.ticks
     figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
     peak = row_norms(ticks.force).max()
@@ -33,14 +37,16 @@ def timeline(replayed: Replay) -> Figure:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the hand [N]")
-    middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
+    for limit in force_limits(replayed.metrics):
+        top.axhline(limit, color=FORCE, ls="--", lw=0.9, label=f"limit {limit:g} N")
+    middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
     drawn, beyond_m = beyond(replayed.metrics, ticks.overlap)
     if beyond_m.any():
-        middle.plot(ticks.time, MM * beyond_m, color=CONTACT, lw=1.1, label=f"beyond {drawn}")
-    middle.set_ylabel("depth [mm]")
+        middle.plot(ticks.time, MM * beyond_m, color=TIP, lw=1.1, label=f"beyond {drawn}")
+    middle.set_ylabel("tool tip [mm]")
     bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
-    bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
-    bottom.set_xlabel("time [s]")
+    bottom.set_yticks(STATES, ["far away", "free", "contact", "proxy inside"])
+    bottom.set(xlabel="time [s]", ylim=(ticks.state.min() - 0.3, ticks.state.max() + 0.3))
     bottom.margins(x=0)
     for episode in replayed.metrics["episodes"]:
         for axes in (top, middle, bottom):
@@ -54,7 +60,7 @@ def timeline(replayed: Replay) -> Figure:
 
 
 def scene(replayed: Replay) -> Figure:
-    """Cloud, HIP and proxy path, contact circles and normals.
+    """Points, wall or tube, paths of tip and proxy, contact circles with their normals.
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
@@ -80,7 +86,7 @@ def scene(replayed: Replay) -> Figure:
         figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         if outside > 0:
-            words = f"{100 * outside:.2g} % of the HIP's path lies outside this picture"
+            words = f"{100 * outside:.2g} % of the tip's path lies outside this picture"
             axes.set_title(words, loc="right", y=0, fontsize="small")
         arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
@@ -89,19 +95,29 @@ def scene(replayed: Replay) -> Figure:
                 tube_outline(MM * line @ basis, tube_mm, fixture.guidance.ends == "stop")
                 for line in fixture.guiding_lines
             ]
-            look = {"color": BRIDGED, "alpha": 0.3, "lw": 0, "zorder": 1}
+            look = {"fc": (TUBE, 0.15), "ec": TUBE, "lw": 1.2, "zorder": 1}
             axes.add_collection(PolyCollection(tube, label="tube", **look))
-    label = f"fixture, {len(fixture.points)} points"
+        if fixture.region is not None:
+            # Of the balls about all points only the border of them together is seen.
+            wall_mm = 2 * (radius + MM * fixture.point_radius)
+            balls = {"units": "xy", "offsets": MM * fixture.region.points @ basis, "zorder": 1.6}
+            for look in ({"ec": WALL, "lw": 2.4}, {"fc": "white", "lw": 0}):
+                ball = EllipseCollection(
+                    wall_mm, wall_mm, 0, transOffset=axes.transData, **balls, **look
+                )
+                axes.add_collection(ball)
+            axes.plot([], [], color=WALL, lw=1.2, label="wall")
+    label = f"line, {len(fixture.points)} points"
     axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
-    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+    axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     # A tube has no contact circle.
     if fixture.region is not None:
         marks = contact_marks(ticks, MARK_HZ)
         places, outward = MM * ticks.proxy[marks], ticks.normal[marks]
         rings = contact_rings(places, outward, axis, radius) @ basis
-        label = f"contact circle, {MARK_HZ:g} Hz"
-        axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
+        label = f"proxy's circle and normal, {MARK_HZ:g} times a second"
+        axes.plot(*rings.T, color=PROXY, lw=0.6, label=label, zorder=3)
         axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
@@ -168,14 +184,14 @@ def guide_plot(replayed: Replay) -> Figure:
     lateral = MM * np.array(profile["lateral_m"], dtype=float)
     force = np.where(np.isnan(lateral), np.nan, profile["force_n"])
     figure, (top, bottom) = subplots(7.0, 3.4, 2, 1, sharex=True, height_ratios=(2, 1))
-    top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
-    top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest")
+    top.axhspan(0, MM * guide["radius_m"], color=TUBE, alpha=0.3, lw=0, label="tube")
+    top.plot(arc, lateral, color=TIP, lw=1.1, label="tip, largest")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
-    top.set_ylabel("from the guide [mm]")
+    top.set_ylabel("from the guide's\nline [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     top.set_title(f"outside the tube for {guide['outside_s']:.3f} s", loc="left")
-    bottom.set(xlabel="arc length along the guide [mm]", ylabel="force [N]")
+    bottom.set(xlabel="way along the guide's line [mm]", ylabel="force [N]")
     bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure
 
@@ -194,10 +210,11 @@ def depth_along(replayed: Replay) -> Array:
     return depth
 
 
-def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
-    """The slice with the planned curve on it, coloured by the deepest penetration.
+def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] = ()) -> Figure:
+    """The slice in grey with the tip's path and the planned curve, coloured by its penetration.
 
     image: the one that the fixture was planned on
+    outlines: of wall and tube, as `vfplan.review.rendered.outlines_of` gives them
     Raises InputError: it is unknown how it lies
     """
     plane = plane_of_slice(replayed.fixture, image)
@@ -211,12 +228,22 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    look = {"ms": 1.2, "color": CLOUD, "label": "planned, not pressed; pen and slice in grey"}
+    look = {"ms": 1.2, "color": CLOUD, "label": "line, not pressed"}
     axes.plot(*places[~pressed].T, ".", **look)
     dots = axes.scatter(
-        *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
+        *places[pressed].T, c=MM * depth[pressed], s=14, cmap="viridis", vmin=0, zorder=3
     )
-    figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", markerscale=6)
+    figure.colorbar(
+        dots, ax=axes, label="line, pressed: largest penetration there [mm]", shrink=0.8
+    )
+    for kind, (word, colour) in {"wall": ("wall", WALL), "guide": ("tube", TUBE)}.items():
+        lines = [line for outline in outlines if outline.kind == kind for line in outline.lines]
+        if lines:
+            axes.add_collection(LineCollection(lines, colors=colour, lw=1.4, label=word))
+    tip = pixels_on(plane, replayed.ticks.hip)
+    axes.plot(*tip.T, color=TIP, lw=0.8, path_effects=HALO, label="path of the tool tip", zorder=2)
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    draw_scale(axes, MM * np.linalg.norm(plane[:, 0]))
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=6)
     axes.set_axis_off()
     return figure

@@ -1,6 +1,6 @@
 "use strict";
-// The mouse as the tool: from where it goes over the scene, the robot's own engine makes ticks at
-// 1 kHz. `told` gets each frame's last tick in the picture's axes. Arrow keys move the tool as well.
+// The mouse as the tool tip: from where it goes over the scene, the robot's own engine makes ticks at
+// 1 kHz. `told` gets each frame's last tick in the picture's axes. Arrow keys move the tip as well.
 function makeHand(scene, data, told) {
   const view = document.getElementById("view"), STEP_MM = 0.5;
   let engine = null, place = null, isOn = false, loops = 0, before = 0, trail = [];
