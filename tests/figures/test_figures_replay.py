@@ -21,7 +21,7 @@ from vfplan.figures.style import save_png
 from vfplan.fixture import Guidance, RegistrationRecord
 from vfplan.palette import WALL
 from vfplan.replaying.metrics import CurveRuler
-from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
+from vfplan.replaying.replay import ThinnedTicks, replay
 from vfplan.report.page import scene_data, scrubber_data
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
@@ -50,22 +50,14 @@ def test_timeline_shows_each_limit_that_leaves_the_force_room(limit, is_drawn):
     assert scrubber_data(limited)["limits"] == [limit] * is_drawn
 
 
-def test_scene_shows_where_the_proxy_stops(pressed):
+def test_scene_shows_where_the_proxy_stops_and_where_it_touched(pressed):
     axes = scene(pressed).axes[0]
-    wall, inside = axes.collections[:2]
+    wall, _ = axes.collections
     assert rgb2hex(wall.get_edgecolor()[0]) == WALL
     assert_allclose(wall.get_offsets(), 1e3 * pressed.fixture.points[:, :2])
-    assert {wall._widths[0], inside._widths[0]} == {5.0}  # half of 10 mm
-    assert scene_data(pressed.fixture)["wall"]["radius"] == pytest.approx(5.0)
-
-
-def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
-    axes = scene(pressed).axes[0]
-    marks = contact_marks(pressed.ticks, 10.0)
-    [drawn] = [line for line in axes.lines if line.get_label().startswith("proxy's circle")]
-    circles = drawn.get_xydata().reshape(len(marks), -1, 2)[:, :-1]  # the last is NaN
-    away = circles - 1e3 * pressed.ticks.proxy[marks, None, :2]
-    assert_allclose(np.hypot(*away.T), 5.0, rtol=1e-6)  # mm
+    assert (wall._widths[0], scene_data(pressed.fixture)["wall"]["radius"]) == (5.0, 5.0)
+    [drawn] = [line for line in axes.lines if line.get_label() == "proxy, in contact"]
+    assert len(drawn.get_xdata()) == pressed.metrics["contact_ticks"]
     assert axes.get_aspect() == 1.0
 
 

@@ -207,7 +207,7 @@ class Overlay:
             draw_in_view(frame, pose, line, colour, thickness)
 
     def draw_tool(self, frame: Picture, pose: Pose, tick: Any) -> None:
-        """Draw HIP, proxy, contact circle, normal and force of a tick."""
+        """Draw tip, proxy, contact circle, normal and force of a tick."""
         hip, proxy = tick["hip"], tick["proxy"]
         arms = (NORMAL_M * tick["normal"], NEWTON_M * tick["force"])
         places = self.plan.place(np.array([proxy, hip, *(proxy + arm for arm in arms)]))

@@ -17,11 +17,8 @@ from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
 from vfplan.replaying.findings import beyond, force_limits, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
-from vfplan.replaying.replay import Replay, contact_marks
+from vfplan.replaying.replay import Replay
 from vfplan.session.result import STATES
-
-# How often contact circles and normals are drawn [Hz], as in the paper.
-MARK_HZ = 10.0
 
 # A path that is this many times as large as the fixture is cut: the fixture would be a dot.
 MAX_TIMES_FIXTURE = 5
@@ -36,7 +33,7 @@ def timeline(replayed: Replay) -> Figure:
         if np.abs(force).max() > 1e-3 * peak:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
-    top.set_ylabel("force on the hand [N]")
+    top.set_ylabel("force on the tip [N]")
     for limit in force_limits(replayed.metrics):
         top.axhline(limit, color=FORCE, ls="--", lw=0.9, label=f"limit {limit:g} N")
     middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
@@ -60,7 +57,7 @@ def timeline(replayed: Replay) -> Figure:
 
 
 def scene(replayed: Replay) -> Figure:
-    """Points, wall or tube, paths of tip and proxy, contact circles with their normals.
+    """Points, wall or tube, and the paths of tip and proxy, where they touched too.
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
@@ -71,7 +68,7 @@ def scene(replayed: Replay) -> Figure:
     names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-        arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
+        dots = {"ms": 1.0, "alpha": 0.4}
         cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
     else:
         tube_mm = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
@@ -88,7 +85,6 @@ def scene(replayed: Replay) -> Figure:
         if outside > 0:
             words = f"{100 * outside:.2g} % of the tip's path lies outside this picture"
             axes.set_title(words, loc="right", y=0, fontsize="small")
-        arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
         if fixture.guidance is not None:
             tube = [
@@ -101,24 +97,16 @@ def scene(replayed: Replay) -> Figure:
             # Of the balls about all points only the border of them together is seen.
             wall_mm = 2 * (radius + MM * fixture.point_radius)
             balls = {"units": "xy", "offsets": MM * fixture.region.points @ basis, "zorder": 1.6}
+            balls["transOffset"] = axes.transData
             for look in ({"ec": WALL, "lw": 2.4}, {"fc": "white", "lw": 0}):
-                ball = EllipseCollection(
-                    wall_mm, wall_mm, 0, transOffset=axes.transData, **balls, **look
-                )
-                axes.add_collection(ball)
+                axes.add_collection(EllipseCollection(wall_mm, wall_mm, 0, **balls, **look))
             axes.plot([], [], color=WALL, lw=1.2, label="wall")
-    label = f"line, {len(fixture.points)} points"
-    axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
+    words = f"line, {len(fixture.points)} points"
+    axes.plot(*cloud.T, ".", color=CLOUD, label=words, zorder=2, **dots)
     axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
-    # A tube has no contact circle.
-    if fixture.region is not None:
-        marks = contact_marks(ticks, MARK_HZ)
-        places, outward = MM * ticks.proxy[marks], ticks.normal[marks]
-        rings = contact_rings(places, outward, axis, radius) @ basis
-        label = f"proxy's circle and normal, {MARK_HZ:g} times a second"
-        axes.plot(*rings.T, color=PROXY, lw=0.6, label=label, zorder=3)
-        axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
+    touching = proxy[ticks.penetration > CONTACT_M]
+    axes.plot(*touching.T, ".", ms=5, color=PROXY, label="proxy, in contact", zorder=4)
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
@@ -134,19 +122,6 @@ def tube_outline(line: Array, radius: float, is_capped: bool) -> Array:
     ahead = across @ [[0, -1], [1, 0]]
     first, last = (np.cos(half_turn) * across[k] + np.sin(half_turn) * ahead[k] for k in (0, -1))
     return np.vstack([line + across, line[-1] + last, (line - across)[::-1], line[0] - first])
-
-
-def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: float) -> Array:
-    """(K, 3) circles about places (M, 3), each in a plane of its outward normal, parted by NaN.
-
-    The circles lie across an ignored axis.
-    """
-    across = np.eye(3)[np.abs(outward).argmin(axis=1)] if axis is None else axis
-    sides = np.cross(outward, across)
-    sides /= np.maximum(row_norms(sides), 1e-12)[:, None]
-    angle = np.append(np.linspace(0, 2 * np.pi, 33), np.nan)[:, None]
-    rings = np.cos(angle) * outward[:, None] + np.sin(angle) * sides[:, None]
-    return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
 def plane_basis(axis: Array | None) -> Array:
@@ -190,7 +165,7 @@ def guide_plot(replayed: Replay) -> Figure:
     top.set_ylabel("from the guide's\nline [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
-    top.set_title(f"outside the tube for {guide['outside_s']:.3f} s", loc="left")
+    top.set_title(f"in contact (outside the tube) for {guide['outside_s']:.3f} s", loc="left")
     bottom.set(xlabel="way along the guide's line [mm]", ylabel="force [N]")
     bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure

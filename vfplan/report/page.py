@@ -399,7 +399,7 @@ def summary(metrics: Report) -> str:
     ]
     for column in columns:
         drawn, column["overlap_max_m"] = beyond(metrics, column.get("overlap_max_m", 0.0))
-    head = ["number", *(f"rule {name}" for name in rules), "unit"]
+    head = ["", *(f"rule {name}" for name in rules), "unit"]
     if guides_alone(metrics):
         head[1] = "guide"
         del columns[0]["band_m"], columns[0]["overlap_max_m"]
