@@ -125,7 +125,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     run = vfplan_cli(*call, tmp_path / "one", "--image", image, "--json").sound
     assert not {"band_m", "max_iterations"} & set(run.json["scene"])
     assert run.json["scene"]["lines_and_arcs"] == vfplan.read_fixture(fixture).pieces.count
-    assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
+    assert "penetration on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = file_with(tmp_path / "other.png", image.read_bytes() + b" ")
     drawn = tmp_path / "two"
     for words in (

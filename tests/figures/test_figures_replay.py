@@ -22,14 +22,15 @@ from vfplan.fixture import Guidance, RegistrationRecord
 from vfplan.palette import WALL
 from vfplan.replaying.metrics import CurveRuler
 from vfplan.replaying.replay import ThinnedTicks, replay
-from vfplan.report.page import scene_data, scrubber_data
+from vfplan.report.page import scene_data
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
 
 @pytest.fixture(scope="module")
 def pressed():
-    return replay(fixture_of(line()), probing())
+    limits = tuple(("force_max_n", "at_most", newtons) for newtons in (1.0, 1000.0))
+    return replay(fixture_of(line()), probing(), limits=limits)
 
 
 def test_timeline_shades_each_episode_and_shows_the_force(pressed):
@@ -37,17 +38,9 @@ def test_timeline_shades_each_episode_and_shows_the_force(pressed):
     spans = [patch.get_extents() for patch in top.patches]
     assert len(spans) == len(pressed.metrics["episodes"]) == 4
     lines = {line.get_label(): line for line in top.get_lines()}
-    assert set(lines) == {"$F_y$", "|F|".join("$$")}  # a force that is always 0 is left out
+    # A force that is always 0 is left out, and a limit that leaves the force no room.
+    assert set(lines) == {"$F_y$", "|F|".join("$$"), "limit 1 N"}
     assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
-
-
-@pytest.mark.parametrize(("limit", "is_drawn"), [(1.0, True), (1000.0, False)])
-def test_timeline_shows_each_limit_that_leaves_the_force_room(limit, is_drawn):
-    limits = (("force_max_n", "at_most", limit), ("force_max_n", "at_least", 0.1))
-    limited = replay(fixture_of(line()), probing(), limits=limits)
-    names = [drawn.get_label() for drawn in timeline(limited).axes[0].get_lines()]
-    assert (f"limit {limit:g} N" in names, len(names)) == (is_drawn, 2 + is_drawn)
-    assert scrubber_data(limited)["limits"] == [limit] * is_drawn
 
 
 def test_scene_shows_where_the_proxy_stops_and_where_it_touched(pressed):

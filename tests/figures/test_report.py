@@ -121,7 +121,7 @@ def test_an_envelope_holds_every_tick(pressed):
 
 def test_scrubber_holds_the_ticks(pressed):
     data = scrubber_data(pressed)
-    assert len(data["time"]) == 3000
+    assert (len(data["time"]), data["limits"]) == (3000, [3.0])
     np.testing.assert_allclose(data["depth"], 1e3 * pressed.ticks.penetration, atol=1e-4)
     hip = np.reshape(data["hip"], (-1, 2)) - np.reshape(data["proxy"], (-1, 2))
     np.testing.assert_allclose(np.hypot(*hip.T), data["depth"], atol=2e-3)

@@ -18,7 +18,6 @@ from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
 from vfplan.replaying.findings import beyond, force_limits, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay
-from vfplan.session.result import STATES
 
 # A path that is this many times as large as the fixture is cut: the fixture would be a dot.
 MAX_TIMES_FIXTURE = 5
@@ -27,7 +26,7 @@ MAX_TIMES_FIXTURE = 5
 def timeline(replayed: Replay) -> Figure:
     """Force with its limits, penetration and overlap over time, contact episodes shaded."""
     ticks = replayed.ticks
-    figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
+    figure, (top, bottom) = subplots(7.0, 4.2, 2, 1, sharex=True, height_ratios=(3, 2))
     peak = row_norms(ticks.force).max()
     for name, force in zip("xyz", ticks.force.T, strict=True):
         if np.abs(force).max() > 1e-3 * peak:
@@ -36,19 +35,15 @@ def timeline(replayed: Replay) -> Figure:
     top.set_ylabel("force on the tip [N]")
     for limit in force_limits(replayed.metrics):
         top.axhline(limit, color=FORCE, ls="--", lw=0.9, label=f"limit {limit:g} N")
-    middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
+    bottom.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
     drawn, beyond_m = beyond(replayed.metrics, ticks.overlap)
     if beyond_m.any():
-        middle.plot(ticks.time, MM * beyond_m, color=TIP, lw=1.1, label=f"beyond {drawn}")
-    middle.set_ylabel("tool tip [mm]")
-    bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
-    bottom.set_yticks(STATES, ["far away", "free", "contact", "proxy inside"])
-    bottom.set(xlabel="time [s]", ylim=(ticks.state.min() - 0.3, ticks.state.max() + 0.3))
-    bottom.margins(x=0)
-    for episode in replayed.metrics["episodes"]:
-        for axes in (top, middle, bottom):
+        bottom.plot(ticks.time, MM * beyond_m, color=TIP, lw=1.1, label=f"beyond {drawn}")
+    bottom.set(xlabel="time [s]", ylabel="tool tip [mm]")
+    for axes in figure.axes:
+        axes.margins(x=0)
+        for episode in replayed.metrics["episodes"]:
             axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
-    for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
     rule = "guide" if guides_alone(replayed.metrics) else f"rule {replayed.record['rule']}"
@@ -106,7 +101,7 @@ def scene(replayed: Replay) -> Figure:
     axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     touching = proxy[ticks.penetration > CONTACT_M]
-    axes.plot(*touching.T, ".", ms=5, color=PROXY, label="proxy, in contact", zorder=4)
+    axes.plot(*touching.T, ".", ms=3, color=PROXY, label="proxy, in contact", zorder=4)
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure

@@ -47,6 +47,9 @@ from vfplan.session.result import TickBlock
 # Number of columns of the whole session's envelope, one for each pixel of the plot's width.
 COLUMNS = WIDTH_PX
 
+# How much wider a figure is here than its letters want, which are then as large as the page's.
+WIDER = 1.3
+
 # Number of columns of an episode's envelope. It is drawn coarser, to keep the page small.
 ZOOM_COLUMNS = COLUMNS // 2
 
@@ -220,7 +223,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
     verdict = metrics["verdict"]
-    kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
+    kind = verdict
     if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
         kind = "beyond"
     # A limit that holds hides no warning.
@@ -237,7 +240,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     is_pressed = replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
     if planned_slice is not None and is_pressed:
         on_slice = slice_depth(replayed, planned_slice, plan.outlines)
-        body.append(section("On the slice", picture(on_slice, "penetration on the slice")))
+        body.append(section("On the slice", picture(on_slice, "penetration on the slice", "slice")))
     words = "line, wall or tube, paths of tip and proxy, and where they were in contact"
     body += [
         section("In space", picture(scene(replayed), words, "tall")),
@@ -330,7 +333,8 @@ def section(title: str, content: str) -> str:
 
 
 def picture(figure: Figure, words: str, kind: str = "") -> str:
-    """A figure within the page; `words` say what it shows."""
+    """A figure within the page, with letters as large as the page's; `words` say what it shows."""
+    figure.set_size_inches(WIDER * figure.get_size_inches())
     return _embedded(png_bytes(figure), words, kind)
 
 
@@ -494,4 +498,4 @@ def settings(metrics: Report, fixture: Fixture) -> str:
     text = ""
     for group, values in groups.items():
         text += f"<h3>{escape(group.replace('_', ' '))}</h3>{settings_table(values)}"
-    return text
+    return f'<div class="columns">{text}</div>'
