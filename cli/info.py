@@ -70,9 +70,7 @@ def summary_text(data: Report) -> str:
     if "/leak@largest_m" in data:
         certified = or_not(data["/leak@certified"], "certified tight")
         opening = millimetres(data["/leak@largest_m"])
-        lines.append(
-            f"  leak        {data['/leak@kind']}, {certified}: at most {opening} between its points"
-        )
+        lines.append(f"  leak        {data['/leak@kind']}, {certified}: points {opening} apart")
 
     # Who answers for it.
     lines += seal_lines(seal)

@@ -9,26 +9,18 @@ the difference), on white paper and on a dark screen.
 
 from __future__ import annotations
 
-LIGHT = {
-    "cloud": "#2f52e9",
-    "wall": "#be0000",
-    "tube": "#30a58e",
-    "error": "#970d6c",
-    "bridged": "#de790c",
-    "force": "#222222",
-    "tip": "#6c635a",
-    "proxy": "#a287c6",
+# On white paper, and on a dark screen.
+COLOURS = {
+    "cloud": ("#2f52e9", "#94b6ff"),
+    "wall": ("#be0000", "#d0390e"),
+    "tube": ("#30a58e", "#218771"),
+    "error": ("#970d6c", "#9c4890"),
+    "bridged": ("#de790c", "#fed22f"),
+    "force": ("#222222", "#e6e9ed"),
+    "tip": ("#6c635a", "#a2a2ab"),
+    "proxy": ("#a287c6", "#8454fc"),
 }
-DARK = {
-    "cloud": "#94b6ff",
-    "wall": "#d0390e",
-    "tube": "#218771",
-    "error": "#9c4890",
-    "bridged": "#fed22f",
-    "force": "#e6e9ed",
-    "tip": "#a2a2ab",
-    "proxy": "#8454fc",
-}
+LIGHT, DARK = ({name: pair[k] for name, pair in COLOURS.items()} for k in (0, 1))
 CLOUD, WALL, TUBE, ERROR, BRIDGED, FORCE, TIP, PROXY = LIGHT.values()
 # Background of a stretch in contact.
 EPISODE = "#d9f2d9"

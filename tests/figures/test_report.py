@@ -14,7 +14,6 @@ from conftest import need_program
 from replays import at_1_khz, fixture_of, line, probing
 
 import vfplan
-from vfplan.display import nice_length
 from vfplan.figures.replay import timeline
 from vfplan.fixture import Guidance
 from vfplan.replaying.link import Link
@@ -151,14 +150,17 @@ def test_the_same_replay_gives_the_same_page(pressed, written):
     assert re.sub(anew, "", page(pressed)) == re.sub(anew, "", written.read_text())
 
 
+BREAK_IN_LIMITS = "getComputedStyle(document.querySelector('b.fail').closest('table')).breakInside"
+
+
 def test_in_a_browser(pressed, written, tmp_path):
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(written.as_uri())
         spoken = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         assert [e for e in browser.events if e["method"] in spoken] == []
         assert browser.run("document.querySelectorAll('main > section').length") >= 6
-        requests = [e for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-        asked = [request["params"]["request"]["url"][:40] for request in requests]
+        asked = [e["params"]["request"]["url"][:40] for e in browser.events
+                 if e["method"] == "Network.requestWillBeSent"]  # fmt: skip
         assert all(url.startswith(("file:", "data:")) for url in asked), asked
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
@@ -169,8 +171,7 @@ def test_in_a_browser(pressed, written, tmp_path):
         on_screen = browser.run(shape)
         browser.do("Emulation.setEmulatedMedia", media="print")
         assert browser.run(shape) == pytest.approx(on_screen, rel=0.02)
-        kept = "getComputedStyle(document.querySelector('b.fail').closest('table')).breakInside"
-        assert browser.run(kept) == "avoid"
+        assert browser.run(BREAK_IN_LIMITS) == "avoid"
         printed = browser.do("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
         pdf = base64.b64decode(printed["data"])
         assert pdf.startswith(b"%PDF")
@@ -187,16 +188,12 @@ ABOVE_MIDDLE = """Math.max(
 
 def check_scrubber(browser, pressed):
     """The slider moves the picture and the read-out; an episode's button goes to its deepest."""
-    picture = "document.getElementById('view').toDataURL()"
-    readout = "document.getElementById('readout').textContent"
+    picture, readout = "view.toDataURL()", "readout.textContent"
     deepest = pressed.metrics["penetration_max_m"]
     assert f"penetration = {1e3 * deepest:.3f} mm" in browser.run(readout)
     seen = set()
     for tick in (0, 375, 500, 2999):
-        browser.run(
-            f"(() => {{ const s = document.getElementById('time'); s.value = {tick}; "
-            "s.dispatchEvent(new Event('input')); })()"
-        )
+        browser.run(f"time.value = {tick}, time.dispatchEvent(new Event('input'))")
         assert f"t = {pressed.ticks.time[tick]:.3f} s" in browser.run(readout)
         assert f"{1e3 * pressed.ticks.penetration[tick]:.3f} mm" in browser.run(readout)
         seen.add(browser.run(picture))
@@ -206,21 +203,18 @@ def check_scrubber(browser, pressed):
     assert f"t = {at:.3f} s" in browser.run(readout)
     browser.run("document.getElementById('follow').click()")
     assert browser.run(picture) not in seen
-    # The force's arrow ends where its length says, 60 px for a round force; it begins at the tip,
-    # and the proxy is in the middle.
+    # The force's arrow ends where its length says, 60 px at 2 N; the proxy is in the middle.
     deep = pressed.metrics["episodes"][2]
     mm = browser.run("Math.min(view.width, view.height)") / 40
-    arrow_px = 60 * deep["force_max_n"] / nice_length(pressed.metrics["force_max_n"])
-    above = arrow_px - 1e3 * deep["penetration_max_m"] * mm
+    above = 60 * deep["force_max_n"] / 2 - 1e3 * deep["penetration_max_m"] * mm
     assert -3 < browser.run(ABOVE_MIDDLE) - above < 1
-    drawn = browser.run("Array.from(document.images).map(i => [i.complete, i.naturalWidth])")
-    assert all(complete and width > 300 for complete, width in drawn)
+    assert browser.run("Array.from(document.images).every(i => i.complete && i.naturalWidth > 300)")
     assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
 
 
 def check_engine(browser):
     """The page's engine gives the recorded ticks to the bit; then the mouse pushes."""
-    told = browser.until("document.getElementById('engine').textContent")
+    told = browser.until("engine.textContent")
     assert "all 3000 proxies and forces are the recorded ones to the bit" in told
     browser.run("document.querySelector('[data-act=whole]').click()")
     browser.run("push.click(), view.scrollIntoView()")
@@ -232,21 +226,18 @@ def check_engine(browser):
 
 def check_zoom(browser, pressed):
     """A choice shows one episode, the wheel and the keys change the stretch, 0 shows all again."""
-    plot = "document.getElementById('force')"
-    picture = f"{plot}.toDataURL()"
-    pick = "(() => {{ const s = document.getElementById('zoomed'); s.value = '{}'; " \
-           "s.dispatchEvent(new Event('change')); }})()"  # fmt: skip
-    options = browser.run("document.getElementById('zoomed').options.length")
+    picture = "force.toDataURL()"
+    options = browser.run("zoomed.options.length")
     assert options == 1 + len(pressed.metrics["episodes"])
     seen = []
     for choice in ("whole", 0, 1):
-        browser.run(pick.format(choice))
+        browser.run(f"zoomed.value = '{choice}', zoomed.dispatchEvent(new Event('change'))")
         seen.append(browser.run(picture))
     for key in ("-", "ArrowLeft"):
-        press(browser, plot, key)
+        press(browser, "force", key)
         seen.append(browser.run(picture))
     assert len(set(seen)) == 5
-    press(browser, plot, "0")
+    press(browser, "force", "0")
     assert browser.run(picture) == seen[0]
 
 
@@ -255,21 +246,19 @@ def press(browser, element, key):
     browser.run(f"{element}.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
 
 
+NAMELESS = """Array.from(document.querySelectorAll('button, input, select, canvas')).filter(
+e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length)).length"""
+
+
 def check_hands_and_eyes(browser):
     """Keys move the scene, every control has a name, and 390 px in the dark hold the page."""
-    view = "document.getElementById('view')"
-    before = browser.run(f"{view}.toDataURL()")
-    press(browser, view, "+")
-    assert browser.run(f"{view}.toDataURL()") != before
-    assert browser.run(f"document.activeElement === {view}")
-    nameless = (
-        "Array.from(document.querySelectorAll('button, input, select, canvas')).filter("
-        "e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length))"
-    )
-    assert browser.run(f"{nameless}.length") == 0
+    before = browser.run("view.toDataURL()")
+    press(browser, "view", "+")
+    assert browser.run("view.toDataURL()") != before
+    assert browser.run("document.activeElement === view")
+    assert browser.run(NAMELESS) == 0
     light = browser.run("getComputedStyle(document.body).backgroundColor")
-    browser.do("Emulation.setEmulatedMedia",
-               features=[{"name": "prefers-color-scheme", "value": "dark"}])  # fmt: skip
+    browser.dark()
     assert browser.run("getComputedStyle(document.body).backgroundColor") != light
     browser.do("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2,
                mobile=True)  # fmt: skip

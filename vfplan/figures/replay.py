@@ -15,7 +15,7 @@ from vfplan.figures.style import HALO, draw_scale, pixels_on, subplots
 from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
-from vfplan.replaying.findings import beyond, force_limits, guides_alone
+from vfplan.replaying.findings import beyond, limits_n, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay
 
@@ -33,7 +33,7 @@ def timeline(replayed: Replay) -> Figure:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
     top.set_ylabel("force on the tip [N]")
-    for limit in force_limits(replayed.metrics):
+    for limit in limits_n(replayed.metrics):
         top.axhline(limit, color=FORCE, ls="--", lw=0.9, label=f"limit {limit:g} N")
     bottom.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
     drawn, beyond_m = beyond(replayed.metrics, ticks.overlap)
@@ -86,8 +86,8 @@ def scene(replayed: Replay) -> Figure:
                 tube_outline(MM * line @ basis, tube_mm, fixture.guidance.ends == "stop")
                 for line in fixture.guiding_lines
             ]
-            look = {"fc": (TUBE, 0.15), "ec": TUBE, "lw": 1.2, "zorder": 1}
-            axes.add_collection(PolyCollection(tube, label="tube", **look))
+            drawn = PolyCollection(tube, fc=(TUBE, 0.15), ec=TUBE, lw=1.2, zorder=1, label="tube")
+            axes.add_collection(drawn)
         if fixture.region is not None:
             # Of the balls about all points only the border of them together is seen.
             wall_mm = 2 * (radius + MM * fixture.point_radius)
@@ -203,9 +203,10 @@ def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] =
     dots = axes.scatter(
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="viridis", vmin=0, zorder=3
     )
-    figure.colorbar(
-        dots, ax=axes, label="line, pressed: largest penetration there [mm]", shrink=0.8
-    )
+    if pressed.any():
+        figure.colorbar(
+            dots, ax=axes, label="line, pressed: largest penetration there [mm]", shrink=0.8
+        )
     for kind, (word, colour) in {"wall": ("wall", WALL), "guide": ("tube", TUBE)}.items():
         lines = [line for outline in outlines if outline.kind == kind for line in outline.lines]
         if lines:

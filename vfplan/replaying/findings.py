@@ -369,11 +369,11 @@ def bound_text(check: Report) -> str:
     return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}{whose}"
 
 
-def force_limits(metrics: Report) -> list[float]:
+def limits_n(metrics: Report) -> list[float]:
     """The limits on the largest force [N] that a picture of the forces has room for."""
-    most = ROOM_FOR_LIMITS * metrics["force_max_n"]
     checks = [check for check in metrics.get("checks", []) if check["name"] == "force_max_n"]
-    return [check["at_most"] for check in checks if check.get("at_most", np.inf) <= most]
+    limits = [check.get("at_most", np.inf) for check in checks]
+    return [limit for limit in limits if limit <= ROOM_FOR_LIMITS * metrics["force_max_n"]]
 
 
 def check_text(check: Report) -> str:

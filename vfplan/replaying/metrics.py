@@ -221,9 +221,7 @@ NUMBERS = (
     Number("start_s", "s", 3, column="start"),
     Number("end_s", "s", 3, column="end"),
     Number("dwell_s", "s", 3, column="contact"),
-    Number(
-        "penetration_max_m", "mm", 3, "penetration (from tool tip to proxy), largest", "penetration"
-    ),
+    Number("penetration_max_m", "mm", 3, "penetration (tip to proxy), largest", "penetration"),
     Number("penetration_rms_m", "mm", 3, "penetration, RMS over the session"),
     Number("overlap_max_m", "mm", 3, "beyond {drawn}, largest", "beyond"),
     Number("force_max_n", "N", 3, "force, largest", "force"),
@@ -240,7 +238,7 @@ NUMBERS = (
     Number("fixture_energy_j", "mJ", 3),
     Number("pose_age_max_s", "ms", 1),
     Number("entrenched_ticks", "", 0, "ticks with the proxy inside the wall"),
-    Number("too_fast_ticks", "", 0, "ticks that ended before the proxy had arrived"),
+    Number("too_fast_ticks", "", 0, "ticks too short for the proxy's way"),
     Number("p999", "µs", 2, "time a tick, in 999 of 1000 at most"),
     Number("speed_at_touch_m_s", "mm/s", 1, column="speed at touch"),
 )

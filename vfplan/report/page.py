@@ -30,13 +30,7 @@ from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
-from vfplan.replaying.findings import (
-    beyond,
-    check_text,
-    force_limits,
-    guides_alone,
-    verdict_sentence,
-)
+from vfplan.replaying.findings import beyond, check_text, guides_alone, limits_n, verdict_sentence
 from vfplan.replaying.link import apart_text, link_text
 from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
@@ -74,11 +68,9 @@ def scene_data(fixture: Fixture) -> Report:
     basis, placed = placing(fixture)
     step, region = -(-len(fixture.points) // MAX_DRAWN), fixture.region
     return {
-        "dims": basis.shape[1],
         "axes": axis_names(basis),
         "basis": basis.tolist(),
         "centre": fixture.points.mean(axis=0).tolist(),
-        "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
         "forbids": region is not None,
         "wall": region
@@ -130,7 +122,7 @@ def scrubber_data(replayed: Replay) -> Report:
         ],
         "zooms": zooms,
         "deep": f"beyond {drawn}" if beyond_m.any() else "",
-        "limits": force_limits(replayed.metrics),
+        "limits": limits_n(replayed.metrics),
     }
 
 
@@ -222,8 +214,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     """
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
-    verdict = metrics["verdict"]
-    kind = verdict
+    verdict = kind = metrics["verdict"]
     if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
         kind = "beyond"
     # A limit that holds hides no warning.
@@ -237,8 +228,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     # What a reader wants first: where it happened, and with what force.
     planned_slice = None if image is None else read_slice_of(replayed.fixture, image)
     plan = planned(replayed, planned_slice)
-    is_pressed = replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
-    if planned_slice is not None and is_pressed:
+    if planned_slice is not None and replayed.fixture.curve is not None:
         on_slice = slice_depth(replayed, planned_slice, plan.outlines)
         body.append(section("On the slice", picture(on_slice, "penetration on the slice", "slice")))
     words = "line, wall or tube, paths of tip and proxy, and where they were in contact"
@@ -255,7 +245,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
     if plan is not None:
         pages = draw_sheet(plan, "What was planned").page_pngs()
-        sheets = [_embedded(png, "review sheet of the fixture", "sheet") for png in pages]
+        sheets = (_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
         body.append(section("What was planned", "".join(sheets)))
 
     # Last what identifies it: settings, files and hashes.
@@ -266,8 +256,8 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         facts[role] = record.get("name", "made in memory")
         facts[f"{role}'s SHA-256"] = record.get("sha256", "")
     body.append(facts_table(facts))
-    text = "\n".join(body)
-    return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
+    body.append(scripts(scrubber_data(replayed), part("scrubber.js")))
+    return document(title, "\n".join(body))
 
 
 def scrubber(replayed: Replay) -> str:
@@ -275,8 +265,7 @@ def scrubber(replayed: Replay) -> str:
     ticks = f"of {replayed.metrics['ticks']} ticks"
     if replayed.stride > 1:
         ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
-    words = f"Each column reaches from the least to the largest value {ticks}."
-    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{envelope}", words)
+    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{ticks}", ticks)
 
 
 def facts_table(facts: dict[str, str]) -> str:
@@ -488,13 +477,9 @@ def settings(metrics: Report, fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
     names = ("fixture", "scene", "guide", "session", "link", "robot", "left_out")
     groups = {name: metrics[name] for name in names if metrics.get(name)}
-    provenance = fixture.provenance
-    groups["provenance"] = {
-        "created_utc": provenance.created_utc,
-        "software": provenance.software,
-        **{f"setting {name}": value for name, value in provenance.settings.items()},
-        **{f"input {role}": digest for role, digest in provenance.inputs.items()},
-    }
+    made = fixture.provenance
+    groups["provenance"] = {"created_utc": made.created_utc, "software": made.software}
+    groups |= {"settings of the plan": made.settings, "inputs of the plan": made.inputs}
     text = ""
     for group, values in groups.items():
         text += f"<h3>{escape(group.replace('_', ' '))}</h3>{settings_table(values)}"

@@ -3,7 +3,7 @@
 // their plane; others can be turned: by dragging, with the arrow keys, with the buttons.
 const ARROW_PX = 60; // length of the arrow of a round force
 function makeScene(data) {
-  const dims = data.dims, view = document.getElementById("view");
+  const dims = data.dims = data.axes.length, view = document.getElementById("view");
   const follow = document.getElementById("follow");
   if (!data.forbids) { // a guide has no contact and no normal
     view.setAttribute("aria-label", "line, tube, tool tip, proxy and force");

@@ -234,11 +234,11 @@ class Study:
     def as_text(self) -> str:
         """The short report: the verdict, and each case that failed."""
         outcomes = Counter(row.outcome for row in self.rows)
-        words = {"pass": "pass", "fail": "fail", "finding": "with a fault of rule paper, as known"}
-        told = ", ".join(
-            f"{outcomes[name]} {text}" for name, text in words.items() if outcomes[name]
-        )
-        summary = f"{count(len(self.rows), 'case')}: {told}"
+        summary = f"{count(len(self.rows), 'case')}: {outcomes['pass']} pass"
+        if outcomes["fail"]:
+            summary += f", {outcomes['fail']} fail"
+        if outcomes["finding"]:
+            summary += f", {outcomes['finding']} with a fault of rule paper alone, as known"
         lines = [verdict_text(self.verdict), self.blows.detail, summary]
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)
