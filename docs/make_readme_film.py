@@ -133,11 +133,12 @@ def pushed_frame(
         text = f"3  The tool tip is pushed back with {force:.1f} N."
     figure, axis = stage(picture, text)
     axis.plot(line[:, 0], line[:, 1], color=CLOUD, linewidth=2.2)
+    axis.plot(hips[:, 0], hips[:, 1], color="white", linewidth=4)
     axis.plot(hips[:, 0], hips[:, 1], color=TIP, linewidth=1.6)
     circle = plt.Circle(proxy, 5 / MM_PER_PX, fill=False, color=PROXY, linewidth=2)
     axis.add_patch(circle)
     axis.plot(*proxy, "o", color=PROXY, markersize=6)
-    axis.plot(*hips[-1], "o", color=TIP, markersize=8)
+    axis.plot(*hips[-1], "o", color=TIP, markeredgecolor="white", markersize=10)
     if force > 0.05:
         direction = (proxy - hips[-1]) / np.linalg.norm(proxy - hips[-1])
         tip = hips[-1] + direction * force / N_PER_FORCE_PX

@@ -96,7 +96,7 @@ def scene(replayed: Replay) -> Figure:
             for look in ({"ec": WALL, "lw": 2.4}, {"fc": "white", "lw": 0}):
                 axes.add_collection(EllipseCollection(wall_mm, wall_mm, 0, **balls, **look))
             axes.plot([], [], color=WALL, lw=1.2, label="wall")
-    words = f"line, {len(fixture.points)} points"
+    words = f"line or points ({len(fixture.points)})"
     axes.plot(*cloud.T, ".", color=CLOUD, label=words, zorder=2, **dots)
     axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)

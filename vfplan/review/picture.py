@@ -314,7 +314,7 @@ class LegendRow(NamedTuple):
 # stays in a guide's tube.
 RENDERED = {
     "wall": LegendRow(
-        "Red line: the wall. The proxy stops there, says the engine", paper.WALL_COLOUR
+        "Red line: the wall. It holds the tip back, says the engine", paper.WALL_COLOUR
     ),
     "guide": LegendRow("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }

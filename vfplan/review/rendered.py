@@ -337,7 +337,7 @@ def wall_in_words(fixture: Fixture) -> tuple[str, str]:
     elif fixture.curve is not None:
         what = "line"
     radius = fixture.contact_radius + fixture.point_radius
-    words = f"{millimetres(radius, 2)} from the {what} to where the proxy stops"
+    words = f"begins {millimetres(radius, 2)} from the {what}"
     if fixture.point_radius:
         words += f", of which {millimetres(fixture.point_radius, 2)} belong to the points"
     stiffness = stiffness_in_words(fixture.stiffness)

@@ -304,7 +304,7 @@ export class Curve {
     ].filter(([isDrawn]) => isDrawn).map(([, ...row]) => row);
     if (state.bound_px?.length) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)} where that is largest`]);
     if (state.rendered) {
-      const words = { wall: "the wall: the proxy stops there", guide: "the tube: the tip is held within it" };
+      const words = { wall: "the wall: it holds the tip back", guide: "the tube: the tip is held within it" };
       rows.push([`rendered ${state.rendered.kind}`, `${words[state.rendered.kind]}, as the robot's engine says`]);
     }
     for (const [heading, words] of state.described ?? []) rows.push(["none", `${heading}: ${words}`]);
