@@ -271,9 +271,9 @@ def replay_with_outputs(
 FIGURES = {
     "penetration_max_m": "penetration  max {penetration_max_m}",
     "force_max_n": "force        max {force_max_n}, step max {force_step_max_n}",
-    "clearance_min_m": "clearance    min {clearance_min_m}; {entrenched_ticks} ticks entrenched",
-    "guide": "guide        tube of {tube}: lateral max {lateral_max_m}; outside for "
-             "{guide[outside_s]:.3f} s, force max {guide[force_max_n]:.3f} N",
+    "clearance_min_m": "clearance    min {clearance_min_m}; {entrenched_ticks} ticks inside",
+    "guide": "guide        tube of {tube}: up to {lateral_max_m} from the guide's line; outside "
+             "for {guide[outside_s]:.3f} s, force max {guide[force_max_n]:.3f} N",
     "exchanges": "changes      {exchanges} exchanges, {edits} points edited; {changing_ticks} "
                  "ticks until the force was there",
     "fixture_energy_j": "motion       gave the hand {fixture_energy_j} besides; poses up to "

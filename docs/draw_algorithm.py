@@ -48,14 +48,14 @@ def states() -> None:
         engine.reset(proxy)
         step = engine.step(hip)
         axes.plot(*(1e3 * scene.points[:, :2].T), ".", color=palette.CLOUD, ms=3)
-        circle(axes, proxy, RC, color=palette.CONTACT, lw=1.4)
-        circle(axes, proxy, 2 * RC, color=palette.CONTACT, lw=0.6, ls=":")
-        axes.plot(*(1e3 * proxy[:2]), "o", color=palette.CONTACT, ms=3)
-        axes.plot(*(1e3 * hip[:2]), "o", color=palette.HIP, ms=5)
+        circle(axes, proxy, RC, color=palette.PROXY, lw=1.4)
+        circle(axes, proxy, 2 * RC, color=palette.PROXY, lw=0.6, ls=":")
+        axes.plot(*(1e3 * proxy[:2]), "o", color=palette.PROXY, ms=3)
+        axes.plot(*(1e3 * hip[:2]), "o", color=palette.TIP, ms=5)
         arrow(axes, proxy, hip - proxy, palette.FORCE)
         if step.state >= 0:
             arrow(axes, proxy, 6e-3 * step.normal, palette.PROXY)
-        circle(axes, step.proxy, RC, color=palette.CONTACT, lw=1.0, ls="--")
+        circle(axes, step.proxy, RC, color=palette.PROXY, lw=1.0, ls="--")
         axes.set_title(f"{step.state}: {NAMES[step.state]}")
         axes.set_aspect("equal")
         axes.set(xlim=(-14, 16), ylim=(64, 99), xlabel="x [mm]")
@@ -78,14 +78,14 @@ def corner() -> None:
         gaps = np.linalg.norm(proxy[:, None] - scene.points[None], axis=2).min(axis=1)
         worst = int(gaps.argmin())
         axes.plot(*(1e3 * scene.points[:, :2].T), ".", color=palette.CLOUD, ms=3, label="cloud")
-        axes.plot(*(1e3 * hips[:, :2].T), color=palette.HIP, lw=1.0, label="HIP")
+        axes.plot(*(1e3 * hips[:, :2].T), color=palette.TIP, lw=1.0, label="HIP")
         axes.plot(
             *(1e3 * proxy[:, :2].T), ".-", color=palette.RULE[rule], lw=1, ms=3, label="proxy"
         )
         drawn_tick = -1
         if gaps[worst] < RC - 1e-4:
             drawn_tick = worst
-        circle(axes, proxy[drawn_tick], RC, color=palette.CONTACT, lw=1.2)
+        circle(axes, proxy[drawn_tick], RC, color=palette.PROXY, lw=1.2)
         depth = 1e3 * max(RC - gaps[worst], 0.0)
         axes.set_title(f"{rule}: {depth:.3f} mm inside at worst")
         axes.set_aspect("equal")

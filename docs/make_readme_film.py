@@ -1,9 +1,9 @@
-"""Draw the film of the README: a line is drawn, planned, and a tool is pushed back from it.
+"""Draw the film of the README: a line is drawn, planned, and a tool tip is pushed back from it.
 
     python docs/make_readme_film.py        writes docs/pictures/draw_plan_push.gif; ten seconds
 
 Everything on it is computed: the plan of the shipped slice, and the forces of the engine along a
-path of the tool that is written down below.
+path of the tip that is written down below.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from matplotlib.axes import Axes
 from PIL import Image
 
 import vfplan
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP
+from vfplan.palette import CLOUD, FORCE, PROXY, TIP, TUBE
 
 ROOT = Path(__file__).resolve().parents[1]
 SAMPLES = ROOT / "samples"
@@ -70,13 +70,13 @@ def without_line(picture: np.ndarray) -> np.ndarray:
 
 
 def pushed(plan: vfplan.PlanResult, line: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Tool and proxy on the slice (n, 2) [px], and the force [N], for each frame."""
+    """Tip and proxy on the slice (n, 2) [px], and the force [N], for each frame."""
     first, last = np.searchsorted(arc_length(line), [250.0, 430.0])
     along = line[np.linspace(first, last, FRAMES_PUSHED).astype(int)]
     tangent = np.gradient(along, axis=0)
     tangent /= np.linalg.norm(tangent, axis=1)[:, None]
     normal = np.column_stack([tangent[:, 1], -tangent[:, 0]])
-    # The tool comes from 12 mm outside, presses 6 mm beyond the line, and leaves again.
+    # The tip comes from 12 mm outside, presses 6 mm beyond the line, and leaves again.
     shape = np.interp(np.linspace(0, 1, FRAMES_PUSHED), [0, 0.3, 0.75, 1], [12, -6, -6, 12])
     hips_px = along + normal * (shape / MM_PER_PX)[:, None]
     # Twenty ticks a frame are enough for the engine; the film is slower than the hand.
@@ -119,24 +119,26 @@ def planned_frame(picture: np.ndarray, line: np.ndarray, plan: vfplan.PlanResult
     axis.plot(line[:, 0], line[:, 1], color=CLOUD, linewidth=2.2)
     for label, (u, v) in zip(registration.labels, registration.source[:, :2], strict=True):
         if is_shown(np.array([[u, v]]))[0]:
-            axis.plot(u, v, "+", color=CONTACT, markersize=13, markeredgewidth=2)
-            axis.annotate(label, (u, v), (7, -4), textcoords="offset points", color=CONTACT)
+            axis.plot(u, v, "+", color=TUBE, markersize=13, markeredgewidth=2)
+            axis.annotate(label, (u, v), (7, -4), textcoords="offset points", color=TUBE)
     return picture_of(figure)
 
 
 def pushed_frame(
     picture: np.ndarray, line: np.ndarray, hips: np.ndarray, proxy: np.ndarray, force: float
 ) -> Image.Image:
-    """The slice with the tool, its path, the proxy, and the force on the tool."""
-    text = "3  The robot has loaded the file. Here the tool is free."
+    """The slice with the tip, its path, the proxy, and the force on the tip."""
+    text = "3  The robot has loaded the file. Here the tool tip is free."
     if force > 0.05:
-        text = f"3  The tool is pushed back with {force:.1f} N."
+        text = f"3  The tool tip is pushed back with {force:.1f} N."
     figure, axis = stage(picture, text)
     axis.plot(line[:, 0], line[:, 1], color=CLOUD, linewidth=2.2)
-    axis.plot(hips[:, 0], hips[:, 1], color=HIP, linewidth=1.6)
-    circle = plt.Circle(proxy, 5 / MM_PER_PX, fill=False, color=CONTACT, linewidth=2)
+    axis.plot(hips[:, 0], hips[:, 1], color="white", linewidth=4)
+    axis.plot(hips[:, 0], hips[:, 1], color=TIP, linewidth=1.6)
+    circle = plt.Circle(proxy, 5 / MM_PER_PX, fill=False, color=PROXY, linewidth=2)
     axis.add_patch(circle)
-    axis.plot(*hips[-1], "o", color=HIP, markersize=8)
+    axis.plot(*proxy, "o", color=PROXY, markersize=6)
+    axis.plot(*hips[-1], "o", color=TIP, markeredgecolor="white", markersize=10)
     if force > 0.05:
         direction = (proxy - hips[-1]) / np.linalg.norm(proxy - hips[-1])
         tip = hips[-1] + direction * force / N_PER_FORCE_PX
@@ -183,7 +185,7 @@ def shared_colours() -> np.ndarray:
     """128 greys, and each colour of the film mixed with 25 of them, (n, 3)."""
     greys = np.repeat(np.linspace(0, 255, 128)[:, None], 3, axis=1)
     mixed = [greys]
-    for colour in (PEN, CLOUD, HIP, CONTACT):
+    for colour in (PEN, CLOUD, TIP, PROXY, TUBE):
         pure = 255 * np.array(matplotlib.colors.to_rgb(colour))
         for share in (1.0, 0.8, 0.6, 0.4, 0.2):
             mixed.append(share * pure + (1 - share) * greys[::26])

@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vfplan.figures.style import save_png, subplots
-from vfplan.palette import CONTACT, FORCE, RULE
+from vfplan.palette import FORCE, RULE, WALL
 from vfplan.robot import Robot
 from vfplan.stability.closed_loop import engine_for, largest_stiffness
 from vfplan.stability.contacts import patch
@@ -140,9 +140,9 @@ def stability_map() -> Figure:
             axes.plot(x, measured, "o", color=RULE[rule], markersize=4,
                       label="measured, rule robust")  # fmt: skip
     axes.fill_between(
-        damping_over_tick, damping_over_tick / 0.5, 4e6, color=CONTACT, alpha=0.07, linewidth=0
+        damping_over_tick, damping_over_tick / 0.5, 4e6, color=WALL, alpha=0.07, linewidth=0
     )
-    axes.text(1.2e3, 3e5, "unstable, whatever the delay", color=CONTACT)
+    axes.text(1.2e3, 3e5, "unstable, whatever the delay", color=WALL)
     axes.set(xscale="log", yscale="log", xlim=(500, MAX_DAMPING_OVER_TICK), ylim=(100, 2e6))
     axes.set(xlabel="damping b over the tick T [N/m]", ylabel="largest stable K [N/m]")
     axes.legend(loc="lower right")

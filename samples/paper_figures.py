@@ -10,11 +10,17 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.patches import Circle
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from vfplan.figures.replay import EPISODE, MM, plane_basis
 from vfplan.figures.style import new_figure, save_png, style
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
-from vfplan.replaying.replay import Replay, contact_marks
+from vfplan.palette import CLOUD, FORCE
+from vfplan.palette import ERROR as PROXY
+from vfplan.palette import TUBE as HIP
+from vfplan.palette import WALL as CONTACT
+from vfplan.replaying.metrics import CONTACT_M
+from vfplan.replaying.replay import Replay
+from vfplan.session.result import TickBlock
 
 MARK_HZ = 10.0
 """Marks a second in the experiments."""
@@ -29,6 +35,14 @@ LABELS = {
     "teapot": "(c) teapot",
     "omega": "(d) hand-drawn Ω",
 }
+
+
+def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
+    """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
+    slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
+    in_contact = np.flatnonzero(ticks.penetration > CONTACT_M)
+    _, first = np.unique(slot[in_contact], return_index=True)
+    return in_contact[first]
 
 
 def draw_simulations(panels: dict[str, tuple[str, Replay, dict[str, Any]]], path: Path) -> None:

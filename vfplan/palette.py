@@ -1,4 +1,7 @@
-"""One palette for every picture, after the paper's: blue cloud, green HIP, red contact circle.
+"""One palette for every picture, a colour a role.
+
+The line and its points are blue, the wall at which the proxy stops is red, a guide's tube green.
+Contact circle and normal have the proxy's colour. A residual is an error.
 
 Any two of its colours are told apart by those who see no red, no green or no blue (a test computes
 the difference), on white paper and on a dark screen.
@@ -6,29 +9,25 @@ the difference), on white paper and on a dark screen.
 
 from __future__ import annotations
 
-LIGHT = {
-    "cloud": "#2f52e9",
-    "hip": "#30a58e",
-    "contact": "#be0000",
-    "proxy": "#970d6c",
-    "bridged": "#de790c",
-    "force": "#222222",
+# On white paper, and on a dark screen.
+COLOURS = {
+    "cloud": ("#2f52e9", "#94b6ff"),
+    "wall": ("#be0000", "#d0390e"),
+    "tube": ("#30a58e", "#218771"),
+    "error": ("#970d6c", "#9c4890"),
+    "bridged": ("#de790c", "#fed22f"),
+    "force": ("#222222", "#e6e9ed"),
+    "tip": ("#6c635a", "#a2a2ab"),
+    "proxy": ("#a287c6", "#8454fc"),
 }
-DARK = {
-    "cloud": "#94b6ff",
-    "hip": "#218771",
-    "contact": "#d0390e",
-    "proxy": "#9459af",
-    "bridged": "#fed22f",
-    "force": "#e6e9ed",
-}
-CLOUD, HIP, CONTACT, PROXY, BRIDGED, FORCE = LIGHT.values()
+LIGHT, DARK = ({name: pair[k] for name, pair in COLOURS.items()} for k in (0, 1))
+CLOUD, WALL, TUBE, ERROR, BRIDGED, FORCE, TIP, PROXY = LIGHT.values()
 # Background of a stretch in contact.
 EPISODE = "#d9f2d9"
 # One colour a rule in every comparison.
-RULE = {"robust": CLOUD, "paper": BRIDGED, "exact": HIP}
+RULE = {"robust": CLOUD, "paper": BRIDGED, "exact": TUBE}
 # Colours of lines that have no role.
-CYCLE = (CLOUD, BRIDGED, PROXY, HIP, CONTACT)
+CYCLE = (CLOUD, BRIDGED, ERROR, TUBE, WALL)
 
 
 def palette_css() -> str:

@@ -11,7 +11,7 @@ import io
 import os
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +20,11 @@ import numpy as np
 from vfplan.display import MAX_DRAWN, nice_length
 from vfplan.errors import MissingExtra
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import row_lengths
+from vfplan.geometry.lines import Array, ring_of, row_lengths
 from vfplan.images.read import PlannedImage, as_uint8, plane_of_slice
 from vfplan.io.sandbox import isolated_python
 from vfplan.io.writing import write_whole
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import CLOUD, FORCE, PROXY, TIP, TUBE, WALL
 from vfplan.session.result import TickBlock
 
 # What VTK may render into without a screen. Debian's libosmesa6 and libegl1 have them.
@@ -95,7 +95,7 @@ def ready_pyvista(*, screen: bool) -> Any:
 SIZE_PX = (1200, 900)
 
 # Grey of the slice's border, and of the slice in the legend.
-SLICE = "#8a8a8a"
+SLICE = "#6b6b6b"
 
 
 def draw_view(
@@ -165,12 +165,11 @@ def set_up(
     plotter.set_background("white")
     legend = add_cloud(plotter, fixture)
     if ticks is not None:
-        for path, colour in ((ticks.hip, HIP), (ticks.proxy, PROXY)):
+        for path, colour in ((ticks.hip, TIP), (ticks.proxy, PROXY)):
             if len(path) > 1:
                 line = pyvista.lines_from_points(path)
                 plotter.add_mesh(line, color=colour, line_width=3, opacity=0.8)
-        legend += [("tool (HIP)", HIP), ("proxy", PROXY)]
-        legend += [("contact sphere", CONTACT), ("force", FORCE)]
+        legend += [("tool tip", TIP), ("proxy and normal", PROXY), ("force", FORCE)]
     plotter.add_axes()
     add_scale(plotter, fixture)
     plotter.camera_position = "iso"
@@ -208,39 +207,44 @@ def add_scale(plotter: Any, fixture: Fixture) -> None:
 
 
 def add_cloud(plotter: Any, fixture: Fixture) -> list[tuple[str, str]]:
-    """The points, the tube around strokes that guide, and a strip of a planar fixture.
+    """The points, the wall around strokes that forbid, and the tube around strokes that guide.
 
     Returns the rows of the legend.
     """
     import pyvista
 
     stride = -(-len(fixture.points) // MAX_DRAWN)
-    look = {"point_size": 3.0 if stride > 1 else 5.0, "render_points_as_spheres": True}
+    look = {
+        "point_size": 3.0 if stride > 1 else 5.0,
+        "render_points_as_spheres": True,
+        "lighting": False,
+    }
     plotter.add_mesh(pyvista.PolyData(fixture.points[::stride]), color=CLOUD, **look)
-    axis = getattr(fixture.rendering, "ignore_axis", None)
-    for stroke in fixture.strokes:
-        # A planar fixture goes on along its ignored axis.
-        if axis is not None and len(stroke.points) > 1:
-            up = 2 * fixture.contact_radius * axis
-            strip = pyvista.lines_from_points(stroke.points - up).extrude(2 * up, capping=False)
-            plotter.add_mesh(strip, color=CLOUD, opacity=0.15)
-    rows = [("fixture", CLOUD)]
-    if fixture.guidance is None:
-        return rows
-    for part in guide_tubes(fixture):
-        plotter.add_mesh(part, color=BRIDGED, opacity=0.3)
-    return [*rows, ("tube", BRIDGED)]
+    rows = [("line", CLOUD)]
+    if fixture.rendering is not None and fixture.region is not None:
+        radius = fixture.contact_radius + fixture.point_radius
+        lines = [ring_of(stroke.points, stroke.closed) for stroke in fixture.region.strokes]
+        for part in tubes(lines, radius, is_capped=True):
+            plotter.add_mesh(part, color=WALL, opacity=0.1)
+        # Of a planar fixture it is what stands on the slice.
+        rows.append(("wall near the slice", WALL))
+    if fixture.guidance is not None:
+        guidance = fixture.guidance
+        for part in tubes(fixture.guiding_lines, guidance.radius, guidance.ends == "stop"):
+            plotter.add_mesh(part, color=TUBE, opacity=0.3)
+        rows.append(("tube", TUBE))
+    return rows
 
 
-def guide_tubes(fixture: Fixture) -> Iterator[Any]:
-    """The tube around each stroke that guides, and the half spheres that close its ends."""
+def tubes(lines: Iterable[Array], radius: float, is_capped: bool) -> Iterator[Any]:
+    """A tube around each line (n, 3), and the half spheres that close its ends."""
     import pyvista
 
-    radius, sides = fixture.guidance.radius, 24
-    for line in fixture.guiding_lines:
+    sides = 24
+    for line in lines:
         centre = pyvista.lines_from_points(line)
         yield centre.tube(radius=radius, n_sides=sides, capping=False)
-        if fixture.guidance.ends == "stop" and (line[0] != line[-1]).any():
+        if is_capped and (line[0] != line[-1]).any():
             for end, inner in (line[:2], line[:-3:-1]):
                 half = {"direction": end - inner, "end_phi": 90.0, "theta_resolution": sides}
                 yield pyvista.Sphere(radius=radius, center=end, **half)
@@ -272,13 +276,13 @@ def add_slice(plotter: Any, fixture: Fixture, image: PlannedImage | None) -> lis
 
 
 def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
-    """Put HIP, proxy, contact sphere [m], normal and force where they were."""
+    """Put tip, proxy, contact sphere [m], normal and force where they were."""
     import pyvista
 
     hip, proxy = ticks.hip[tick], ticks.proxy[tick]
     for name, centre, share, colour, opacity in (
-        ("hip", hip, 0.12, HIP, 1.0), ("proxy", proxy, 0.12, PROXY, 1.0),
-        ("contact", proxy, 1.0, CONTACT, 0.25),
+        ("hip", hip, 0.12, TIP, 1.0), ("proxy", proxy, 0.12, PROXY, 1.0),
+        ("contact", proxy, 1.0, PROXY, 0.25),
     ):  # fmt: skip
         ball = pyvista.Sphere(radius=share * radius, center=centre)
         plotter.add_mesh(ball, color=colour, opacity=opacity, name=name)
@@ -287,5 +291,7 @@ def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
     scale = 1.4 * radius / max(force.max(), 1e-12)
     plotter.add_arrows(hip, ticks.force[tick], scale, color=FORCE, name="force")
     depth = 1e3 * ticks.penetration[tick]
-    text = f"t = {ticks.time[tick]:z.3f} s   force {force[tick]:.3f} N   depth {depth:.3f} mm"
-    plotter.add_text(text, font_size=10, color="black", name="readout")
+    text = f"t = {ticks.time[tick]:z.3f} s   force {force[tick]:.3f} N   penetration {depth:.3f} mm"
+    plotter.add_text(
+        text, position=(20, SIZE_PX[1] - 40), font_size=10, color="black", name="readout"
+    )

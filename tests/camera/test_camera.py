@@ -375,7 +375,7 @@ def test_a_page_shows_the_frames_with_the_tool_of_a_controller(page, desk):
     T = np.array(found["pose_T_camera_sheet"])
     at = cv2.projectPoints(PLAN.place(tick["hip"]), cv2.Rodrigues(T[:3, :3])[0], T[:3, 3], *LENS)[0]
     u, v = np.round(at.ravel()).astype(int)
-    assert wall[v, u, ::-1].tolist() == list(paper.GUIDE_COLOUR)
+    assert wall[v, u, ::-1].tolist() == list(paper.TIP_COLOUR)
 
 
 def test_tags_on_the_object_are_touched_points_in_the_fixture_s_frame(page, tmp_path):

@@ -125,7 +125,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     run = vfplan_cli(*call, tmp_path / "one", "--image", image, "--json").sound
     assert not {"band_m", "max_iterations"} & set(run.json["scene"])
     assert run.json["scene"]["lines_and_arcs"] == vfplan.read_fixture(fixture).pieces.count
-    assert "depth on the slice" in (tmp_path / "one" / "index.html").read_text()
+    assert "penetration on the slice" in (tmp_path / "one" / "index.html").read_text()
     other = file_with(tmp_path / "other.png", image.read_bytes() + b" ")
     drawn = tmp_path / "two"
     for words in (
@@ -169,7 +169,7 @@ def test_limits_on_a_session_that_stays_away_are_not_tested(vfplan_cli, files, t
     limits = "--robot", "franka", "--at-most", "force_max_n=5"
     run = vfplan_cli("replay", files[0], far, *limits, "--report", tmp_path / "page", "--json")
     assert (run.code, run.json["verdict"]) == (1, "not-tested")
-    assert '<p class="verdict none">NOT TESTED' in (tmp_path / "page" / "index.html").read_text()
+    assert '<p class="verdict not-tested">NOT TESTED' in (tmp_path / "page" / "index.html").read_text()
     assert vfplan_cli("replay", files[0], far, *limits).stdout.startswith("NOT TESTED")
     run = vfplan_cli("replay", files[0], far, "--at-most", "duration_s=0.001", "--json")
     assert (run.code, run.json["verdict"]) == (1, "fail")

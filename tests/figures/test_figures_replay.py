@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.colors import rgb2hex
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from refusals import refuses
@@ -17,15 +19,18 @@ from vfplan.figures import replay as pictures
 from vfplan.figures.replay import depth_along, plane_basis, scene, timeline
 from vfplan.figures.style import save_png
 from vfplan.fixture import Guidance, RegistrationRecord
+from vfplan.palette import WALL
 from vfplan.replaying.metrics import CurveRuler
-from vfplan.replaying.replay import ThinnedTicks, contact_marks, replay
+from vfplan.replaying.replay import ThinnedTicks, replay
+from vfplan.report.page import scene_data
 
 T_ROBOT_IMAGE = np.array([[5e-4, 1e-4, 0.3], [-1e-4, 5e-4, -0.1], [1e-5, 2e-5, 0.02]])
 
 
 @pytest.fixture(scope="module")
 def pressed():
-    return replay(fixture_of(line()), probing())
+    limits = tuple(("force_max_n", "at_most", newtons) for newtons in (1.0, 1000.0))
+    return replay(fixture_of(line()), probing(), limits=limits)
 
 
 def test_timeline_shades_each_episode_and_shows_the_force(pressed):
@@ -33,17 +38,18 @@ def test_timeline_shades_each_episode_and_shows_the_force(pressed):
     spans = [patch.get_extents() for patch in top.patches]
     assert len(spans) == len(pressed.metrics["episodes"]) == 4
     lines = {line.get_label(): line for line in top.get_lines()}
-    assert set(lines) == {"$F_y$", "|F|".join("$$")}  # a force that is always 0 is left out
+    # A force that is always 0 is left out, and a limit that leaves the force no room.
+    assert set(lines) == {"$F_y$", "|F|".join("$$"), "limit 1 N"}
     assert_allclose(lines["$|F|$"].get_ydata().max(), pressed.metrics["force_max_n"])
 
 
-def test_scene_has_circles_at_contacts_of_the_contact_radius(pressed):
+def test_scene_shows_where_the_proxy_stops_and_where_it_touched(pressed):
     axes = scene(pressed).axes[0]
-    marks = contact_marks(pressed.ticks, 10.0)
-    [drawn] = [line for line in axes.lines if line.get_label().startswith("contact circle")]
-    circles = drawn.get_xydata().reshape(len(marks), -1, 2)[:, :-1]  # the last is NaN
-    away = circles - 1e3 * pressed.ticks.proxy[marks, None, :2]
-    assert_allclose(np.hypot(*away.T), 5.0, rtol=1e-6)  # mm
+    wall, _ = axes.collections
+    assert rgb2hex(wall.get_edgecolor()[0]) == WALL
+    assert_allclose(wall.get_offsets(), 1e3 * pressed.fixture.points[:, :2])
+    assert (wall._widths[0], scene_data(pressed.fixture)["wall"]["radius"]) == (5.0, 5.0)
+    assert len(axes.lines[-1].get_xdata()) == pressed.metrics["contact_ticks"]
     assert axes.get_aspect() == 1.0
 
 
@@ -54,7 +60,7 @@ def test_scene_shows_the_whole_path_or_says_how_much_is_left_out(pressed, times)
     low, high = np.transpose([axes.get_xlim(), axes.get_ylim()]) / 1e3
     is_seen = ((ends[:, :2] >= low) & (ends[:, :2] <= high)).all()
     assert is_seen == (times == 1)
-    assert ("of the HIP's path lies outside" in axes.get_title("right")) != is_seen
+    assert ("of the tip's path lies outside" in axes.get_title("right")) != is_seen
 
 
 def test_scene_shows_the_whole_tube_of_a_guide():
@@ -92,19 +98,17 @@ def test_depth_along_the_curve(pressed):
     assert depth.max() == t.penetration.max()
 
 
-def on_image(pressed):
+def test_depth_is_carried_back_to_the_slice(pressed):
     uv = np.stack([np.linspace(20, 180, len(line())), np.full(len(line()), 60.0)], axis=1)
     points = uv @ T_ROBOT_IMAGE[:, :2].T + T_ROBOT_IMAGE[:, 2]
     record = RegistrationRecord("affine", "image", T_ROBOT_IMAGE, ("a",), uv[:1], points[:1],
                                 np.zeros(1), 0.0)  # fmt: skip
     fixture = replace(pressed.fixture, points=points, registration=record)
-    return replace(pressed, fixture=fixture), uv
-
-
-def test_depth_is_carried_back_to_the_slice(pressed):
-    moved, uv = on_image(pressed)
+    moved = replace(pressed, fixture=fixture)
     image = PlannedImage(np.zeros((120, 200, 3), np.uint8))
-    axes = pictures.slice_depth(moved, image).axes[0]
+    wall = SimpleNamespace(kind="wall", lines=[uv + 10])
+    axes = pictures.slice_depth(moved, image, [wall]).axes[0]
+    assert_allclose(axes.collections[-1].get_segments(), wall.lines)
     drawn = np.vstack([axes.lines[0].get_xydata(), axes.collections[0].get_offsets()])
     assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
     with refuses(InputError, "no-image-registration"):

@@ -120,7 +120,7 @@ def test_an_envelope_holds_every_tick(pressed):
 
 def test_scrubber_holds_the_ticks(pressed):
     data = scrubber_data(pressed)
-    assert len(data["time"]) == 3000
+    assert (len(data["time"]), data["limits"]) == (3000, [3.0])
     np.testing.assert_allclose(data["depth"], 1e3 * pressed.ticks.penetration, atol=1e-4)
     hip = np.reshape(data["hip"], (-1, 2)) - np.reshape(data["proxy"], (-1, 2))
     np.testing.assert_allclose(np.hypot(*hip.T), data["depth"], atol=2e-3)
@@ -150,14 +150,17 @@ def test_the_same_replay_gives_the_same_page(pressed, written):
     assert re.sub(anew, "", page(pressed)) == re.sub(anew, "", written.read_text())
 
 
+BREAK_IN_LIMITS = "getComputedStyle(document.querySelector('b.fail').closest('table')).breakInside"
+
+
 def test_in_a_browser(pressed, written, tmp_path):
     with Page(need_program("chromium", "chromium"), tmp_path / "profile") as browser:
         browser.open(written.as_uri())
         spoken = ("Runtime.exceptionThrown", "Runtime.consoleAPICalled", "Log.entryAdded")
         assert [e for e in browser.events if e["method"] in spoken] == []
         assert browser.run("document.querySelectorAll('main > section').length") >= 6
-        requests = [e for e in browser.events if e["method"] == "Network.requestWillBeSent"]
-        asked = [request["params"]["request"]["url"][:40] for request in requests]
+        asked = [e["params"]["request"]["url"][:40] for e in browser.events
+                 if e["method"] == "Network.requestWillBeSent"]  # fmt: skip
         assert all(url.startswith(("file:", "data:")) for url in asked), asked
         assert sum(url.startswith("file:") for url in asked) == 1
         check_scrubber(browser, pressed)
@@ -168,8 +171,7 @@ def test_in_a_browser(pressed, written, tmp_path):
         on_screen = browser.run(shape)
         browser.do("Emulation.setEmulatedMedia", media="print")
         assert browser.run(shape) == pytest.approx(on_screen, rel=0.02)
-        kept = "getComputedStyle(document.querySelector('b.fail').closest('table')).breakInside"
-        assert browser.run(kept) == "avoid"
+        assert browser.run(BREAK_IN_LIMITS) == "avoid"
         printed = browser.do("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
         pdf = base64.b64decode(printed["data"])
         assert pdf.startswith(b"%PDF")
@@ -178,23 +180,20 @@ def test_in_a_browser(pressed, written, tmp_path):
         assert a4 == pytest.approx((0, 0, 210 / 25.4 * 72, 297 / 25.4 * 72), abs=1)
 
 
-# How far the force's pixels keep from the middle of the scene [px].
-FROM_MIDDLE = """Math.min(...[...view.getContext("2d").getImageData(view.width / 2, 0, 1, 999).data]
-.map((value, i) => (i % 4 === 0 && value === 0x22 ? Math.abs(i / 4 - view.height / 2) : 1e9)))"""
+# How far the force's pixels reach above the middle of the scene [px].
+ABOVE_MIDDLE = """Math.max(
+...[...view.getContext("2d").getImageData(view.width / 2, 0, 1, 999).data]
+.map((value, i) => (i % 4 === 0 && value === 0x22 ? view.height / 2 - i / 4 : -1e9)))"""
 
 
 def check_scrubber(browser, pressed):
     """The slider moves the picture and the read-out; an episode's button goes to its deepest."""
-    picture = "document.getElementById('view').toDataURL()"
-    readout = "document.getElementById('readout').textContent"
+    picture, readout = "view.toDataURL()", "readout.textContent"
     deepest = pressed.metrics["penetration_max_m"]
-    assert f"|proxy − HIP| = {1e3 * deepest:.3f} mm" in browser.run(readout)
+    assert f"penetration = {1e3 * deepest:.3f} mm" in browser.run(readout)
     seen = set()
     for tick in (0, 375, 500, 2999):
-        browser.run(
-            f"(() => {{ const s = document.getElementById('time'); s.value = {tick}; "
-            "s.dispatchEvent(new Event('input')); })()"
-        )
+        browser.run(f"time.value = {tick}, time.dispatchEvent(new Event('input'))")
         assert f"t = {pressed.ticks.time[tick]:.3f} s" in browser.run(readout)
         assert f"{1e3 * pressed.ticks.penetration[tick]:.3f} mm" in browser.run(readout)
         seen.add(browser.run(picture))
@@ -204,45 +203,41 @@ def check_scrubber(browser, pressed):
     assert f"t = {at:.3f} s" in browser.run(readout)
     browser.run("document.getElementById('follow').click()")
     assert browser.run(picture) not in seen
-    # The force's arrow ends where its length says, 1 mm at 2 N; the proxy is in the middle.
+    # The force's arrow ends where its length says, 60 px at 2 N; the proxy is in the middle.
     deep = pressed.metrics["episodes"][2]
-    away = 1e3 * deep["penetration_max_m"] - 0.5 * deep["force_max_n"]
     mm = browser.run("Math.min(view.width, view.height)") / 40
-    assert -1 < browser.run(FROM_MIDDLE) - away * mm < 3
-    drawn = browser.run("Array.from(document.images).map(i => [i.complete, i.naturalWidth])")
-    assert all(complete and width > 300 for complete, width in drawn)
+    above = 60 * deep["force_max_n"] / 2 - 1e3 * deep["penetration_max_m"] * mm
+    assert -3 < browser.run(ABOVE_MIDDLE) - above < 1
+    assert browser.run("Array.from(document.images).every(i => i.complete && i.naturalWidth > 300)")
     assert browser.run("document.documentElement.scrollWidth <= window.innerWidth")
 
 
 def check_engine(browser):
     """The page's engine gives the recorded ticks to the bit; then the mouse pushes."""
-    told = browser.until("document.getElementById('engine').textContent")
+    told = browser.until("engine.textContent")
     assert "all 3000 proxies and forces are the recorded ones to the bit" in told
     browser.run("document.querySelector('[data-act=whole]').click()")
     browser.run("push.click(), view.scrollIntoView()")
     browser.move_down(0.6)
     felt = browser.until("readout.textContent", lambda text: "hand" in text)
-    assert float(re.search(r"F\| = ([\d.]+) N", felt)[1]) > 0.5
+    assert float(re.search(r"force = ([\d.]+) N", felt)[1]) > 0.5
     browser.run("push.click()")
 
 
 def check_zoom(browser, pressed):
     """A choice shows one episode, the wheel and the keys change the stretch, 0 shows all again."""
-    plot = "document.getElementById('force')"
-    picture = f"{plot}.toDataURL()"
-    pick = "(() => {{ const s = document.getElementById('zoomed'); s.value = '{}'; " \
-           "s.dispatchEvent(new Event('change')); }})()"  # fmt: skip
-    options = browser.run("document.getElementById('zoomed').options.length")
+    picture = "force.toDataURL()"
+    options = browser.run("zoomed.options.length")
     assert options == 1 + len(pressed.metrics["episodes"])
     seen = []
     for choice in ("whole", 0, 1):
-        browser.run(pick.format(choice))
+        browser.run(f"zoomed.value = '{choice}', zoomed.dispatchEvent(new Event('change'))")
         seen.append(browser.run(picture))
     for key in ("-", "ArrowLeft"):
-        press(browser, plot, key)
+        press(browser, "force", key)
         seen.append(browser.run(picture))
     assert len(set(seen)) == 5
-    press(browser, plot, "0")
+    press(browser, "force", "0")
     assert browser.run(picture) == seen[0]
 
 
@@ -251,21 +246,19 @@ def press(browser, element, key):
     browser.run(f"{element}.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
 
 
+NAMELESS = """Array.from(document.querySelectorAll('button, input, select, canvas')).filter(
+e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length)).length"""
+
+
 def check_hands_and_eyes(browser):
     """Keys move the scene, every control has a name, and 390 px in the dark hold the page."""
-    view = "document.getElementById('view')"
-    before = browser.run(f"{view}.toDataURL()")
-    press(browser, view, "+")
-    assert browser.run(f"{view}.toDataURL()") != before
-    assert browser.run(f"document.activeElement === {view}")
-    nameless = (
-        "Array.from(document.querySelectorAll('button, input, select, canvas')).filter("
-        "e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length))"
-    )
-    assert browser.run(f"{nameless}.length") == 0
+    before = browser.run("view.toDataURL()")
+    press(browser, "view", "+")
+    assert browser.run("view.toDataURL()") != before
+    assert browser.run("document.activeElement === view")
+    assert browser.run(NAMELESS) == 0
     light = browser.run("getComputedStyle(document.body).backgroundColor")
-    browser.do("Emulation.setEmulatedMedia",
-               features=[{"name": "prefers-color-scheme", "value": "dark"}])  # fmt: skip
+    browser.dark()
     assert browser.run("getComputedStyle(document.body).backgroundColor") != light
     browser.do("Emulation.setDeviceMetricsOverride", width=390, height=800, deviceScaleFactor=2,
                mobile=True)  # fmt: skip

@@ -57,9 +57,9 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
 @pytest.mark.parametrize(("ends", "beyond"), [("stop", 1e-3), ("open", 0.0)])
 def test_half_spheres_close_a_guide_whose_ends_stop_and_no_other(ends, beyond):
     guide = replace(fixture_of(line()), guidance=Guidance(1e-3, 1000.0, ends=ends))
-    parts = np.vstack([part.points for part in view3d.guide_tubes(guide)])
+    parts = view3d.tubes(guide.guiding_lines, 1e-3, ends == "stop")
     outline = tube_outline(line()[:, :2], 1e-3, ends == "stop")
-    for points in (parts, outline):
+    for points in (np.vstack([part.points for part in parts]), outline):
         assert np.ptp(points[:, 0]) == pytest.approx(np.ptp(line()[:, 0]) + 2 * beyond, abs=1e-6)
     assert scene_data(guide)["tube"]["cap"] == {"stop": "round", "open": "butt"}[ends]
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from vfplan.arm.rehearsal import Rehearsal, objections
 from vfplan.display import MAX_DRAWN, resolved
 from vfplan.figures.style import subplots
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import CLOUD, FORCE, PROXY, TIP, WALL
 from vfplan.replaying.metrics import row_norms
 from vfplan.report.page import document, facts_table, picture, plain, section, table
 
@@ -37,10 +37,10 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
     path = motion.tip[:: len(motion.tip) // MAX_DRAWN + 1]
-    axes.plot(*path.T, color=HIP, lw=1.0, label="tip")
+    axes.plot(*path.T, color=TIP, lw=1.0, label="tip")
     for stop in rehearsal.metrics["reflexes"][:1]:
         place = motion.tip[stop["tick"]]
-        axes.plot(*place[:, None], "x", color=CONTACT, ms=9, mew=2, label=f"{stop['kind']}")
+        axes.plot(*place[:, None], "x", color=WALL, ms=9, mew=2, label=stop["kind"])
 
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", aspect="equal")
     axes.legend(loc="upper left")
@@ -51,29 +51,28 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
     """Force, torques and the joints' ranges over time."""
     motion = rehearsal.motion
     arm = rehearsal.arm
-    robot = arm.robot
     time = rehearsal.ticks.time
     figure, (force, torque, joint_range) = subplots(7.0, 5.6, 3, 1, sharex=True)
 
     force.plot(time, row_norms(motion.rendered), color=PROXY, lw=0.8, label="rendered")
     force.plot(time, row_norms(motion.force), color=FORCE, lw=1.0, label="commanded")
-    force.plot(time, row_norms(motion.pull), color=HIP, lw=0.6, alpha=0.7, label="hand")
+    force.plot(time, row_norms(motion.pull), color=TIP, lw=0.6, alpha=0.7, label="hand")
     force.set_ylabel("force [N]")
     force.legend(ncols=3)
 
-    scale = robot.torque_limit_nm or np.ones(arm.joints)
+    scale = arm.robot.torque_limit_nm or np.ones(arm.joints)
     torque.plot(time, np.abs(motion.torque) / scale, lw=0.8, label=range(1, arm.joints + 1))
-    torque.axhline(1.0, color=CONTACT, lw=1.0, ls="--")
+    torque.axhline(1.0, color=WALL, lw=1.0, ls="--")
     torque.set_ylabel("torque\n/ limit")
     torque.legend(ncols=arm.joints, title="joint")
 
     to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
     joint_range.plot(time, to_limit, lw=0.8)
-    joint_range.axhline(0.0, color=CONTACT, lw=1.0, ls="--")
+    joint_range.axhline(0.0, color=WALL, lw=1.0, ls="--")
     joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:
         for axes in (force, torque, joint_range):
-            axes.axvline(time[stop["tick"]], color=CONTACT, lw=0.8)
+            axes.axvline(time[stop["tick"]], color=WALL, lw=0.8)
     return figure
 
 
@@ -83,22 +82,18 @@ def page(rehearsal: Rehearsal, facts: dict[str, str]) -> str:
     kind, _, words = rehearsal.verdict.partition(": ")
     verdict = f'<p class="verdict {kind}">{kind.upper()}: {escape(words)}</p>'
     title = f"Rehearsal of {escape(rehearsal.session.name)} on {escape(rehearsal.arm.name)}"
-    lines = objections(metrics) or ["nothing"]
-    stops = "<ul>" + "".join(f"<li>{escape(line)}</li>" for line in lines) + "</ul>"
-    in_space = picture(draw_in_space(rehearsal), "arm, fixture and the tip's path", "tall")
-    over_time = picture(draw_forces(rehearsal), "force, torques and joints", "tall")
+    stops = "".join(f"<li>{escape(line)}</li>" for line in objections(metrics) or ["nothing"])
     governor = metrics.get("governor", {})
     flat = metrics | {f"governor.{name}": value for name, value in governor.items()}
     rows = [
         [escape(name), resolved(value) if isinstance(value, float) else escape(plain(value))]
         for name, value in flat.items() if isinstance(value, (float, int, str))
     ]  # fmt: skip
-    numbers = table(["number", "value"], rows)
     return document(title, "\n".join([
         f"<header><h1>{title}</h1>{verdict}</header>",
         facts_table(facts | {"session": rehearsal.session.name, "arm": rehearsal.arm.name}),
-        section("What would stop the arm", stops),
-        section("In space", in_space),
-        section("Over time", over_time),
-        section("Numbers", numbers),
+        section("What would stop the arm", f"<ul>{stops}</ul>"),
+        section("In space", picture(draw_in_space(rehearsal), "arm and the tip's path", "tall")),
+        section("Over time", picture(draw_forces(rehearsal), "force, torques, joints", "tall")),
+        section("Numbers", table(["number", "value"], rows)),
     ]))  # fmt: skip

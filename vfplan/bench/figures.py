@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from vfplan.bench.record import LOOKS, SMALLEST_ERROR_M, Record, Records, clouds, grouped
 from vfplan.display import Report
 from vfplan.figures.style import new_figure, save_png, style, subplots
-from vfplan.palette import CONTACT, FORCE, HIP, PROXY, RULE
+from vfplan.palette import ERROR, FORCE, RULE, TUBE, WALL
 
 # Number of panels in a row.
 COLUMNS = 4
@@ -32,7 +32,7 @@ SMALLEST_UM = 1e6 * SMALLEST_ERROR_M
 FRONT_COLOUR = "#c8c8c8"
 
 # The colour of a rule. Its variants, as "robust, 4 iterations", differ by their markers alone.
-RULES = {**RULE, "nearest-point penalty": CONTACT, "nanoflann_peer": PROXY}
+RULES = {**RULE, "nearest-point penalty": WALL, "nanoflann_peer": ERROR}
 # The markers of a rule's variants.
 MARKERS = "os^vDPX<>ph"
 
@@ -97,7 +97,7 @@ def draw_summary(document: Report, path: Path) -> None:
 
 def looks_of(results: Records) -> dict[str, Look]:
     """A colour and a marker for each method; a variant of a rule has the rule's colour."""
-    spare = cycle((HIP, FORCE, PROXY, CONTACT))
+    spare = cycle((TUBE, FORCE, ERROR, WALL))
     colours = dict(RULES)
     looks: dict[str, Look] = {}
     for method in dict.fromkeys(r["method"] for r in results if not r["chosen"]):
@@ -148,7 +148,7 @@ def draw_bounds(axes: Axes, document: Report, stage: str) -> None:
                      label=f"tolerance {tolerance_um:g} µm")  # fmt: skip
     if LOOKS[stage].part == "tick":
         budget_us = document["budget_us"]
-        axes.axvline(budget_us, color=CONTACT, ls=":", lw=1.0, label=f"budget {budget_us:g} µs")
+        axes.axvline(budget_us, color=WALL, ls=":", lw=1.0, label=f"budget {budget_us:g} µs")
 
 
 def place_of(result: Record, stage: str) -> tuple[float, float, float, float]:

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
            help="Use tags on the object instead of a sheet: label,x_m,y_m,z_m of the four touched "
            "corners of each, labelled 17.0 to 17.3 for tag 17."),
     option("--session", type=FILE, metavar="SESSION",
-           help="Show the tool, the proxy and the force of a session, by the engine."),
+           help="Show the tool tip, the proxy and the force of a session, by the engine."),
     option("--live", "live_source", metavar="RESULT.h5|udp://HOST:PORT",
            help="Show the same of a controller, or of a result at its own pace, as `vfplan live`."),
     option("--window", is_flag=True, help="Show the frames of a camera or video in a browser."),
@@ -65,8 +65,8 @@ def vfplan_ar(files, output, board_out, paper, calibrate, **arguments) -> Comman
     """Show the wall of FIXTURE.h5 in the picture of a CAMERA (its number), a VIDEO or an IMAGE.
 
     The camera looks at the sheet of the plan, from `vfplan review --print-out`. The line, its 95 %
-    bands and the outline at which the tool stops are drawn where they are. A frame in which that is
-    not certain shows no wall and says why. With --calibrate all files show the board.
+    bands and the outline at which the proxy stops are drawn where they are. A frame in which that
+    is not certain shows no wall and says why. With --calibrate all files show the board.
     """
     if board_out is not None:
         options.refuse_unused("with --board-out", "files", "output", "calibrate", *OF_THE_WALL)

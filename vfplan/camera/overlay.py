@@ -207,20 +207,20 @@ class Overlay:
             draw_in_view(frame, pose, line, colour, thickness)
 
     def draw_tool(self, frame: Picture, pose: Pose, tick: Any) -> None:
-        """Draw HIP, proxy, contact circle, normal and force of a tick."""
+        """Draw tip, proxy, contact circle, normal and force of a tick."""
         hip, proxy = tick["hip"], tick["proxy"]
         arms = (NORMAL_M * tick["normal"], NEWTON_M * tick["force"])
         places = self.plan.place(np.array([proxy, hip, *(proxy + arm for arm in arms)]))
         angle = np.linspace(0, 2 * np.pi, CIRCLE_POINTS)
         circle = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
         circle = places[0] + self.plan.fixture.contact_radius * circle
-        draw_in_view(frame, pose, circle, paper.WALL_COLOUR, 2)
-        draw_in_view(frame, pose, places[[0, 2]], paper.BAND_COLOUR, 2)
+        draw_in_view(frame, pose, circle, paper.PROXY_COLOUR, 2)
+        draw_in_view(frame, pose, places[[0, 2]], paper.PROXY_COLOUR, 2)
         if in_view(pose, places).all():
             at = pose.project(places)
             paper.draw_arrow(frame, at[0], at[3], paper.BLACK)
-            paper.draw_disc(frame, at[1], 3, paper.GUIDE_COLOUR)
-            paper.draw_disc(frame, at[0], 3, paper.BAND_COLOUR)
+            paper.draw_disc(frame, at[1], 3, paper.TIP_COLOUR)
+            paper.draw_disc(frame, at[0], 3, paper.PROXY_COLOUR)
 
 
 def in_view(pose: Pose, places: Array) -> Any:

@@ -30,7 +30,7 @@ from vfplan.geometry.lines import plane as across
 from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
 from vfplan.markers.correspondences import read_sides
-from vfplan.palette import CLOUD, CONTACT, HIP
+from vfplan.palette import CLOUD, TUBE, WALL
 from vfplan.review.plan import Plan as ReviewedPlan
 from vfplan.review.rendered import outlines_of
 
@@ -67,8 +67,8 @@ PX_PER_M = 1e4
 # Of so many points of the outline one is kept: they are then half a millimetre apart.
 THIN = 4
 
-# The colour of where the tool stops, and of where it is held.
-COLOURS = {"wall": CONTACT, "guide": HIP}
+# The colour of where the proxy stops, and of where it stays.
+COLOURS = {"wall": WALL, "guide": TUBE}
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class Plan:
         return [self.place(ring_of(stroke.points, stroke.closed)) for stroke in strokes]
 
     def outlines(self) -> Iterator[tuple[str, Array]]:
-        """Where the engine stops the tool, or holds it: kind, and (M, 3) on the sheet [m]."""
+        """Where the engine stops the proxy, or holds it: kind, and (M, 3) on the sheet [m]."""
         # As far again beside the tool, which an inner corner needs.
         size = np.ceil(1.2 * PX_PER_M / MM * self.size_mm).astype(int)
         onto = np.array([[1, 0, -size[0] / 2], [0, 1, -size[1] / 2], [0, 0, 0], [0, 0, PX_PER_M]])

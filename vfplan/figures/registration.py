@@ -13,7 +13,7 @@ from vfplan.figures.style import DPI, MARGIN_IN, WIDTH_PX, draw_scale, on_slice,
 from vfplan.fixture import Curve
 from vfplan.geometry.lines import Array, normals, plane_normal, ring_of, row_lengths, unit_normal
 from vfplan.images.read import as_uint8
-from vfplan.palette import CLOUD, CONTACT, FORCE, HIP, PROXY
+from vfplan.palette import CLOUD, ERROR, FORCE, TUBE
 
 if TYPE_CHECKING:
     from vfplan.fixture import Fixture
@@ -114,9 +114,9 @@ def draw_band(axes: Any, curve: Fixture, points: Array, half_px: Array) -> None:
         out = normals(line, closed=False) * (factor * half_px[rows, None])
         quads = np.stack([line - out, line + out], axis=1)
         quads = np.concatenate([quads[:-1], quads[1:, ::-1]], axis=1)
-        axes.add_collection(PolyCollection(quads, facecolor=PROXY, alpha=0.45, lw=0))
+        axes.add_collection(PolyCollection(quads, facecolor=ERROR, alpha=0.45, lw=0))
         axes.plot(*line.T, color=CLOUD, lw=2.0)
-    axes.plot([], [], lw=6, alpha=0.45, color=PROXY, label=f"95 % band, drawn {factor:g}x")
+    axes.plot([], [], lw=6, alpha=0.45, color=ERROR, label=f"95 % band, drawn {factor:g}x")
 
 
 def draw_markers(
@@ -130,11 +130,11 @@ def draw_markers(
     arrows: (N, 2) the residuals [px], `factor` times larger than life
     """
     used = registration.used
-    axes.plot(*markers[used].T, "+", ms=9, mew=1.4, color=HIP, label="marker")
+    axes.plot(*markers[used].T, "+", ms=9, mew=1.4, color=TUBE, label="marker")
     if not used.all():
         axes.plot(*markers[~used].T, "x", ms=9, mew=1.6, color=FORCE, label="left out")
     label = f"residual (in brackets: across the slice), drawn {factor:g}x"
-    axes.plot([], [], color=CONTACT, lw=1.4, label=label)
+    axes.plot([], [], color=ERROR, lw=1.4, label=label)
     residuals_mm = registration.vectors * MM
     across_mm = residuals_mm @ unit_normal(linear)
     whole_mm = row_lengths(residuals_mm)
@@ -145,8 +145,8 @@ def draw_markers(
         text = f"{label}  {whole_mm[k]:.2f} mm ({across_mm[k]:+z.2f})"
         colour, width = FORCE, 1.4
         if label in registration.outliers:
-            text, colour, width = f"{text}  outlier", CONTACT, 2.4
-        look = {"arrowstyle": "-|>", "color": CONTACT, "lw": width, "shrinkA": 0, "shrinkB": 0}
+            text, colour, width = f"{text}  outlier", ERROR, 2.4
+        look = {"arrowstyle": "-|>", "color": ERROR, "lw": width, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=place + arrows[k], xytext=place, arrowprops=look)
         # On the right the label would leave the slice.
         side, shift = ("right", -6) if place[0] > border else ("left", 6)

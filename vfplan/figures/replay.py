@@ -2,50 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
-from vfplan.figures.style import pixels_on, subplots
+from vfplan.figures.style import HALO, draw_scale, pixels_on, subplots
 from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, EPISODE, FORCE, HIP, PROXY
-from vfplan.replaying.findings import beyond, guides_alone
+from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
+from vfplan.replaying.findings import beyond, limits_n, guides_alone
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
-from vfplan.replaying.replay import Replay, contact_marks
-
-# How often contact circles and normals are drawn [Hz], as in the paper.
-MARK_HZ = 10.0
+from vfplan.replaying.replay import Replay
 
 # A path that is this many times as large as the fixture is cut: the fixture would be a dot.
 MAX_TIMES_FIXTURE = 5
 
 
 def timeline(replayed: Replay) -> Figure:
-    """Force, penetration and overlap over time, contact episodes shaded."""
+    """Force with its limits, penetration and overlap over time, contact episodes shaded."""
     ticks = replayed.ticks
-    figure, (top, middle, bottom) = subplots(7.0, 4.6, 3, 1, sharex=True, height_ratios=(3, 2, 1))
+    figure, (top, bottom) = subplots(7.0, 4.2, 2, 1, sharex=True, height_ratios=(3, 2))
     peak = row_norms(ticks.force).max()
     for name, force in zip("xyz", ticks.force.T, strict=True):
         if np.abs(force).max() > 1e-3 * peak:
             top.plot(ticks.time, force, lw=0.8, label=f"$F_{name}$")
     top.plot(ticks.time, row_norms(ticks.force), color=FORCE, lw=1.2, label="$|F|$")
-    top.set_ylabel("force on the hand [N]")
-    middle.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="|proxy − HIP|")
+    top.set_ylabel("force on the tip [N]")
+    for limit in limits_n(replayed.metrics):
+        top.axhline(limit, color=FORCE, ls="--", lw=0.9, label=f"limit {limit:g} N")
+    bottom.plot(ticks.time, MM * ticks.penetration, color=PROXY, lw=1.1, label="penetration")
     drawn, beyond_m = beyond(replayed.metrics, ticks.overlap)
     if beyond_m.any():
-        middle.plot(ticks.time, MM * beyond_m, color=CONTACT, lw=1.1, label=f"beyond {drawn}")
-    middle.set_ylabel("depth [mm]")
-    bottom.step(ticks.time, ticks.state, where="post", color=CLOUD, lw=0.8)
-    bottom.set_yticks([-1, 0, 1, 2], ["no neighbour", "free", "contact", "entrenched"])
-    bottom.set_xlabel("time [s]")
-    bottom.margins(x=0)
-    for episode in replayed.metrics["episodes"]:
-        for axes in (top, middle, bottom):
+        bottom.plot(ticks.time, MM * beyond_m, color=TIP, lw=1.1, label=f"beyond {drawn}")
+    bottom.set(xlabel="time [s]", ylabel="tool tip [mm]")
+    for axes in figure.axes:
+        axes.margins(x=0)
+        for episode in replayed.metrics["episodes"]:
             axes.axvspan(episode["start_s"], episode["end_s"], color=EPISODE, lw=0, zorder=0)
-    for axes in (top, middle):
         axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
     episodes = count(episode_count(replayed.metrics), "contact episode")
     rule = "guide" if guides_alone(replayed.metrics) else f"rule {replayed.record['rule']}"
@@ -54,7 +52,7 @@ def timeline(replayed: Replay) -> Figure:
 
 
 def scene(replayed: Replay) -> Figure:
-    """Cloud, HIP and proxy path, contact circles and normals.
+    """Points, wall or tube, and the paths of tip and proxy, where they touched too.
 
     A planar fixture is drawn in its plane, any other in perspective.
     """
@@ -65,7 +63,7 @@ def scene(replayed: Replay) -> Figure:
     names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-        arrow, dots = {"lw": 0.8}, {"ms": 1.0, "alpha": 0.4}
+        dots = {"ms": 1.0, "alpha": 0.4}
         cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
     else:
         tube_mm = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
@@ -80,29 +78,30 @@ def scene(replayed: Replay) -> Figure:
         figure, axes = subplots(7.0, float(np.clip(height_in, 1.8, 8.0)) + 0.9)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
         if outside > 0:
-            words = f"{100 * outside:.2g} % of the HIP's path lies outside this picture"
+            words = f"{100 * outside:.2g} % of the tip's path lies outside this picture"
             axes.set_title(words, loc="right", y=0, fontsize="small")
-        arrow = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.0025, "zorder": 5}
         dots = {"ms": 1.5}
         if fixture.guidance is not None:
             tube = [
                 tube_outline(MM * line @ basis, tube_mm, fixture.guidance.ends == "stop")
                 for line in fixture.guiding_lines
             ]
-            look = {"color": BRIDGED, "alpha": 0.3, "lw": 0, "zorder": 1}
-            axes.add_collection(PolyCollection(tube, label="tube", **look))
-    label = f"fixture, {len(fixture.points)} points"
-    axes.plot(*cloud.T, ".", color=CLOUD, label=label, zorder=2, **dots)
-    axes.plot(*hip.T, ".", ms=1.8, color=HIP, label="HIP", zorder=3)
+            drawn = PolyCollection(tube, fc=(TUBE, 0.15), ec=TUBE, lw=1.2, zorder=1, label="tube")
+            axes.add_collection(drawn)
+        if fixture.region is not None:
+            # Of the balls about all points only the border of them together is seen.
+            wall_mm = 2 * (radius + MM * fixture.point_radius)
+            balls = {"units": "xy", "offsets": MM * fixture.region.points @ basis, "zorder": 1.6}
+            balls["transOffset"] = axes.transData
+            for look in ({"ec": WALL, "lw": 2.4}, {"fc": "white", "lw": 0}):
+                axes.add_collection(EllipseCollection(wall_mm, wall_mm, 0, **balls, **look))
+            axes.plot([], [], color=WALL, lw=1.2, label="wall")
+    words = f"line or points ({len(fixture.points)})"
+    axes.plot(*cloud.T, ".", color=CLOUD, label=words, zorder=2, **dots)
+    axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
-    # A tube has no contact circle.
-    if fixture.region is not None:
-        marks = contact_marks(ticks, MARK_HZ)
-        places, outward = MM * ticks.proxy[marks], ticks.normal[marks]
-        rings = contact_rings(places, outward, axis, radius) @ basis
-        label = f"contact circle, {MARK_HZ:g} Hz"
-        axes.plot(*rings.T, color=CONTACT, lw=0.6, alpha=0.7, label=label, zorder=3)
-        axes.quiver(*(places @ basis).T, *(radius * outward @ basis).T, color=PROXY, **arrow)
+    touching = proxy[ticks.penetration > CONTACT_M]
+    axes.plot(*touching.T, ".", ms=3, color=PROXY, label="proxy, in contact", zorder=4)
     axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
@@ -118,19 +117,6 @@ def tube_outline(line: Array, radius: float, is_capped: bool) -> Array:
     ahead = across @ [[0, -1], [1, 0]]
     first, last = (np.cos(half_turn) * across[k] + np.sin(half_turn) * ahead[k] for k in (0, -1))
     return np.vstack([line + across, line[-1] + last, (line - across)[::-1], line[0] - first])
-
-
-def contact_rings(centres: Array, outward: Array, axis: Array | None, radius: float) -> Array:
-    """(K, 3) circles about places (M, 3), each in a plane of its outward normal, parted by NaN.
-
-    The circles lie across an ignored axis.
-    """
-    across = np.eye(3)[np.abs(outward).argmin(axis=1)] if axis is None else axis
-    sides = np.cross(outward, across)
-    sides /= np.maximum(row_norms(sides), 1e-12)[:, None]
-    angle = np.append(np.linspace(0, 2 * np.pi, 33), np.nan)[:, None]
-    rings = np.cos(angle) * outward[:, None] + np.sin(angle) * sides[:, None]
-    return (centres[:, None] + radius * rings).reshape(-1, 3)
 
 
 def plane_basis(axis: Array | None) -> Array:
@@ -168,14 +154,14 @@ def guide_plot(replayed: Replay) -> Figure:
     lateral = MM * np.array(profile["lateral_m"], dtype=float)
     force = np.where(np.isnan(lateral), np.nan, profile["force_n"])
     figure, (top, bottom) = subplots(7.0, 3.4, 2, 1, sharex=True, height_ratios=(2, 1))
-    top.axhspan(0, MM * guide["radius_m"], color=BRIDGED, alpha=0.3, lw=0, label="tube")
-    top.plot(arc, lateral, color=HIP, lw=1.1, label="tip, largest")
+    top.axhspan(0, MM * guide["radius_m"], color=TUBE, alpha=0.3, lw=0, label="tube")
+    top.plot(arc, lateral, color=TIP, lw=1.1, label="tip, largest")
     bottom.plot(arc, force, color=FORCE, lw=1.1)
-    top.set_ylabel("from the guide [mm]")
+    top.set_ylabel("from the guide's\nline [mm]")
     top.set_ylim(bottom=0)
     top.legend(ncols=2, loc="lower right", bbox_to_anchor=(1, 0.98), fontsize="small")
-    top.set_title(f"outside the tube for {guide['outside_s']:.3f} s", loc="left")
-    bottom.set(xlabel="arc length along the guide [mm]", ylabel="force [N]")
+    top.set_title(f"in contact (outside the tube) for {guide['outside_s']:.3f} s", loc="left")
+    bottom.set(xlabel="way along the guide's line [mm]", ylabel="force [N]")
     bottom.set_xlim(0, MM * sum(guide["lengths_m"]))
     return figure
 
@@ -194,10 +180,11 @@ def depth_along(replayed: Replay) -> Array:
     return depth
 
 
-def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
-    """The slice with the planned curve on it, coloured by the deepest penetration.
+def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] = ()) -> Figure:
+    """The slice in grey with the tip's path and the planned curve, coloured by its penetration.
 
     image: the one that the fixture was planned on
+    outlines: of wall and tube, as `vfplan.review.rendered.outlines_of` gives them
     Raises InputError: it is unknown how it lies
     """
     plane = plane_of_slice(replayed.fixture, image)
@@ -211,12 +198,23 @@ def slice_depth(replayed: Replay, image: PlannedImage) -> Figure:
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    look = {"ms": 1.2, "color": CLOUD, "label": "planned, not pressed; pen and slice in grey"}
+    look = {"ms": 1.2, "color": CLOUD, "label": "line, not pressed"}
     axes.plot(*places[~pressed].T, ".", **look)
     dots = axes.scatter(
-        *places[pressed].T, c=MM * depth[pressed], s=14, cmap="autumn_r", vmin=0, zorder=3
+        *places[pressed].T, c=MM * depth[pressed], s=14, cmap="viridis", vmin=0, zorder=3
     )
-    figure.colorbar(dots, ax=axes, label="deepest penetration [mm]", shrink=0.8)
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), fontsize="small", markerscale=6)
+    if pressed.any():
+        figure.colorbar(
+            dots, ax=axes, label="line, pressed: largest penetration there [mm]", shrink=0.8
+        )
+    for kind, (word, colour) in {"wall": ("wall", WALL), "guide": ("tube", TUBE)}.items():
+        lines = [line for outline in outlines if outline.kind == kind for line in outline.lines]
+        if lines:
+            axes.add_collection(LineCollection(lines, colors=colour, lw=1.4, label=word))
+    tip = pixels_on(plane, replayed.ticks.hip)
+    axes.plot(*tip.T, color=TIP, lw=0.8, path_effects=HALO, label="path of the tool tip", zorder=2)
+    axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    draw_scale(axes, MM * np.linalg.norm(plane[:, 0]))
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=6)
     axes.set_axis_off()
     return figure

@@ -19,7 +19,7 @@ from vfplan.figures.style import DPI, HALO, MARGIN_IN, TEXT_PT, WIDTH_PX, draw_s
 from vfplan.geometry.lines import normals
 from vfplan.images.read import as_uint8, side_of_patient
 from vfplan.io.writing import write_whole
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, CYCLE, FORCE, PROXY
+from vfplan.palette import BRIDGED, CLOUD, CYCLE, ERROR, FORCE, TUBE, WALL
 
 if TYPE_CHECKING:
     from vfplan.curve.account import AccountEntry
@@ -82,7 +82,7 @@ def draw_overlay(
         if markers is not None:
             # Crosses without labels: most slices have the labels on them already.
             places = markers.source[:, :2]
-            axes.plot(*places.T, "+", ms=10, mew=1.5, color=CONTACT, label="marker", zorder=6)
+            axes.plot(*places.T, "+", ms=10, mew=1.5, color=TUBE, label="marker", zorder=6)
         for number, finding in enumerate(findings, 1):
             if finding.place_px is not None:
                 write_beside(axes, image, finding.place_px, finding_name(number), FORCE)
@@ -106,8 +106,8 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
             write_beside(axes, image, line[0], str(number), colour)
         # Between two lines that are far apart there is nothing to see.
         if "u_px" in error.numbers and min(away_px, default=0.0) <= ON_LINE_PX:
-            axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=CONTACT, mew=2, zorder=8)
-            write_beside(axes, image, place, error.code, CONTACT)
+            axes.plot(*place, "o", ms=RING_PT, mfc="none", mec=WALL, mew=2, zorder=8)
+            write_beside(axes, image, place, error.code, WALL)
 
 
 def write_beside(
@@ -188,7 +188,7 @@ def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:
             continue
         left, top, width, height = entry.box
         corner = left - 3.5, top - 3.5
-        look = {"fill": False, "ec": PROXY, "lw": 1.2, "ls": "--", "label": "other ink"}
+        look = {"fill": False, "ec": ERROR, "lw": 1.2, "ls": "--", "label": "other ink"}
         axes.add_patch(Rectangle(corner, width + 6, height + 6, path_effects=HALO, **look))
-        words = {"color": PROXY, "fontsize": "small", "va": "bottom", "clip_on": True}
+        words = {"color": ERROR, "fontsize": "small", "va": "bottom", "clip_on": True}
         axes.text(*corner, str(entry.number), path_effects=HALO, **words)

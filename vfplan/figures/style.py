@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vfplan.display import nice_length
 from vfplan.io.writing import write_whole
-from vfplan.palette import CONTACT, CYCLE, FORCE, RULE
+from vfplan.palette import CYCLE, FORCE, RULE, WALL
 from vfplan.stability.contacts import CaseResult
 
 # Dots an inch of every picture.
@@ -155,8 +155,8 @@ def passivity_plot(rows: list[CaseResult]) -> Figure:
         x = middle + np.linspace(-0.4, 0.4, len(excess)) * RULE_WIDTH
         axes.plot(x, excess, ".", color=RULE[rule], markersize=5, label=labels.pop(rule, None))
     axes.set_yscale("symlog", linthresh=LINEAR_UP_TO)
-    axes.axhline(0.0, color=CONTACT, linewidth=1.2)
-    axes.text(0.99, 0.97, "active: the fixture gives energy", color=CONTACT,
+    axes.axhline(0.0, color=WALL, linewidth=1.2)
+    axes.text(0.99, 0.97, "active: the fixture gives energy", color=WALL,
               ha="right", va="top", transform=axes.transAxes)  # fmt: skip
     axes.set_xticks(range(len(scenes)), scenes)
     axes.set_ylabel("(net work on the hand − bound) / stored energy")

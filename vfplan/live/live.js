@@ -2,10 +2,9 @@
 // Shows the newest tick, the force of the last while, and whether anything comes.
 (function () {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const scene = makeScene(data), plot = makePlot(document.getElementById("force"), "|F| [N]", "force");
+  const scene = makeScene(data), plot = makePlot(document.getElementById("force"), "force [N]", "force");
   const connection = document.getElementById("connection"), readout = document.getElementById("readout");
-  const STATES = { "-1": "no neighbour", 0: "free", 1: "in contact", 2: "entrenched" };
-  const FLAGS = [[1, "bad HIP"], [2, "inside"], [4, "limit"]];
+  const FLAGS = [[1, "bad tip"], [2, "inside"], [4, "limit"]];
   const SPAN_S = 20, QUIET_S = 1, AGAIN_MS = 1000, TRAIL = 400;
   let ticks = [], arrived = 0, open = false, due = false;
 
@@ -26,7 +25,7 @@
     const trail = ticks.slice(-TRAIL - 1, -1).flatMap((t) => t.hip);
     scene.show({ ...now, trail }, trail.concat(now.hip));
     readout.textContent = "t = " + fixed(now.t, 3) + " s, " + [STATES[now.state] || "unknown", ...flags].join(", ") +
-      ", |F| = " + now.strength.toFixed(3) + " N, |proxy − HIP| = " + now.depth.toFixed(3) + " mm";
+      ", force = " + now.strength.toFixed(3) + " N, penetration = " + now.depth.toFixed(3) + " mm";
     const strength = ticks.map((t) => t.strength);
     plot.show({ time: ticks.map((t) => t.t), low: strength, high: strength }, [], null, [now.t - SPAN_S, now.t]);
   }

@@ -253,7 +253,7 @@ class FixtureSettings:
     )  # fmt: skip
     # A contact radius, or a tube, below the band cannot be rendered.
     contact_radius: float = setting(
-        5e-3, "Distance that the tool keeps from what is drawn [mm].", form="MM", unit="mm",
+        5e-3, "Distance of the wall from what is drawn [mm].", form="MM", unit="mm",
         least=PAPER_BAND, most="/rendering@contact_radius_m",
     )  # fmt: skip
     point_radius: float = setting(

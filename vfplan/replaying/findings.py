@@ -34,6 +34,9 @@ LONGEST_HOLD_S = 0.1
 FASTEST_HZ = 50_000.0
 
 
+# A limit is drawn up to so many times the largest force. Beyond, the force would be a flat line.
+ROOM_FOR_LIMITS = 3.0
+
 # As `--json` has it.
 Finding = dict[str, str]
 
@@ -364,6 +367,13 @@ def bound_text(check: Report) -> str:
     factor, unit = unit_beside(check)
     whose = f" (robot {check['robot']})" if "robot" in check else ""
     return f"{sense.replace('_', ' ')} {factor * check[sense]:g}{unit}{whose}"
+
+
+def limits_n(metrics: Report) -> list[float]:
+    """The limits on the largest force [N] that a picture of the forces has room for."""
+    checks = [check for check in metrics.get("checks", []) if check["name"] == "force_max_n"]
+    limits = [check.get("at_most", np.inf) for check in checks]
+    return [limit for limit in limits if limit <= ROOM_FOR_LIMITS * metrics["force_max_n"]]
 
 
 def check_text(check: Report) -> str:

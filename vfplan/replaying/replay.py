@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.bundle.leak import open_edges
 from vfplan.engine.governor import Governor
@@ -38,7 +37,6 @@ from vfplan.replaying.findings import (
 from vfplan.replaying.guiding import RULES, GovernorMeasure, Guided, make_engine
 from vfplan.replaying.link import Comparison, Link, LossyLink
 from vfplan.replaying.metrics import (
-    CONTACT_M,
     Metrics,
     PairedTicks,
     Report,
@@ -98,14 +96,6 @@ def thinned(block: TickBlock, stride: int) -> TickBlock:
     rows = depth.reshape(-1, stride)
     picks = rows.argmax(axis=1) + np.arange(len(rows)) * stride
     return block[picks]
-
-
-def contact_marks(ticks: TickBlock, rate_hz: float) -> NDArray[np.intp]:
-    """Indices of ticks in contact, at most `rate_hz` of them a second: the first of each slot."""
-    slot = np.floor((ticks.time - ticks.time[0]) * rate_hz).astype(np.int64)
-    in_contact = np.flatnonzero(ticks.penetration > CONTACT_M)
-    _, first = np.unique(slot[in_contact], return_index=True)
-    return in_contact[first]
 
 
 class EngineRun:

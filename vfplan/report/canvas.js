@@ -1,5 +1,6 @@
 "use strict";
 // What every drawing on the page shares: the palette, sharp pixels, round numbers.
+const STATES = { "-1": "far away", 0: "free", 1: "in contact", 2: "proxy inside the wall" };
 function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 }

@@ -30,14 +30,19 @@ from vfplan.geometry.lines import Array
 from vfplan.images.read import PlannedImage, read_slice_of
 from vfplan.io.files import now_utc
 from vfplan.palette import palette_css
-from vfplan.replaying.findings import beyond, check_text, guides_alone, verdict_sentence
+from vfplan.replaying.findings import beyond, check_text, guides_alone, limits_n, verdict_sentence
 from vfplan.replaying.link import apart_text, link_text
 from vfplan.replaying.metrics import NUMBERS, Report, episode_count, row_norms
 from vfplan.replaying.replay import Replay, thinned
+from vfplan.review.plan import Plan
+from vfplan.review.sheet import draw_sheet
 from vfplan.session.result import TickBlock
 
 # Number of columns of the whole session's envelope, one for each pixel of the plot's width.
 COLUMNS = WIDTH_PX
+
+# How much wider a figure is here than its letters want, which are then as large as the page's.
+WIDER = 1.3
 
 # Number of columns of an episode's envelope. It is drawn coarser, to keep the page small.
 ZOOM_COLUMNS = COLUMNS // 2
@@ -61,15 +66,19 @@ def placing(fixture: Fixture) -> tuple[Array, Callable[[Array], Array]]:
 def scene_data(fixture: Fixture) -> Report:
     """What stands still in the scene."""
     basis, placed = placing(fixture)
-    step = -(-len(fixture.points) // MAX_DRAWN)
+    step, region = -(-len(fixture.points) // MAX_DRAWN), fixture.region
     return {
-        "dims": basis.shape[1],
         "axes": axis_names(basis),
         "basis": basis.tolist(),
         "centre": fixture.points.mean(axis=0).tolist(),
-        "start": [0.0, 8 * MM * fixture.contact_radius, 0.0][: basis.shape[1]],
         "radius": MM * fixture.contact_radius,
-        "forbids": fixture.region is not None,
+        "forbids": region is not None,
+        "wall": region
+        and region.mesh is None
+        and {
+            "radius": MM * (region.contact_radius + region.point_radius),
+            "points": _flat(placed(region.points[::step]), 3),
+        },
         "tube": fixture.guidance
         and {
             "radius": MM * fixture.guidance.radius,
@@ -112,7 +121,8 @@ def scrubber_data(replayed: Replay) -> Report:
             [episode["start_s"], episode["end_s"], episode["index"] + 1] for episode in episodes
         ],
         "zooms": zooms,
-        "deep": f"beyond {drawn}" if beyond_m.any() else "|proxy − HIP|",
+        "deep": f"beyond {drawn}" if beyond_m.any() else "",
+        "limits": limits_n(replayed.metrics),
     }
 
 
@@ -204,8 +214,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     """
     metrics = replayed.metrics
     title = f"Replay of {escape(metrics['session']['name'])}"
-    verdict = metrics["verdict"]
-    kind = {"pass": "pass", "fail": "fail"}.get(verdict, "none")
+    verdict = kind = metrics["verdict"]
     if verdict == "pass" and beyond(metrics, metrics.get("overlap_max_m", 0.0))[1]:
         kind = "beyond"
     # A limit that holds hides no warning.
@@ -217,30 +226,27 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         body.append(f"<p>Replayed over a lossy link: {link_text(metrics['link'])}.</p>")
 
     # What a reader wants first: where it happened, and with what force.
-    words = "fixture, path of HIP and proxy, and where they were in contact"
-    in_space = section("In space", picture(scene(replayed), words, "tall"))
     planned_slice = None if image is None else read_slice_of(replayed.fixture, image)
-    is_on_slice = (
-        image is not None and replayed.fixture.curve is not None and metrics["contact_ticks"] > 0
-    )
-    if is_on_slice:
-        on_slice = slice_depth(replayed, planned_slice)
-        body.append(section("On the slice", picture(on_slice, "depth on the slice")))
-    else:
-        body.append(in_space)
+    plan = planned(replayed, planned_slice)
+    if planned_slice is not None and replayed.fixture.curve is not None:
+        on_slice = slice_depth(replayed, planned_slice, plan.outlines)
+        body.append(section("On the slice", picture(on_slice, "penetration on the slice", "slice")))
+    words = "line, wall or tube, paths of tip and proxy, and where they were in contact"
     body += [
-        section("Over time", picture(timeline(replayed), "force and depth over time")),
+        section("In space", picture(scene(replayed), words, "tall")),
+        section("Over time", picture(timeline(replayed), "force and penetration over time")),
         section("Summary", summary(metrics) + checks(metrics) + findings(metrics)),
         # Then all of it, to look into.
         section("Frame by frame", scrubber(replayed)),
         section("Contact episodes", episodes(metrics)),
     ]
-    if is_on_slice:
-        body.append(in_space)
     if metrics.get("arc_m") is not None:
-        words = "lateral error and force over arc length"
+        words = "distance from the guide's line, and force, along it"
         body.append(section("Along the guide", picture(guide_plot(replayed), words)))
-    body.append(section("What was planned", review_sheet(replayed, planned_slice)))
+    if plan is not None:
+        pages = draw_sheet(plan, "What was planned").page_pngs()
+        sheets = (_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
+        body.append(section("What was planned", "".join(sheets)))
 
     # Last what identifies it: settings, files and hashes.
     body.append(section("What was replayed", settings(metrics, replayed.fixture)))
@@ -250,8 +256,8 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         facts[role] = record.get("name", "made in memory")
         facts[f"{role}'s SHA-256"] = record.get("sha256", "")
     body.append(facts_table(facts))
-    text = "\n".join(body)
-    return document(title, text + scripts(scrubber_data(replayed), part("scrubber.js")))
+    body.append(scripts(scrubber_data(replayed), part("scrubber.js")))
+    return document(title, "\n".join(body))
 
 
 def scrubber(replayed: Replay) -> str:
@@ -259,8 +265,7 @@ def scrubber(replayed: Replay) -> str:
     ticks = f"of {replayed.metrics['ticks']} ticks"
     if replayed.stride > 1:
         ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
-    words = f"Each column reaches from the least to the largest value {ticks}."
-    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{envelope}", words)
+    return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{ticks}", ticks)
 
 
 def facts_table(facts: dict[str, str]) -> str:
@@ -297,23 +302,18 @@ def document(title: str, body: str, *, live: bool = False) -> str:
     )
 
 
-def review_sheet(replayed: Replay, planned_slice: PlannedImage | None) -> str:
-    """The review sheet of the fixture, or how to get it if its slice was not given.
+def planned(replayed: Replay, planned_slice: PlannedImage | None) -> Plan | None:
+    """What was planned; `None` where that was on a slice, which is not given.
 
     Raises InputError: the slice is not the one that the fixture was planned on
     """
-    from vfplan.review.plan import Plan
-    from vfplan.review.sheet import draw_sheet
-
     fixture = replayed.fixture
     if fixture.provenance.inputs.get("image") is None:
         planned_slice = None
     elif planned_slice is None:
-        return "<p>Give the planned slice (--image) to see its review sheet here.</p>"
+        return None
     name = replayed.metrics.get("fixture", {}).get("name", "a fixture made in memory")
-    plan = Plan.of(fixture, name, planned_slice)
-    pages = draw_sheet(plan, "The fixture's review sheet").page_pngs()
-    return "".join(_embedded(png, "review sheet of the fixture", "sheet") for png in pages)
+    return Plan.of(fixture, name, planned_slice)
 
 
 def section(title: str, content: str) -> str:
@@ -322,7 +322,8 @@ def section(title: str, content: str) -> str:
 
 
 def picture(figure: Figure, words: str, kind: str = "") -> str:
-    """A figure within the page; `words` say what it shows."""
+    """A figure within the page, with letters as large as the page's; `words` say what it shows."""
+    figure.set_size_inches(WIDER * figure.get_size_inches())
     return _embedded(png_bytes(figure), words, kind)
 
 
@@ -391,7 +392,7 @@ def summary(metrics: Report) -> str:
     ]
     for column in columns:
         drawn, column["overlap_max_m"] = beyond(metrics, column.get("overlap_max_m", 0.0))
-    head = ["number", *(f"rule {name}" for name in rules), "unit"]
+    head = ["", *(f"rule {name}" for name in rules), "unit"]
     if guides_alone(metrics):
         head[1] = "guide"
         del columns[0]["band_m"], columns[0]["overlap_max_m"]
@@ -476,14 +477,10 @@ def settings(metrics: Report, fixture: Fixture) -> str:
     """Provenance and settings, by their names in the JSON report."""
     names = ("fixture", "scene", "guide", "session", "link", "robot", "left_out")
     groups = {name: metrics[name] for name in names if metrics.get(name)}
-    provenance = fixture.provenance
-    groups["provenance"] = {
-        "created_utc": provenance.created_utc,
-        "software": provenance.software,
-        **{f"setting {name}": value for name, value in provenance.settings.items()},
-        **{f"input {role}": digest for role, digest in provenance.inputs.items()},
-    }
+    made = fixture.provenance
+    groups["provenance"] = {"created_utc": made.created_utc, "software": made.software}
+    groups |= {"settings of the plan": made.settings, "inputs of the plan": made.inputs}
     text = ""
     for group, values in groups.items():
         text += f"<h3>{escape(group.replace('_', ' '))}</h3>{settings_table(values)}"
-    return text
+    return f'<div class="columns">{text}</div>'

@@ -1,25 +1,28 @@
 "use strict";
-// HIP, proxy, normal, force and contact circle over the cloud, in mm. Plane scenes are drawn in
+// Tool tip, proxy with its circle and normal, force, and the wall about the points, in mm. Plane scenes are drawn in
 // their plane; others can be turned: by dragging, with the arrow keys, with the buttons.
-const NEWTONS_A_RADIUS = 10; // force whose arrow is as long as the contact circle's radius, at most
+const ARROW_PX = 60; // length of the arrow of a round force
 function makeScene(data) {
-  const dims = data.dims, view = document.getElementById("view");
+  const dims = data.dims = data.axes.length, view = document.getElementById("view");
   const follow = document.getElementById("follow");
   if (!data.forbids) { // a guide has no contact and no normal
-    view.setAttribute("aria-label", "fixture, HIP, proxy and force");
+    view.setAttribute("aria-label", "line, tube, tool tip, proxy and force");
     for (const part of document.querySelectorAll(".forbids")) part.hidden = true;
   }
+  if (!data.wall) for (const part of document.querySelectorAll(".walls")) part.hidden = true;
   if (!data.tube) for (const part of document.querySelectorAll(".guides")) part.hidden = true;
   const row = (list, k) => list.slice(k * dims, k * dims + dims);
   const size = (v) => Math.hypot(...v);
-  let newtons = NEWTONS_A_RADIUS;
-  if (!data.forbids && data.force) { // a guide's forces are small, and the tip is close to the proxy
-    const forces = data.force.map((_, k) => size(row(data.force, k)));
-    newtons = Math.min(newtons, roundBelow(Math.max(0.1, ...forces)));
+  // That force: the session's largest, rounded down, or a usual hand's.
+  let newtons = 10;
+  if (data.force) {
+    let most = 0.1;
+    for (let k = 0; k < data.force.length / dims; k++) most = Math.max(most, size(row(data.force, k)));
+    newtons = roundBelow(most);
   }
   let turn = dims === 3 ? [0.6, 0.5] : [0, 0];
   let camera = { x: 0, y: 0, zoom: 1 }, chosen = false; // by hand, or all that there is
-  let isPushed = false; // whether the pointer is the tool
+  let isPushed = false; // whether the pointer is the tool tip
   let pen, width = 1, height = 1, fittedTo = "", tick = null, path = data.cloud;
 
   // Picture coordinates [mm], y up: the plane itself, or seen from azimuth and elevation.
@@ -48,19 +51,34 @@ function makeScene(data) {
         const p = flat(row(list, k));
         for (let i = 0; i < 2; i++) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
       }
-    const margin = Math.max(2.4 * data.radius, data.tube ? 2.4 * data.tube.radius : 0);
+    const margin = Math.max(2.4 * (data.wall ? data.wall.radius : data.radius), data.tube ? 2.4 * data.tube.radius : 0);
     camera = { x: (low[0] + high[0]) / 2, y: (low[1] + high[1]) / 2,
                zoom: Math.min(width / (high[0] - low[0] + margin), height / (high[1] - low[1] + margin)) };
   }
+  // The border of all balls about the points together: each is drawn, then each one's inside.
+  function wall() {
+    const places = [];
+    for (let k = 0; k < data.wall.points.length / dims; k++) places.push(toScreen(row(data.wall.points, k)));
+    for (const [name, radius] of [["wall", data.wall.radius * camera.zoom + 1], ["ground", data.wall.radius * camera.zoom - 1]]) {
+      if (radius <= 0) continue;
+      pen.fillStyle = colour(name); pen.beginPath();
+      for (const [x, y] of places) { pen.moveTo(x + radius, y); pen.arc(x, y, radius, 0, 2 * Math.PI); }
+      pen.fill();
+    }
+  }
+  // A broad line, and in it a narrower one of the ground: its border stays. The inside is pale.
   function tube() {
-    pen.strokeStyle = colour("bridged"); pen.globalAlpha = 0.3; pen.lineWidth = 2 * data.tube.radius * camera.zoom;
+    const broad = 2 * data.tube.radius * camera.zoom;
     pen.lineJoin = "round"; pen.lineCap = data.tube.cap; pen.beginPath();
     for (const line of data.tube.lines) {
       const last = line.length / dims - 1;
       for (let k = 0; k <= last; k++) pen[k ? "lineTo" : "moveTo"](...toScreen(row(line, k)));
       if (size(row(line, last).map((v, i) => v - line[i])) === 0) pen.closePath(); // a ring has no end
     }
-    pen.stroke(); pen.globalAlpha = 1; pen.lineJoin = "miter"; pen.lineCap = "butt";
+    for (const [name, alpha, wide] of [["tube", 1, broad + 2], ["ground", 1, broad - 2], ["tube", 0.2, broad - 2]]) {
+      pen.strokeStyle = colour(name); pen.globalAlpha = alpha; pen.lineWidth = Math.max(0.1, wide); pen.stroke();
+    }
+    pen.globalAlpha = 1; pen.lineJoin = "miter"; pen.lineCap = "butt";
   }
   function dots(list, name, side) {
     pen.fillStyle = colour(name);
@@ -79,9 +97,11 @@ function makeScene(data) {
     pen.beginPath(); pen.moveTo(c, d);
     pen.lineTo(c - x - y / 2, d - y + x / 2); pen.lineTo(c - x + y / 2, d - y - x / 2); pen.fill();
   }
+  // With a rim of the ground, which parts it from what lies below.
   function disc(at, radius, name) {
     const [x, y] = toScreen(at);
-    pen.fillStyle = colour(name); pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill();
+    pen.fillStyle = colour(name); pen.strokeStyle = colour("ground"); pen.lineWidth = 1.5;
+    pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill(); pen.stroke();
   }
   // The frame's axes at the bottom on the left, a length at the bottom on the right.
   function rulers() {
@@ -103,26 +123,28 @@ function makeScene(data) {
   }
   function draw() {
     ({ pen, width, height } = fitted(view));
-    document.getElementById("long").textContent = shownRound(data.radius);
     document.getElementById("newtons").textContent = shownRound(newtons);
     if (!chosen && (fittedTo !== width + " " + height || (tick && outside(tick.hip)))) whole();
     if (tick && follow.checked) {
       const p = flat(tick.proxy);
       chosen = true; camera = { x: p[0], y: p[1], zoom: Math.min(width, height) / (8 * data.radius) };
     }
+    if (data.wall) wall();
     if (data.tube) tube();
     dots(data.cloud, "cloud", 2.5);
     if (tick) {
-      pen.globalAlpha = 0.6; dots(tick.trail, "hip", 2); pen.globalAlpha = 1;
+      dots(tick.trail, "tip", 2);
       const [x, y] = toScreen(tick.proxy);
       if (data.forbids) {
-        pen.strokeStyle = colour("contact"); pen.lineWidth = 2; pen.beginPath();
+        pen.strokeStyle = colour("proxy"); pen.lineWidth = 2; pen.beginPath();
         pen.arc(x, y, data.radius * camera.zoom, 0, 2 * Math.PI); pen.stroke();
-        arrow(tick.proxy, tick.proxy.map((v, i) => v + data.radius * tick.normal[i]), "proxy");
+        pen.beginPath(); pen.moveTo(x, y);
+        pen.lineTo(...toScreen(tick.proxy.map((v, i) => v + data.radius * tick.normal[i]))); pen.stroke();
       }
-      disc(tick.proxy, 5, "proxy"); disc(tick.hip, 5, "hip");
+      disc(tick.proxy, 5, "proxy");
       if (size(tick.force) > 0)
-        arrow(tick.hip, tick.hip.map((v, i) => v + data.radius * tick.force[i] / newtons), "force");
+        arrow(tick.hip, tick.hip.map((v, i) => v + ARROW_PX / camera.zoom * tick.force[i] / newtons), "force");
+      disc(tick.hip, 5, "tip");
     }
     rulers();
   }

@@ -5,9 +5,13 @@
   const scene = makeScene(data), push = document.getElementById("push"), engineNote = document.getElementById("engine");
   const slider = document.getElementById("time"), readout = document.getElementById("readout");
   const play = document.getElementById("play"), zoomed = document.getElementById("zoomed");
-  const plots = [["force", "|F| [N]", "force"], ["depth", data.deep + " [mm]", "proxy"]].map(
-    ([id, label, name]) => ({ id, canvas: document.getElementById(id), plot: makePlot(document.getElementById(id), label, name) }));
-  const STATES = { "-1": "no neighbour", 0: "free", 1: "in contact", 2: "entrenched" };
+  // As over time: what is beyond the line has the tip's colour, the penetration the proxy's.
+  const deep = data.deep ? [data.deep + " [mm]", "tip"] : ["penetration [mm]", "proxy"];
+  const plots = [["force", "force [N]", "force", data.limits], ["depth", ...deep, []]].map(
+    ([id, label, name, limits]) => ({ id, canvas: document.getElementById(id), plot: makePlot(document.getElementById(id), label, name, limits) }));
+  if (!data.forbids) STATES[1] = "outside the tube";
+  const TRAIL_S = 0.5;
+  document.getElementById("trail").textContent = ` in the last ${TRAIL_S} s`;
   let frames = data.time.length;
   const whole = [data.time[0], Math.max(data.time[frames - 1], data.time[0] + 1e-3)];
   let frame = 0, playing = false, last = 0, clock = 0, span = whole;
@@ -44,11 +48,11 @@
   function show(k) {
     frame = Math.max(0, Math.min(frames - 1, k));
     slider.value = frame;
-    const now = { trail: data.hip.slice(Math.max(0, frame - 400) * data.dims, frame * data.dims) };
+    const now = { trail: data.hip.slice(frameAt(data.time[frame] - TRAIL_S) * data.dims, frame * data.dims) };
     for (const name of ["hip", "proxy", "normal", "force"]) now[name] = scene.row(data[name], frame);
     scene.show(now, data.hip);
     readout.textContent = "t = " + fixed(data.time[frame], 3) + " s, " + STATES[data.state[frame]] +
-      ", |F| = " + strength[frame].toFixed(3) + " N, |proxy − HIP| = " + data.depth[frame].toFixed(3) + " mm";
+      ", force = " + strength[frame].toFixed(3) + " N, penetration = " + data.depth[frame].toFixed(3) + " mm";
     slider.setAttribute("aria-valuetext", readout.textContent);
     drawPlots();
   }
@@ -122,7 +126,7 @@
     engineNote.textContent = "These are the ticks of the robot's own engine, made in this page: all " + n + " proxies and forces are the recorded ones to the bit.";
     const hand = makeHand(scene, data, (now) => {
       scene.show(now);
-      readout.textContent = "by hand: |F| = " + scene.size(now.force).toFixed(3) + " N, |proxy − HIP| = " +
+      readout.textContent = "by hand: force = " + scene.size(now.force).toFixed(3) + " N, penetration = " +
         scene.size(now.proxy.map((x, i) => x - now.hip[i])).toFixed(3) + " mm";
     });
     push.disabled = false;

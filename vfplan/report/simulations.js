@@ -4,10 +4,9 @@
   const all = JSON.parse(document.getElementById("data").textContent), data = { ...Object.values(all.scenes)[0] };
   const which = document.getElementById("which"), rule = document.getElementById("rule");
   const readout = document.getElementById("readout"), scene = makeScene(data);
-  const STATES = { "-1": "no neighbour", 0: "free", 1: "in contact", 2: "entrenched" };
   const hand = makeHand(scene, data, (now) => {
     scene.show(now);
-    readout.textContent = STATES[now.state] + ", |F| = " + scene.size(now.force).toFixed(3) + " N, |proxy − HIP| = " +
+    readout.textContent = STATES[now.state] + ", force = " + scene.size(now.force).toFixed(3) + " N, penetration = " +
       scene.size(now.proxy.map((x, i) => x - now.hip[i])).toFixed(3) + " mm";
   });
   let module = null, engine = null;
@@ -15,7 +14,7 @@
     module = module || await loadModule(await unpacked(all.module));
     hand.use(null); engine?.free(); engine = null;
     Object.assign(data, all.scenes[which.value]);
-    // With room for the tool on every side.
+    // With room for the tip on every side.
     const room = 4 * data.radius, x = data.cloud.filter((_, i) => i % 2 === 0), y = data.cloud.filter((_, i) => i % 2);
     scene.show(null, [Math.min(...x) - room, Math.min(...y) - room, Math.max(...x) + room, Math.max(...y) + room]);
     scene.whole();

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.geometry.lines import Array
-from vfplan.palette import BRIDGED, CLOUD, CONTACT, HIP, PROXY
+from vfplan.palette import BRIDGED, CLOUD, ERROR, PROXY, TIP, TUBE, WALL
 
 Pixels = NDArray[np.uint8]
 Colour = tuple[int, int, int]
@@ -53,9 +53,11 @@ GREY = colour_of("#464646")
 # What each colour means on every sheet.
 LINE_COLOUR = colour_of(CLOUD)
 BRIDGE_COLOUR = colour_of(BRIDGED)
-BAND_COLOUR = colour_of(PROXY)
-WALL_COLOUR = colour_of(CONTACT)
-GUIDE_COLOUR = colour_of(HIP)
+BAND_COLOUR = colour_of(ERROR)
+WALL_COLOUR = colour_of(WALL)
+GUIDE_COLOUR = colour_of(TUBE)
+TIP_COLOUR = colour_of(TIP)
+PROXY_COLOUR = colour_of(PROXY)
 
 # The marks around a name that is written by itself; see `vfplan.display.isolated`.
 ISOLATES = re.compile("[\u2068\u2069]")

@@ -334,11 +334,11 @@ class LegendRow(NamedTuple):
     dashes: tuple[tuple[int, int], ...] = SOLID
 
 
-# What the legend says of what the robot renders, and its colour. The tool is kept off a wall, and
-# held in a guide's tube.
+# What the legend says of what the robot renders, and its colour. The proxy stops at a wall, and
+# stays in a guide's tube.
 RENDERED = {
     "wall": LegendRow(
-        "Red line: the tool's centre stops there, says the engine", paper.WALL_COLOUR
+        "Red line: the wall. It holds the tip back, says the engine", paper.WALL_COLOUR
     ),
     "guide": LegendRow("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }

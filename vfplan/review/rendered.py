@@ -1,6 +1,6 @@
 """What the robot will render of a plan: as an outline that its own engine gives, and in words.
 
-A wall has the outline at which the tool's centre stops, and a guide that of the tube in which the
+A wall has the outline at which the proxy stops, and a guide that of the tube in which the
 tip is held. Nothing here computes them from the drawn line: the engine that the bundle makes is
 asked where it pushes.
 
@@ -41,7 +41,7 @@ from vfplan.settings import MISFIT, incomplete_recipe, value_as
 Kind = Literal["wall", "guide"]
 
 # Nodes of the grid along the longer side, at least and at most. Between them the outline is
-# interpolated; a tool smaller than three steps wants a finer grid.
+# interpolated; a wall smaller than three steps wants a finer grid.
 GRID_NODES = (400, 1000)
 
 # Steps of the grid along a side of a block. A block far from the outline is asked about once.
@@ -82,7 +82,7 @@ class Outline:
 
 
 def kind_of(fixture: Fixture) -> Kind | None:
-    """Whether the robot keeps the tool off the line or holds it there; `None` of a bare curve."""
+    """Whether the robot keeps the tip off the line or holds it there; `None` of a bare curve."""
     if fixture.rendering is None:
         return None
     return "wall" if fixture.guidance is None else "guide"
@@ -199,7 +199,7 @@ def outlines_of(fixture: Fixture, plane: Array, size: tuple[int, int]) -> tuple[
 
 
 def wall_outline(region: Fixture, plane: Array, size: tuple[int, int]) -> Outline:
-    """Where the tool's centre is as far from the region as the engine lets it come."""
+    """Where the proxy is as far from the region as the engine lets it come."""
     from skimage.measure import find_contours
 
     radius = region.contact_radius + region.point_radius
@@ -329,7 +329,7 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
 
 
 def wall_in_words(fixture: Fixture) -> tuple[str, str]:
-    """How far and how stiffly the robot keeps the tool off."""
+    """How far and how stiffly the robot keeps the tip off."""
     what = "points"
     if fixture.guidance is not None:
         what = "strokes that do not guide"
@@ -338,7 +338,7 @@ def wall_in_words(fixture: Fixture) -> tuple[str, str]:
     elif fixture.curve is not None:
         what = "line"
     radius = fixture.contact_radius + fixture.point_radius
-    words = f"{millimetres(radius, 2)} from the {what} to the tool's centre"
+    words = f"begins {millimetres(radius, 2)} from the {what}"
     if fixture.point_radius:
         words += f", of which {millimetres(fixture.point_radius, 2)} belong to the points"
     stiffness = stiffness_in_words(fixture.stiffness)

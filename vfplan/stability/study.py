@@ -238,7 +238,7 @@ class Study:
         if outcomes["fail"]:
             summary += f", {outcomes['fail']} fail"
         if outcomes["finding"]:
-            summary += f", {outcomes['finding']} with a fault that only the paper's rule has"
+            summary += f", {outcomes['finding']} with a fault of rule paper alone, as known"
         lines = [verdict_text(self.verdict), self.blows.detail, summary]
         lines += [f"{row.outcome:8}{row.case}: {row.detail}" for row in self.failed]
         return "\n".join(lines)

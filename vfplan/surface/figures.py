@@ -10,7 +10,7 @@ import numpy as np
 from vfplan.bundle.dicom import crossings
 from vfplan.figures.style import new_figure, save_png, style
 from vfplan.geometry.lines import Array
-from vfplan.palette import CONTACT, FORCE, HIP
+from vfplan.palette import FORCE, TUBE, WALL
 from vfplan.surface.outline import rings_of
 
 if TYPE_CHECKING:
@@ -57,9 +57,9 @@ def draw_cut(axes: Any, result: Surface, stack: Stack, k: int) -> None:
     outline = [1e3 * np.vstack([ring, ring[:1]]) for ring in stack.outlines[k].rings]
     there, halfway = (cut_pieces(result, place) for place in (z[k], (z[k] + z[k + 1]) / 2))
     for lines, label, colors, lw in (
-        (outline, "outline", HIP, 2.2),
+        (outline, "outline", TUBE, 2.2),
         (there, "surface there", FORCE, 0.9),
-        (halfway, "half a gap on", CONTACT, 0.9),
+        (halfway, "half a gap on", WALL, 0.9),
     ):
         axes.add_collection(LineCollection(lines, colors=colors, lw=lw, label=label))
     axes.autoscale()
@@ -96,6 +96,6 @@ def draw_from_side(axes: Any, result: Surface) -> None:
             # A ring runs anticlockwise round what is inside.
             faces_eye = np.cross(step, [0, 0, 1]) @ to_eye > 0
             lines += list(np.stack([line, line + step], axis=1)[faces_eye])
-    axes.add_collection3d(Line3DCollection(lines, colors=HIP, lw=0.8, zorder=2))
+    axes.add_collection3d(Line3DCollection(lines, colors=TUBE, lw=0.8, zorder=2))
     axes.set_aspect("equal")
     axes.set_axis_off()

@@ -301,12 +301,13 @@ export class Curve {
       [has("doubt"), "of-pin doubt", "a finding to answer"],
       [has("note"), "of-pin", "a finding for your information"],
       [state.markers.some((one) => one.residual_px), "of-arrow", "from a marker to where the fit puts it, enlarged"],
-      [state.rendered, "of-tool", "with Push: the tool"],
-      [state.rendered, "of-force", "with Push: the force on the hand"],
+      [state.rendered, "of-tip", "with Push: the tool tip"],
+      [state.rendered, "of-proxy", "with Push: the proxy, which the wall stops, and its circle"],
+      [state.rendered, "of-force", "with Push: the force on the tip"],
     ].filter(([isDrawn]) => isDrawn).map(([, ...row]) => row);
     if (state.bound_px?.length) rows.push(["tre", `the line lies within this of its place (95 %), ${mm(state.tre95_m)} where that is largest`]);
     if (state.rendered) {
-      const words = { wall: "the tool's centre stops there", guide: "the tip is held within it" };
+      const words = { wall: "the wall: it holds the tip back", guide: "the tube: the tip is held within it" };
       rows.push([`rendered ${state.rendered.kind}`, `${words[state.rendered.kind]}, as the robot's engine says`]);
     }
     for (const [heading, words] of state.described ?? []) rows.push(["none", `${heading}: ${words}`]);

@@ -1,4 +1,4 @@
-// The tool Push: the pointer is the hand, and the robot's own engine answers it.
+// The tool Push: the pointer is the tool tip, and the robot's own engine answers it.
 import { byId, inPageWords, make, makeAt, translation } from "./dom.js";
 import { Engine, loadModule } from "./engine.js";
 
@@ -44,8 +44,8 @@ export class Push {
     this.nextFrame(this.loops);
   }
 
-  // Nothing is felt. The next touch begins where the hand then is, not where it was: from the last
-  // place the engine would drag the tool there, through what lies between.
+  // Nothing is felt. The next touch begins where the tip then is, not where it was: from the last
+  // place the engine would drag the proxy there, through what lies between.
   endTouch() {
     byId("push").replaceChildren();
     byId("felt").textContent = "";
@@ -97,7 +97,7 @@ export class Push {
   frame(now, loop) {
     const place = this.tools.cross || this.pointer;
     const isByKeys = this.tools.cross !== null;
-    if (isByKeys !== this.isByKeys) this.endTouch(); // the hand leaps from the one to the other
+    if (isByKeys !== this.isByKeys) this.endTouch(); // the tip leaps from the one to the other
     this.isByKeys = isByKeys;
     const isCurrent = this.engine !== null && this.app.state.digest === this.digest;
     if (isCurrent && place) {
@@ -130,13 +130,13 @@ export class Push {
     }
     if (newtons > 0) nodes.push(...this.arrow(pointer, this.onSlice(force), newtons));
     nodes.push(makeAt(place, {}, make("circle", { class: "tool-proxy", r: 4 })));
-    nodes.push(makeAt(pointer, {}, make("circle", { class: "tool-hip", r: 4 })));
+    nodes.push(makeAt(pointer, {}, make("circle", { class: "tool-tip", r: 4 })));
     byId("push").replaceChildren(...nodes);
     const mm = 1e3 * Math.hypot(...away);
-    byId("felt").textContent = `${newtons.toFixed(2)} N, the hand ${mm.toFixed(2)} mm from the tool`;
+    byId("felt").textContent = `${newtons.toFixed(2)} N, the tip ${mm.toFixed(2)} mm from the proxy`;
   }
 
-  // The force on the hand, and its newtons beside the arrow's middle.
+  // The force on the tip, and its newtons beside the arrow's middle.
   arrow(place, [fu, fv], newtons) {
     const angle = Math.atan2(fv, fu);
     const way = [Math.cos(angle), Math.sin(angle)];

@@ -6,7 +6,7 @@ const HINTS = {
   draw: "Click along the line, or press and draw it. Enter ends it, C closes it, Esc cancels. Begin or end on the curve to replace a stretch of it.",
   box: "Drag a box over ink that shall not count.",
   marker: "Click each mark. Esc ends.",
-  push: "The pointer is the hand. The robot's own engine pushes it back.",
+  push: "The pointer is the tool tip. The robot's own engine pushes it towards the proxy.",
 };
 const STEP_PX = 8; // of the screen, between two places of a line that is drawn in one go
 const MAX_PLACES = 400; // of such a line
