@@ -15,7 +15,7 @@ from vfplan.figures.style import HALO, draw_scale, pixels_on, subplots
 from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
 from vfplan.palette import CLOUD, EPISODE, FORCE, PROXY, TIP, TUBE, WALL
-from vfplan.replaying.findings import beyond, limits_n, guides_alone
+from vfplan.replaying.findings import beyond, guides_alone, limits_n
 from vfplan.replaying.metrics import CONTACT_M, CurveRuler, episode_count, row_norms
 from vfplan.replaying.replay import Replay
 
