@@ -166,7 +166,7 @@ def reproduce(figure: str) -> tuple[Replay, dict[str, Any]]:
 
 
 def simulations_page() -> str:
-    """Fig. 2 as one HTML page that needs no network: the mouse is the tool tip, the engine answers."""
+    """Fig. 2 as one HTML page that needs no network: the mouse is the tip, the engine answers."""
     from vfplan.engine.browser import bodies_of, module, packed
     from vfplan.report.page import document, part, scene_data, scripts
 
