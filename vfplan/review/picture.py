@@ -337,9 +337,7 @@ class LegendRow(NamedTuple):
 # What the legend says of what the robot renders, and its colour. The proxy stops at a wall, and
 # stays in a guide's tube.
 RENDERED = {
-    "wall": LegendRow(
-        "Red line: the wall. It holds the tip back, says the engine", paper.WALL_COLOUR
-    ),
+    "wall": LegendRow("Red line: the wall. It holds the tip back", paper.WALL_COLOUR),
     "guide": LegendRow("Green line: the tip is held within it", paper.GUIDE_COLOUR),
 }
 
