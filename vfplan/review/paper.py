@@ -394,18 +394,18 @@ def place_for_caption(
     for number in tried[np.argsort(costs[tried])].tolist():
         if costs[number] >= best:
             break
-        way = np.linspace(point, targets[number], int(lengths[number])).clip(0, size - 1)
+        start = point + (targets[number] - point) * LEADER_GAP / lengths[number]
+        way = np.linspace(start, targets[number], int(lengths[number])).clip(0, size - 1)
         leader = tuple(way.astype(int).T[::-1])
         crossed = np.count_nonzero((taken[leader] > 1) | (shunned[leader] > 0))
         cost = costs[number] + PIXEL_CROSSED * crossed
         if cost < best and (taken[leader] < 255).all():
-            best, found = cost, (number, leader)
+            best, found = cost, (number, leader, start)
     if found is None:
         return None
-    number, leader = found
-    (left, top), target = corners[number].tolist(), targets[number]
+    number, leader, start = found
+    left, top = corners[number].tolist()
     taken[leader] = 255
     around = slice(top - CLEARANCE, top + height + CLEARANCE)
     taken[around, left - CLEARANCE : left + width + CLEARANCE] = 255
-    start = point + (target - point) * LEADER_GAP / lengths[number]
-    return left, top, np.array([start, target])
+    return left, top, np.array([start, targets[number]])

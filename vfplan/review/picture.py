@@ -154,8 +154,9 @@ PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 # whole page, and what stands beside others stands below it.
 LONG = 2
 
-# Share of its size that the picture has on a sheet with findings, so that their words have room.
-BESIDE_FINDINGS = 0.85
+# Height [px of the page] of the slice at most: a row of insets fits below; and on a sheet with
+# findings, whose words fit below that.
+PICTURE_HEIGHT = (980, 800)
 
 # Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
 CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
@@ -226,10 +227,8 @@ def draw_picture(
     height, width = rgb.shape[:2]
     is_tall, is_wide = height > LONG * width, width > LONG * height
     corner = CAPTION_PAPER * (is_tall, is_wide)
-    # A row of insets fits below a picture of this height.
-    zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, 980 / height)
-    if plan.findings:
-        zoom *= BESIDE_FINDINGS
+    highest = PICTURE_HEIGHT[bool(plan.findings)]
+    zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, highest / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
     method = (cv2.INTER_AREA, cv2.INTER_LINEAR, cv2.INTER_NEAREST)[min(int(zoom), 2)]
