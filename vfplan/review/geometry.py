@@ -633,13 +633,16 @@ def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Fin
     )
 
 
-def describe_candidate(name: str, number: int, route: Stroke) -> dict[str, Any]:
-    """A candidate as the page shows it."""
-    return {
-        "name": name,
-        "number": number,
-        "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
-        "closed": route.closed,
-        "length_px": route.length,
-        "words": describe(route.points, route.closed, route.length),
-    }
+def describe_candidates(geometry: Geometry) -> list[dict[str, Any]]:
+    """The candidates as the page shows them."""
+    routes = {name: geometry.candidates[number] for name, number in geometry.names.items()}
+    return [
+        {
+            "name": name,
+            "points_px": route.points[:: max(1, len(route.points) // 200)].round(1).tolist(),
+            "closed": route.closed,
+            "length_px": route.length,
+            "words": describe(route.points, route.closed, route.length),
+        }
+        for name, route in routes.items()
+    ]

@@ -26,7 +26,7 @@ from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
 from vfplan.io.files import now_utc
 from vfplan.review import steps as steps_of_a_plan
-from vfplan.review.geometry import describe_candidate
+from vfplan.review.geometry import describe_candidates
 from vfplan.review.plan import Plan, Source, open_source
 from vfplan.review.rendered import described, digest_of, rendered_in_json, visible_name
 from vfplan.review.steps import Step
@@ -203,10 +203,7 @@ class Session:
             "edited": [first_and_last(stroke.edited) for stroke in strokes],
             "bridged": [first_and_last(stroke.bridged) for stroke in strokes],
             "unseen": [first_and_last(flags) for flags in self.unseen(by)],
-            "candidates": [
-                describe_candidate(name, number, geometry.candidates[number])
-                for name, number in geometry.names.items()
-            ],
+            "candidates": describe_candidates(geometry),
             "account": account, "boxes": [list(box) for box in plan.exclude], "refusal": None,
             "steps": [{name: step[name] for name in SHOWN_OF_STEP & step.keys()} for step in steps],
             "can_undo": bool(steps), "can_redo": bool(self.undone),

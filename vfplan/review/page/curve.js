@@ -160,7 +160,7 @@ export class Curve {
     // Once a line was chosen, the others stay at hand.
     const last = state.steps.at(-1);
     const isJustChosen = state.curve_px.length > 0 && last?.do === "choose";
-    const others = isJustChosen ? state.candidates.filter((way) => ![way.name, way.number].includes(last.candidate)) : [];
+    const others = isJustChosen ? state.candidates.filter((way) => way.name !== last.candidate) : [];
     byId("others-card").hidden = others.length === 0;
     refill(byId("others"), others.map((way) => this.candidateRow(way)));
   }
@@ -168,7 +168,7 @@ export class Curve {
   // A candidate's line, and a broad invisible one over it that is easy to hit.
   candidate(way) {
     const shown = line(way.points_px, way.closed, "way");
-    shown.dataset.way = way.number;
+    shown.dataset.way = way.name;
     const reach = line(way.points_px, way.closed, "way reach");
     reach.addEventListener("click", () => this.choose(way));
     reach.addEventListener("pointerenter", () => this.heat(way, true));
@@ -181,7 +181,7 @@ export class Curve {
   }
 
   heat(way, isHot) {
-    const node = byId("ways").querySelector(`[data-way="${way.number}"]`);
+    const node = byId("ways").querySelector(`[data-way="${way.name}"]`);
     node?.classList.toggle("hot", isHot);
     if (!node) byId("preview").setAttribute("points", isHot ? textOf(way.points_px) : "");
   }
