@@ -1,12 +1,13 @@
 """Draw lines by hand, and print how often their stated 95 % bound holds, by kind of drawing:
 
-    python docs/make_drawn_bound.py [PLANS_A_KIND=20 [FIRST_SEED=0]] [-v]
+    python docs/make_drawn_bound.py [PLANS_A_KIND=20 [FIRST_SEED=0]]
+    python docs/make_drawn_bound.py numbers    what CORNER_SIGMAS and ONTO_PATH_POINTS rest on
 
 The slices are those of `tests/making/as_people_draw.py`, and lines at whose end other ink of the
-pen begins. A hand draws each line by clicks every 30 px, 1.5 px off. *ends*: the share of ends that
-lie within the largest bound of their line; *curve*: of lines that lie within it everywhere, *along*:
-of lines of which each point and each end lies within the bound that is stated there. `-v` tells of
-each line that does not where it lies farthest off.
+pen begins. A hand draws each line by clicks every 30 px, 1.5 px off. In % are the ends that lie
+within the largest bound of their line (*ends*), the lines that lie within it everywhere (*curve*),
+and those of which each point and each end lies within the bound that is stated there (*along*).
+Then come the largest error of a line, its largest bound and its usual one, by median [px].
 """
 
 from __future__ import annotations
@@ -20,10 +21,14 @@ from scipy.spatial import cKDTree
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 import as_people_draw
-from drawing import polyline
-from slices import RED, Family, _begin, direction, drawn, turned
+from drawing import blend, coverage, flat, polyline, to_uint8
+from slices import RED, SHAPE, Family, _begin, direction, drawn, turned
 
+from vfplan.curve import tuned
+from vfplan.curve.extraction import extract_curve
+from vfplan.errors import CurveError
 from vfplan.registration.registration import own_bound
+from vfplan.review import strokes
 from vfplan.review.strokes import REACH_PX, SliceInk, path_through
 
 CLICK_PX, OFF_PX = 30.0, 1.5
@@ -47,95 +52,132 @@ def arrow_at_an_end(canvas, rng):
     return curve
 
 
-KINDS = as_people_draw.KINDS | {
-    "label at an end": label_at_an_end,
-    "arrow at an end": arrow_at_an_end,
-}
+AT_AN_END = {"label at an end": label_at_an_end, "arrow at an end": arrow_at_an_end}
+KINDS = as_people_draw.KINDS | AT_AN_END
 draw = Family(KINDS, {}, _begin).draw
 
 
 @dataclass
 class Result:
-    """How far a drawn line lies off the true one [px], and the bound that is stated there.
+    """A line as it was drawn, and how far it lies off the true one [px].
 
     error, bound: (M,) at each point
-    end_error: (2,) from each true end, none of a ring
+    end_error: (2,) from each true end, (0,) of a ring
+    turn_deg: the sharpest turn within the reach of an end
     """
 
     error: np.ndarray
     bound: np.ndarray
     end_error: np.ndarray
-    line: object
+    turn_deg: float
 
     @property
-    def ends_hold(self):
+    def ends(self):
+        """Whether each end lies within the line's largest bound."""
         return self.end_error <= self.bound.max()
 
     @property
-    def curve_holds(self):
+    def curve(self):
+        """Whether all of the line does."""
         return self.error.max() <= self.bound.max()
 
     @property
-    def holds_along(self):
+    def along(self):
+        """Whether each point and each end lies within the bound that is stated there."""
         ends = self.end_error <= self.bound[[0, -1]][: len(self.end_error)]
         return bool((self.error <= self.bound).all() and ends.all())
 
 
-def clicks_on(slice_, rng):
-    """Where a hand clicks along the true line of a slice."""
-    truth = polyline(slice_.truth, slice_.closed, CLICK_PX)
-
-    return truth
-
-
 def result_of(kind, seed):
-    """Draw the line of one slice."""
+    """Draw the line of one slice by hand."""
     slice_ = draw(kind, seed)
     truth, closed = slice_.truth, slice_.closed
     rng = np.random.default_rng([seed, 3])
-    ring = np.vstack([truth, truth[:1]]) if closed else truth
-    arc = np.r_[0, np.cumsum(np.hypot(*np.diff(ring, axis=0).T))]
-    count = max(6, round(arc[-1] / CLICK_PX))
-    at = np.linspace(0, arc[-1], count + closed)[:count]
-    clicks = np.stack([np.interp(at, arc, ring[:, k]) for k in (0, 1)], 1)
+    fine = polyline(truth, closed, 0.02)
+    count = max(6, round(0.02 * len(fine) / CLICK_PX))
+    clicks = fine[np.linspace(0, len(fine) - 1, count + closed).astype(int)[:count]]
     angle = rng.uniform(0, 2 * np.pi, count)
-    clicks += OFF_PX * np.column_stack([np.cos(angle), np.sin(angle)])
+    clicks = clicks + OFF_PX * np.column_stack([np.cos(angle), np.sin(angle)])
     clicks = np.clip(clicks, 0, np.array(slice_.image.shape[1::-1]) - 1)
     path = path_through(clicks, closed)
     line = SliceInk(slice_.image, "red").draw(path, closed, REACH_PX, (True, True))
-    error = cKDTree(polyline(truth, closed, 0.02)).query(line.points)[0]
+    error = cKDTree(fine).query(line.points)[0]
     ends = np.empty(0) if closed else np.hypot(*(line.end_points - truth[[0, -1]]).T)
-    return Result(error, own_bound([line]), ends, line)
+    step = np.diff(line.points[::2], axis=0)
+    turn = np.abs(np.diff(np.unwrap(np.arctan2(*step.T))))
+    return Result(error, own_bound([line]), ends, np.degrees(turn[-int(REACH_PX) :].max()))
 
 
 def row(results):
-    ends = np.concatenate([r.ends_hold for r in results])
-    shares = [np.mean([getattr(r, n) for r in results]) for n in ("curve_holds", "holds_along")]
-    shares = [ends.mean() if len(ends) else np.nan, *shares]
-    bounds = [r.bound.max() for r in results], [np.median(r.bound) for r in results]
-    error = [r.error.max() for r in results]
-    cells = [f"{100 * s:.1f}" for s in shares] + [f"{np.median(v):.2f}" for v in (error, *bounds)]
-    return f"{len(results)} | " + " | ".join(cells)
+    """What a row of the table says."""
+    ends = np.concatenate([r.ends for r in results])
+    shares = (
+        ends.mean() if len(ends) else np.nan,
+        *(np.mean([getattr(r, name) for r in results]) for name in ("curve", "along")),
+    )
+    sizes = np.median([(r.error.max(), r.bound.max(), np.median(r.bound)) for r in results], axis=0)
+    cells = *(f"{100 * share:.1f}" for share in shares), *(f"{size:.2f}" for size in sizes)
+    return f"{len(results)} | {' | '.join(cells)}"
 
 
-def main(words):
-    """Print the table."""
-    numbers = iter(int(word) for word in words if word.isdigit())
-    count, first = next(numbers, 20), next(numbers, 0)
+def print_table(count, first):
+    """Print what holds, by kind."""
     print("| kind | plans | ends | curve | along | error | largest bound | usual bound |")
     print("|---" * 8 + "|")
     every = []
     for kind in KINDS:
         results = [result_of(kind, seed) for seed in range(first, first + count)]
-        if "-v" in words:
-            for seed, r in enumerate(results, first):
-                if not r.holds_along:
-                    i = int((r.error / r.bound).argmax()); j = int(r.error.argmax())
-                    f=[''.join(c) for c in np.where([r.line.edited, r.line.bridged], 'eb', '')] if 0 else ''
-                    print(f"# {kind} {seed}: curve {int(r.curve_holds)} ends {np.round(r.end_error,2)} of {np.round(r.bound[[0,-1]],2)} max {r.bound.max():.2f}; worst ratio at {i} of {len(r.error)} {np.round(r.line.points[i],1)}: {r.error[i]:.2f} of {r.bound[i]:.2f} edited {int(r.line.edited[i])}; greatest at {j}: {r.error[j]:.2f} of {r.bound[j]:.2f}; edited {r.line.edited.sum()}, n bad {(r.error>r.bound).sum()}")
         every += results
         print(f"| {kind} | {row(results)} |", flush=True)
     print(f"| all | {row(every)} |")
+
+
+def holds_at_corner(turn_deg, gap_px, place):
+    """Whether the bound of a line holds whose pen was lifted at a corner; `None` if refused.
+
+    place: where in the gap the corner lies, 0 to 1
+    """
+    corner, half = np.array([170.3, 130.7]), np.radians(turn_deg) / 2
+    ways = np.array([[-np.cos(half), np.sin(half)], [np.cos(half), np.sin(half)]])
+    legs = [corner + np.linspace(0, 130, 200)[:, None] * way for way in ways]
+    lift = (gap_px + 3.0) / 2 / np.cos(half)
+    lifts = 2 * lift * place, 2 * lift * (1 - place)
+    shown = [leg[np.hypot(*(leg - corner).T) > px] for leg, px in zip(legs, lifts, strict=True)]
+    share = np.maximum(*(coverage(SHAPE, leg, 3.0) for leg in shown))
+    try:
+        lines = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), max_gap_px=50.0).strokes
+    except CurveError:
+        return None
+    found = np.vstack([polyline(line.points, False, 0.1) for line in lines])
+    truth = np.vstack([legs[0][::-1], legs[1]])[20:-20]
+    return cKDTree(found).query(truth)[0].max() <= own_bound(lines).max()
+
+
+def print_numbers():
+    """Print what the stated measurements of two numbers are with other values of them."""
+    for value in (1.0, 1.25, 1.5, 2.0):
+        tuned.CORNER_SIGMAS = value
+        every = [
+            holds_at_corner(turn, gap, place)
+            for turn in np.linspace(15, 90, 6)
+            for place in (0.1, 0.3, 0.5, 0.7)
+            for gap in (6.0, 10.0, 14.0, 18.0, 24.0, 32.0, 40.0)
+        ]
+        made = [holds for holds in every if holds is not None]
+        print(f"CORNER_SIGMAS {value:g}: {sum(made)} of {len(made)} lifts keep their bound")
+    for value in (0, 3, 6, 12, 24):
+        strokes.ONTO_PATH_POINTS = value
+        turns = [result_of(kind, seed).turn_deg for kind in AT_AN_END for seed in range(30)]
+        print(f"ONTO_PATH_POINTS {value}: 95 % turn by at most {np.quantile(turns, 0.95):.0f} deg")
+
+
+def main(words):
+    """Print the table, or the numbers."""
+    if "numbers" in words:
+        print_numbers()
+        return
+    numbers = iter(map(int, words))
+    print_table(next(numbers, 20), next(numbers, 0))
 
 
 if __name__ == "__main__":
