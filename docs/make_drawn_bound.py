@@ -132,17 +132,13 @@ def print_table(count, first):
     print(f"| all | {row(every)} |")
 
 
-def holds_at_corner(turn_deg, gap_px, place):
-    """Whether the bound of a line holds whose pen was lifted at a corner; `None` if refused.
-
-    place: where in the gap the corner lies, 0 to 1
-    """
+def holds_at_corner(turn_deg, gap_px):
+    """Whether the bound of a line holds whose pen was lifted at a corner; `None` if refused."""
     corner, half = np.array([170.3, 130.7]), np.radians(turn_deg) / 2
     ways = np.array([[-np.cos(half), np.sin(half)], [np.cos(half), np.sin(half)]])
     legs = [corner + np.linspace(0, 130, 200)[:, None] * way for way in ways]
     lift = (gap_px + 3.0) / 2 / np.cos(half)
-    lifts = 2 * lift * place, 2 * lift * (1 - place)
-    shown = [leg[np.hypot(*(leg - corner).T) > px] for leg, px in zip(legs, lifts, strict=True)]
+    shown = [leg[np.hypot(*(leg - corner).T) > lift] for leg in legs]
     share = np.maximum(*(coverage(SHAPE, leg, 3.0) for leg in shown))
     try:
         lines = extract_curve(to_uint8(blend(flat(SHAPE), share, RED)), max_gap_px=50.0).strokes
@@ -158,9 +154,8 @@ def print_numbers():
     for value in (1.0, 1.25, 1.5, 2.0):
         tuned.CORNER_SIGMAS = value
         every = [
-            holds_at_corner(turn, gap, place)
-            for turn in np.linspace(15, 90, 6)
-            for place in (0.1, 0.3, 0.5, 0.7)
+            holds_at_corner(turn, gap)
+            for turn in np.linspace(5, 100, 20)
             for gap in (6.0, 10.0, 14.0, 18.0, 24.0, 32.0, 40.0)
         ]
         made = [holds for holds in every if holds is not None]
