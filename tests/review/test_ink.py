@@ -7,11 +7,15 @@ import cv2
 import numpy as np
 import pytest
 import slices
+from conftest import ROOT
+from docs_modules import load
 from drawing import jpeg, normal_errors, rms
 
 from vfplan.registration.registration import own_bound
 from vfplan.review.geometry import routes_through
 from vfplan.review.strokes import SliceInk, path_through
+
+bound = load(ROOT / "docs" / "make_drawn_bound.py")
 
 
 def drawn(truth, closed, seed):
@@ -109,6 +113,12 @@ def test_a_line_that_other_ink_joins_lies_within_a_bound_that_is_not_far_off(kin
         shares.append(error / own_bound([line]).max())
     assert np.mean(np.array(shares) <= 1) > 0.93
     assert np.median(shares) > usual
+
+
+@pytest.mark.slow
+def test_the_bound_that_is_stated_along_lines_drawn_by_hand_holds():
+    results = [bound.result_of(kind, seed) for kind in bound.KINDS for seed in range(900, 910)]
+    assert np.mean([result.along for result in results]) >= 0.93
 
 
 def test_an_end_moves_to_the_end_of_ink_that_is_near_and_in_the_picture():

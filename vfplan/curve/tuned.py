@@ -173,8 +173,8 @@ SWAY = 1.5
 # that their curvature gives, and 96 % of the lines with a corner lie within theirs.
 CORNER_SHARES = (0.25, 0.5)
 
-# Deviations from a bridge to the farthest way that a pen takes round a corner. Of 140 lifts of 6 to
-# 40 px at corners 136 keep their bound; with 1.5 132, with 2 fewer.
+# Deviations from a bridge to the farthest way that a pen takes round a corner. All 132 lifts of 6
+# to 40 px in `docs/make_drawn_bound.py numbers` keep their bound up to 1.5; with 2 one does not.
 CORNER_SIGMAS = 1.25
 
 # What is refused.

@@ -48,7 +48,9 @@ from vfplan.geometry.lines import (
     running_median,
     runs,
     values_at,
+    windows,
 )
+from vfplan.registration.models import rms
 
 # Points of a stroke, by their numbers.
 Indices = NDArray[np.int64]
@@ -74,9 +76,15 @@ STEP_OF_BONES_PX = 1.5
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
 
+# Deviations of a hand from which on an end of ink is no longer sure to be the one that was meant.
+HAND_SIGMAS = 3.0
+
+# Points along a line over which the deviation of a place fades to a hundredth.
+FADE_POINTS = 20
+
 # Points of a drawn path over which a line goes from its last ink onto that path.
-# The sharpest turn there (95 % of the same ends) is 98 degrees with 0 points, 32 with 3, and 27
-# with 6 to 24.
+# The sharpest turn at an end (95 % of those of `docs/make_drawn_bound.py numbers`) is 93 degrees
+# with 0 points, 57 with 3, 41 with 6 and 36 with 12.
 ONTO_PATH_POINTS = 6
 
 # Points beside a stretch without ink whose profiles that stretch may cut: a pen's width.
@@ -123,13 +131,13 @@ def faded(offset: NDArray, has_ink: Flags, closed: bool) -> Array:
     """Offsets along a path; beyond the last ink that of the ink goes on, and fades over ten px."""
     from scipy.ndimage import distance_transform_edt
 
-    count = len(offset)
-    # Of a ring the middle one of three rounds, so that the way leads through its seam.
-    rounds = 3 if closed else 1
-    empty = np.tile(~has_ink, rounds)
+    # A ring lies between two more rounds, so that the way leads through its seam.
+    around = len(offset) * closed
+    empty = np.pad(~has_ink, around, "wrap")
     distance, (nearest,) = distance_transform_edt(empty, return_indices=True)
-    part = slice(rounds // 2 * count, (rounds // 2 + 1) * count)
-    return offset[nearest[part] % count] * np.exp(-0.5 * (distance[part] / 10.0) ** 2)
+    part = slice(around, around + len(offset))
+    fade = np.exp(-0.5 * (distance[part] / 10.0) ** 2)
+    return offset[nearest[part] % len(offset)] * fade
 
 
 def past_branches(points: NDArray, joined: Flags, alone: Flags) -> Flags:
@@ -317,6 +325,7 @@ class SliceInk:
         # A point beside ink that ends, as under a cover, is not confirmed by that ink.
         has_ink = binary_erosion(alone | passed, iterations=BORDER_POINTS, border_value=True)
         sigma[~has_ink] = np.maximum(sigma[~has_ink], HAND_SIGMA_PX)
+        sigma = fading(sigma, closed)
         return Stroke(points, closed, sigma, edited=~has_ink, hidden=profiles.hidden)
 
     def lacking(self, ring: NDArray, alone: Flags, pen_px: float) -> Array:
@@ -342,21 +351,18 @@ class SliceInk:
         if closed or not any(free):
             return line
         width = self.width_along(line.points, False)
-        moved = self._to_its_ends(line, free, width, reach_px)
+        moved, _ = self._to_its_ends(line, free, width, reach_px)
         away = _core.nearest(moved.points, self.bones[0])[0] - width / 2 - tuned.EDGE_BLUR_PX
         others = self.bones[0][(away > 0) & (away <= STEP_OF_BONES_PX)]
         away = np.hypot(*(others[:, None] - moved.end_points).T)
         stays = free & (away.min(1, initial=np.inf) <= reach_px)
-        line = self._to_its_ends(line, tuple(free & ~stays), width, reach_px)
-        # Other ink that leads the end away from where the hand put it is not followed.
-        is_led_away = stays & (np.hypot(*(line.end_points - path[[0, -1]]).T) > HAND_SIGMA_PX)
-        away = np.abs(line.points[:, None] - line.end_points[is_led_away])
-        edited = line.edited | (away.max(2).min(1, initial=np.inf) <= reach_px)
-        # Along the line such an end is as good as the hand.
-        sigma = line.sigma.copy()
-        sigma[[0, -1]] = np.maximum(sigma[[0, -1]], HAND_SIGMA_PX * stays)
-        line = replace(line, sigma=sigma, edited=edited)
-        return MendedStroke.of(line).with_drawn_ends(path, stays & edited[[0, -1]])
+        line, ends_px = self._to_its_ends(line, tuple(free & ~stays), width, reach_px)
+        line = MendedStroke.of(line)
+        for end, way in ((1, path), (0, path[::-1])):
+            if free[end]:
+                line = line.with_drawn_end(way, stays[end], ends_px[end])
+            line = line.reversed()
+        return line
 
     def trace(self, path: NDArray, closed: bool) -> Stroke:
         """Measure a line along its skeleton, and carry it on to the ends of its ink."""
@@ -367,30 +373,33 @@ class SliceInk:
         width = self.width_along(path, closed)
         line = self.measure(path, closed, max(CLOSE_PX, width), width)
         if not closed:
-            line = self._to_its_ends(line, (True, True), width, 2 * tuned.TAPER_REACH_PX)
+            line, _ = self._to_its_ends(line, (True, True), width, 2 * tuned.TAPER_REACH_PX)
         return bridging(line, line.edited)
 
     def _to_its_ends(
         self, line: Stroke, free: tuple[bool, bool], width: float, reach_px: float
-    ) -> Stroke:
-        """The line with each free end where its ink ends, if that is within reach."""
+    ) -> tuple[Stroke, Array]:
+        """The line with each free end where its ink ends, if that is within reach.
+
+        Also these ends' deviations along the line [px]; 0 of an end that stays.
+        """
         before = onward(line.points[::-1])[::-1]
         carried = np.vstack([before, line.points, onward(line.points)])
         profiles = read_profiles(self.found, carried, normals(carried, False), width)
         valid = without_ink_ahead(profiles.valid)
         if line.edited.all() or valid.sum() < tuned.MIN_PROFILES:
-            return line
+            return line, np.zeros(2)
         ends = find_ends(profiles, valid, is_noisy(self.found, line.points, width))
         known = len(before) + np.array([0.0, len(line.points) - 1])
         found = np.array([end.place for end in ends])
         is_moved = free & ~valid[[0, -1]] & (np.abs(found - known) < reach_px)
         start, stop = np.where(is_moved, found, known)
         if stop - start < tuned.MIN_PROFILES:
-            return line
+            return line, np.zeros(2)
         path = values_at(carried, np.linspace(start, stop, round(stop - start) + 1))
         # Beyond the picture no ink shows where the line ends.
         path = path[((path > -0.5) & (path < self.found.size - 0.5)).all(axis=1)]
-        return self.measure(path, False, CLOSE_PX, width)
+        return self.measure(path, False, CLOSE_PX, width), is_moved * [end.sigma for end in ends]
 
     def with_hidden(self, line: Stroke) -> Stroke:
         """A line of a bundle, with where another colour lies over it."""
@@ -402,6 +411,14 @@ class SliceInk:
         """The usual width of the ink along a path [px]; 3 where there is none."""
         _, has_ink, width = self.nearest(evenly(path, closed), closed, REACH_PX)
         return float(np.median(width[has_ink])) if has_ink.any() else 3.0
+
+
+def fading(sigma: NDArray, closed: bool) -> Array:
+    """Deviations along a line that fall beside a place that is off as its errors do."""
+    # So falls the equivalent kernel of a smoothing spline, which carries the errors along.
+    steps = np.abs(np.arange(-FADE_POINTS, FADE_POINTS + 1))
+    kernel = np.exp(-steps / (np.sqrt(2) * tuned.SMOOTH_NOISY_PX))
+    return (windows(sigma, len(kernel), BEYOND[closed]) * kernel).max(axis=1)
 
 
 def bridging(line: Stroke, gaps: Flags) -> Stroke:
@@ -503,10 +520,10 @@ class MendedStroke(Stroke):
             first = nearest_to(end if start is None else start, self.points)
             # The point of the seam becomes the first and the last.
             stroke = self.part(self._run(first, first))
-        first, last = 0, len(stroke.points) - 1
-        if start is not None:
-            first = nearest_to(start, stroke.points)
-        if end is not None and (start is not None or not self.closed):
+        is_opened = self.closed and start is None
+        first = 0 if start is None else nearest_to(start, stroke.points)
+        last = len(stroke.points) - 1
+        if end is not None and not is_opened:
             last = nearest_to(end, stroke.points)
         if last - first < 3:
             raise SettingError(
@@ -593,24 +610,33 @@ class MendedStroke(Stroke):
         # Without ink nothing asks about bridges, but what a hand drew is told.
         return replace(joined, sigma=bridged.sigma) if ink is None else bridged
 
-    def with_drawn_ends(self, path: NDArray, is_drawn: Flags) -> MendedStroke:
-        """With (first, last) ends that no ink confirms as they were drawn, along a path.
+    def with_drawn_end(self, path: NDArray, stays: bool, along_px: float) -> MendedStroke:
+        """With what a hand knows of the last end: where it drew it along a path, and how well.
 
-        Beyond its confirmed ink a line may have been moved onto that of another one.
+        stays: whether it lies where it was drawn, if no ink confirms it. Beyond its confirmed ink a
+        line may have been moved onto that of another one.
+        along_px: the deviation along the line of an end of ink, 0 of another end
         """
-        known = np.flatnonzero(~self.edited)
+        # Other ink that leads the end away from where the hand put it is not followed.
+        is_led_away = stays and np.hypot(*(self.points[-1] - path[-1])) > HAND_SIGMA_PX
+        away = np.abs(self.points - self.points[-1]).max(axis=1)
+        known = np.flatnonzero(~self.edited & (away >= REACH_PX * is_led_away))
         if not len(known):
             return self
-        stroke, ends = self, self.points[known[[0, -1]]]
-        start, stop = _core.nearest(path, ends)[1] + (-ONTO_PATH_POINTS, ONTO_PATH_POINTS)
-        is_drawn = is_drawn & (np.hypot(*(path[[0, -1]] - ends).T) >= HAND_SIGMA_PX)
-        if is_drawn[1]:
-            drawn = np.vstack([ends[1], path[min(stop, len(path) - 1) :]])
-            stroke = stroke._with_stretch(known[-1], len(self.points) - 1, drawn, None)
-        if is_drawn[0]:
-            drawn = np.vstack([path[: max(start, 0) + 1], ends[0]])
-            stroke = stroke._with_stretch(0, known[0], drawn, None)
-        return stroke
+        # Where no ink shows it, the line is as good as the hand was where ink does.
+        distance, nearest = _core.nearest(path, self.points[known])
+        hand_px = max(HAND_SIGMA_PX, rms(distance))
+        stroke, end = self, self.points[known[-1]]
+        if stays and np.hypot(*(path[-1] - end)) >= HAND_SIGMA_PX:
+            drawn = np.vstack([end, path[nearest[-1] + ONTO_PATH_POINTS : -1], path[-1]])
+            stroke = self._with_stretch(known[-1], len(self.points) - 1, drawn, None)
+        sigma = stroke.sigma.copy()
+        sigma[known[-1] + 1 :] = hand_px
+        # An end that moved farther than a hand errs may still lie where the hand put it.
+        moved_px = np.hypot(*(stroke.points[-1] - path[-1]))
+        is_far = moved_px > HAND_SIGMAS * HAND_SIGMA_PX
+        sigma[-1] = max(sigma[-1], along_px or hand_px, is_far * moved_px / 2)
+        return replace(stroke, sigma=fading(sigma, False))
 
     def without_ink_in(self, box: Box) -> MendedStroke:
         """The stroke as if a hand had drawn its part in a box, (u, v, width, height) [px]."""
