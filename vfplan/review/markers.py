@@ -48,14 +48,14 @@ class Marker:
         Standard deviations of the target: none, one, or one an axis.
     is_used
         Whether the registration rests on it.
-    is_deleted
-        Whether a person took it out of the list; it is told as one that is left out.
     depth_m
         Distance from the slice's plane, for markers of the patient's frame.
     residual_m
         Distance from where the registration says it lies.
     residual_px
         From its place to there, in the plane of the slice.
+    is_deleted
+        Whether a person took it out of the list; it is told as one that is left out.
     """
 
     label: str
@@ -63,10 +63,10 @@ class Marker:
     target_m: tuple[float, float, float] | None = None
     sigma_m: tuple[float, ...] = ()
     is_used: bool = True
-    is_deleted: bool = False
     depth_m: float = 0.0
     residual_m: float | None = None
     residual_px: tuple[float, float] | None = None
+    is_deleted: bool = False
 
     @property
     def is_whole(self) -> bool:
