@@ -626,8 +626,8 @@ def dotted_finding(stroke: Stroke) -> Finding:
 def stretch_findings(curve: Stroke) -> list[Finding]:
     """A note for each stretch of a curve that does not show.
 
-    It is a doubt where the stretch is long, where a small share of the stroke lies beyond a gap, and
-    where the longest gap of a ring joins the ends of a line.
+    It is a doubt where the stretch is long, where a small share of the stroke lies beyond a gap,
+    and where the longest gap of a ring joins the ends of a line.
     """
     findings = []
     gaps = [run for reason, run in _stretches(curve) if reason == "bridge"]

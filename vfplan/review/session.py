@@ -268,8 +268,8 @@ class Session:
     def why_not(self, by: Any = "") -> list[str]:
         """What stands against an approval by a person, one sentence each."""
         return self.current.why_not + [
-            f"{100 * max(flags.mean(), 0.01):.0f} % of stroke {number} was not in view yet at full size. "
-            "Look along it."
+            f"{100 * max(flags.mean(), 0.01):.0f} % of stroke {number} was not in view yet at full "
+            "size. Look along it."
             for number, flags in enumerate(self.unseen(by), 1)
             if flags.any()
         ]
