@@ -300,7 +300,7 @@ export class Curve {
       [state.boxes.length, "of-box", "excluded"],
       [has("doubt"), "of-pin doubt", "a finding to answer"],
       [has("note"), "of-pin", "a finding for your information"],
-      [state.markers.some((one) => one.residual_px), "of-arrow", "from a marker to where the fit puts it, enlarged"],
+      [state.markers.some((one) => one.used && one.residual_px), "of-arrow", "from a marker to where the fit puts it, enlarged"],
       [state.rendered, "of-tip", "with Push: the tool tip"],
       [state.rendered, "of-proxy", "with Push: the proxy, which the wall stops, and its circle"],
       [state.rendered, "of-force", "with Push: the force on the tip"],

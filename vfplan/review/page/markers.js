@@ -148,7 +148,7 @@ export class Markers {
 
   // The path of a residual's arrow, from the marker to where the fit puts it.
   arrow(marker, [u, v], scale) {
-    if (!marker.residual_px) return "";
+    if (!marker.used || !marker.residual_px) return "";
     const [du, dv] = marker.residual_px.map((x) => x * scale);
     const length = Math.hypot(du, dv);
     if (length < MIN_ARROW_PX) return "";
@@ -349,11 +349,12 @@ function mm(metres) {
   return `${(1e3 * metres).toFixed(2)} mm`;
 }
 
-// Residuals are far shorter than a pixel on the screen: they are drawn enlarged, and it is said.
+// Residuals are far shorter than a pixel on the screen: they are drawn enlarged, and it is said. A
+// marker that is left out has none, as on the sheet: it would dwarf the others.
 function arrowScale(state) {
   let longest = 0;
   for (const marker of state.markers) {
-    if (marker.residual_px) longest = Math.max(longest, Math.hypot(...marker.residual_px));
+    if (marker.used && marker.residual_px) longest = Math.max(longest, Math.hypot(...marker.residual_px));
   }
   if (longest === 0) return 1;
   const wanted = Math.max(state.image.width_px, 300) / 10 / longest;
