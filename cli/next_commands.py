@@ -52,10 +52,10 @@ def page_shows(fixture: Fixture, *, has_slice: bool) -> bool:
     return (has_slice or "image" in frames) and fixture.curve is not None and fixture.mesh is None
 
 
-def review_command(fixture: Path, image: Path | str | None, *, has_page: bool = True) -> str:
+def review_command(fixture: Path, image: Path | None, *, has_page: bool = True) -> str:
     """The command that shows a fixture to a person.
 
-    image: the slice that it was drawn on, or "IMAGE" where only the person knows it; `None`: none
+    image: the slice that it was drawn on, or a folder that is searched for it; `None`: none
     has_page: whether the page can show it, as it does drawn curves; of others the sheet is drawn
     """
     words = ["review", fixture]
@@ -145,7 +145,7 @@ def approval_command(fixture: Path, content: Report) -> str:
         return sign_command(fixture, {"case": content.get("/@case")})
     has_image = any(path.startswith("/image@") for path in content)
     has_page = "/curve/stroke" in content and "/mesh/triangles" not in content
-    return review_command(fixture, "IMAGE" if has_image else None, has_page=has_page)
+    return review_command(fixture, fixture.parent if has_image else None, has_page=has_page)
 
 
 def page_command(

@@ -69,7 +69,7 @@ def vfplan_register(
         # The page shows a curve on its own slice alone, so another image is not named.
         is_other = any(finding.code == "image-other" for finding in planned.findings)
         if is_other or (image is None and fixture.image is not None):
-            image = "IMAGE"
+            image = output.parent
         has_page = page_shows(fixture, has_slice=image is not None)
         next_step = review_command(output, image, has_page=has_page)
     else:

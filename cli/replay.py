@@ -164,7 +164,7 @@ def vfplan_replay(fixture, session, output, csv_out, **arguments) -> CommandResu
     metrics = replayed.metrics
     warnings = list(options.not_compared(metrics["fixture"], arguments).values())
     if unanswered := len(replayed.fixture.open_findings):
-        image = None if replayed.fixture.image is None else "IMAGE"
+        image = None if replayed.fixture.image is None else fixture.parent
         has_page = page_shows(replayed.fixture, has_slice=image is not None)
         review = review_command(fixture, image, has_page=has_page)
         what = f"Nobody has answered {count(unanswered, 'finding')} of this fixture."

@@ -57,7 +57,7 @@ DOOR = '<!DOCTYPE html><meta http-equiv="refresh" content="0; url={address}">\n'
            help="Write a page with the plan at true scale, and tags for `vfplan ar`."),
     options.PAPER,
     option("--slice", "slice_path", type=FILE, metavar="IMAGE",
-           help="Show a bundle on this slice, on which it was drawn (checked by its SHA-256)."),
+           help="Show a bundle on its slice: a file, or its folder (checked by its SHA-256)."),
     option("--by", default="", metavar="NAME", help="Propose this name on the page."),
     option("--key", type=FILE, metavar="KEY",
            help="Sign the approved plan with this private key, from `vfplan keygen`."),
@@ -246,7 +246,7 @@ def draw_sheet(
         name, ending = "review", ["-o", approved]
         if shown.is_slice_missing:
             picture = sheet_out or file_beside(source, "sheet", ".png")
-            ending = ["--slice", "IMAGE", "--sheet-out", picture, "--overwrite"]
+            ending = ["--slice", source.parent, "--sheet-out", picture, "--overwrite"]
         elif shown.image is None:
             # A curve without a slice becomes a fixture first.
             name = "register" if is_bundle else "plan"

@@ -166,7 +166,7 @@ def vfplan_accept(fixture, output, digest, by, answers, answer_all) -> CommandRe
         accepted = accept(before, digest, by, answers=answers, answer_all=answer_all)
     except CheckFailed as error:
         if error.code == "digest-other":
-            image = "IMAGE" if "image" in before.provenance.inputs else None
+            image = fixture.parent if "image" in before.provenance.inputs else None
             error.message += f": {review_command(fixture, image, has_page=False)}"
         raise
     with outputs(output) as (path,):

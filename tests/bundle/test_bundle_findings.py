@@ -51,7 +51,7 @@ def test_what_is_open_or_not_reviewed_is_signed_only_when_told(make, code, codes
         sign(tmp_path / "a.h5", tmp_path / "s.h5", key)
     assert raised.value.numbers.get("codes") == codes
     approved = tmp_path / "a-approved.h5"
-    page = f"vfplan review {tmp_path / 'a.h5'} --slice IMAGE -o {approved}"
+    page = f"vfplan review {tmp_path / 'a.h5'} --slice {tmp_path} -o {approved}"
     assert page in raised.value.message
     assert not (tmp_path / "s.h5").exists()
     signed = sign(tmp_path / "a.h5", tmp_path / "s.h5", key, despite_findings=True)

@@ -512,7 +512,7 @@ def check_texts(case: str, robot_serial: str = "") -> None:
 def check_is_approved(fixture: Fixture, where: str) -> None:
     """Refuse a fixture with open doubts, or one that nobody has reviewed."""
     source = Path(where)
-    slice_words = () if fixture.image is None else ("--slice", "IMAGE")
+    slice_words = () if fixture.image is None else ("--slice", source.parent)
     approved = source.with_name(f"{source.stem}-approved.h5")
     page = command_of("review", source, *slice_words, "-o", approved)
     codes = [finding.code for finding in fixture.open_findings]
