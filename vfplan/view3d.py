@@ -214,12 +214,9 @@ def add_cloud(plotter: Any, fixture: Fixture) -> list[tuple[str, str]]:
     import pyvista
 
     stride = -(-len(fixture.points) // MAX_DRAWN)
-    look = {
-        "point_size": 3.0 if stride > 1 else 5.0,
-        "render_points_as_spheres": True,
-        "lighting": False,
-    }
-    plotter.add_mesh(pyvista.PolyData(fixture.points[::stride]), color=CLOUD, **look)
+    points, size = pyvista.PolyData(fixture.points[::stride]), 3.0 if stride > 1 else 5.0
+    look = {"render_points_as_spheres": True, "lighting": False, "point_size": size}
+    plotter.add_mesh(points, color=CLOUD, **look)
     rows = [("line", CLOUD)]
     if fixture.rendering is not None and fixture.region is not None:
         radius = fixture.contact_radius + fixture.point_radius
@@ -292,6 +289,4 @@ def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
     plotter.add_arrows(hip, ticks.force[tick], scale, color=FORCE, name="force")
     depth = 1e3 * ticks.penetration[tick]
     text = f"t = {ticks.time[tick]:z.3f} s   force {force[tick]:.3f} N   penetration {depth:.3f} mm"
-    plotter.add_text(
-        text, position=(20, SIZE_PX[1] - 40), font_size=10, color="black", name="readout"
-    )
+    plotter.add_text(text, (20, SIZE_PX[1] - 40), font_size=10, color="black", name="readout")

@@ -285,15 +285,8 @@ def marker_state(plan: Plan) -> Report:
         "fre_rms_m": registration and registration.fre_rms_m,
         "markers_why_not": fit.why_not if fit.markers else "",
         "plan": {
-            name: getattr(fit.settings, name)
-            for name in (
-                "model",
-                "contact_radius",
-                "guide_m",
-                "guide_stroke",
-                "seen_from",
-                "arcs_m",
-            )
+            key: getattr(fit.settings, key)
+            for key in ("model", "contact_radius", "guide_m", "guide_stroke", "seen_from", "arcs_m")
         }
         | {"pixel_spacing_mm": fit.pixel_spacing_mm},
         "tre95_m": fit.tre95_m(plan.geometry.strokes),
