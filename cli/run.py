@@ -244,9 +244,7 @@ def statistics(report: Report, place: str = "") -> Iterator[str]:
         if isinstance(value, dict):
             yield from statistics(value, f"{place}{name}.")
         elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
-            yield from (
-                f"  {place}{name}[{i}] = {json.dumps(part)}" for i, part in enumerate(value)
-            )
+            yield from (f"  {place}{name}[{i}] = {json.dumps(one)}" for i, one in enumerate(value))
         else:
             shown = f"{value:z.9g}" if isinstance(value, float) else json.dumps(value)
             yield f"  {place}{name} = {shown}"

@@ -59,6 +59,9 @@ class Finding:
         return self.text
 
 
+Findings = tuple[Finding, ...]
+
+
 def acceptance(by: str, utc: str) -> str:
     """What people read behind a finding that somebody answered: the plan stays as it is."""
     return f" (accepted as it is by {by}, {utc})"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import SceneError
-from vfplan.findings import Finding
+from vfplan.findings import Findings
 from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import Array, Flags, length_of, ring_of, values_at
 from vfplan.io.files import now_utc
@@ -461,13 +461,13 @@ class Fixture:
     stability: StabilityVerdict | None = None
     mesh: NDArray[np.int32] | None = None
     guidance: Guidance | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     reviewed: Review | None = None
     sample_radius: float | None = None
     case: str | None = None
 
     @property
-    def open_findings(self) -> tuple[Finding, ...]:
+    def open_findings(self) -> Findings:
         """The doubts that nobody has answered."""
         return tuple(finding for finding in self.findings if finding.is_open)
 

@@ -359,7 +359,7 @@ def check_session(session: Session, fixture: Fixture) -> None:
 
 def reach_places(
     arm: Arm, session: Session, ruler: CurveRuler | None
-) -> tuple[list[Array], list[dict[str, Any]]]:
+) -> tuple[list[Array], list[SafetyStop]]:
     """The postures along the session, and the places the arm cannot bring the tip to."""
     arm.hold(arm.ready)
     rotation = arm.read_tip()[1].copy()

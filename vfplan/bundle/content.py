@@ -20,7 +20,7 @@ from typing import Any, Literal
 import numpy as np
 
 from vfplan.errors import InputError
-from vfplan.findings import Finding
+from vfplan.findings import Finding, Findings
 from vfplan.fixture import (
     Curve,
     Fixture,
@@ -225,7 +225,7 @@ def as_content(value: Any, row: Row) -> Any:
     return types.get(row.type, int)(value)
 
 
-def content_of_findings(findings: tuple[Finding, ...]) -> Content:
+def content_of_findings(findings: Findings) -> Content:
     """The group `/findings`."""
     content: Content = {
         f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
@@ -313,7 +313,7 @@ def counted(text: str) -> bytes:
     return struct.pack("<Q", len(data)) + data
 
 
-def rendered_values(fixture: Fixture) -> dict[str, Any]:
+def rendered_values(fixture: Fixture) -> Content:
     """Everything that an engine renders of a fixture, by its path, and its `kind`."""
     content = to_content(fixture)
     values = {path: content[path] for path in content if rows_by_path()[path].mark == "rendered"}
@@ -354,7 +354,7 @@ def from_content(content: Content) -> Fixture:
     return Fixture(**values, **parts, findings=findings_of(content))
 
 
-def findings_of(content: Content) -> tuple[Finding, ...]:
+def findings_of(content: Content) -> Findings:
     """What a checked content says that a person should look at."""
     findings = []
     for i in range(len(content.get("/findings/code", ()))):

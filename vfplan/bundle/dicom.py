@@ -216,12 +216,10 @@ def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
         SegmentAlgorithmName="vfplan", SegmentedPropertyCategoryCodeSequence=[code],
         SegmentedPropertyTypeCodeSequence=[code],
     )  # fmt: skip
-    measures = item(
-        PixelSpacing=[row_mm, column_mm], SliceThickness=step, SpacingBetweenSlices=step
-    )
+    pixel = item(PixelSpacing=[row_mm, column_mm], SliceThickness=step, SpacingBetweenSlices=step)
     shared = item(
         PlaneOrientationSequence=[item(ImageOrientationPatient=orientation)],
-        PixelMeasuresSequence=[measures],
+        PixelMeasuresSequence=[pixel],
         SegmentIdentificationSequence=[item(ReferencedSegmentNumber=1)],
     )
     organization = item(DimensionOrganizationUID=generate_uid(entropy_srcs=["vfplan", "place"]))

@@ -206,9 +206,8 @@ def joined_corners(points: Array, triangles: Rows, reach: float) -> Rows:
     corner = np.arange(len(points))
     if len(rim):
         pairs = kd_tree(points[rim]).query_pairs(reach, output_type="ndarray")
-        _, first, part = np.unique(
-            parts_of(len(rim), pairs), return_index=True, return_inverse=True
-        )
+        parts = parts_of(len(rim), pairs)
+        _, first, part = np.unique(parts, return_index=True, return_inverse=True)
         corner[rim] = rim[first[part]]
     return corner
 

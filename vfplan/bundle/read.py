@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.seal import Trust, check_trust, describe, opened_source, unsealed
+from vfplan.display import Report
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
 
@@ -31,9 +31,7 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     return read_sealed(path, trust=trust)[0]
 
 
-def read_sealed(
-    path: str | Path | bytes, *, trust: Trust | None = None
-) -> tuple[Fixture, dict[str, Any]]:
+def read_sealed(path: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Fixture, Report]:
     """The fixture, and the bundle's seal as `info` shows it; raises as `read_fixture` does."""
     content, seal = read_bundle(path, trust=trust)
     return from_content(content), seal
@@ -41,7 +39,7 @@ def read_sealed(
 
 def read_bundle(
     source: str | Path | bytes, *, trust: Trust | None = None
-) -> tuple[Content, dict[str, Any]]:
+) -> tuple[Content, Report]:
     """Every value of a bundle, by its path in the format's table, and its seal.
 
     Raises as `read_fixture` does.

@@ -130,7 +130,7 @@ def open_folder(folder: Path, question: Question) -> None:
         raise OutputError(text, where=folder, code="another-campaign")
 
 
-def store_block(path: Path, rows: list[dict[str, Any]]) -> None:
+def store_block(path: Path, rows: list[Report]) -> None:
     """Write a block, whole; one that is there already is the same, and stays."""
     import pyarrow
 
@@ -276,7 +276,7 @@ def run_campaign(
     return len(missing) * BLOCK
 
 
-def make_block(trials: bytes, block: int) -> list[dict[str, Any]]:
+def make_block(trials: bytes, block: int) -> list[Report]:
     """The rows of a block; any process makes the same, and keeps the trials that it unpacked."""
     unpacked = loads_once(trials)
     return [unpacked.run(trial) for trial in range(block * BLOCK, (block + 1) * BLOCK)]

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from vfplan.display import Report
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SettingError
 from vfplan.fixture import Fixture, RegistrationRecord
@@ -156,7 +156,7 @@ class Trials:
         self._markers = make_problem(record.source, target, record.model, spacing_m, None, None)
         self._along = homogeneous(self._markers.normaliser(curve))
 
-    def run(self, trial: int) -> dict[str, Any]:
+    def run(self, trial: int) -> Report:
         """One trial as a row of the campaign's table.
 
         It holds how far the tool went beyond the true curve's surface at most (below 0 it never
@@ -218,7 +218,7 @@ class Trials:
             ahead.append(pull * self.fixture.stiffness / self.settings.hand_stiffness)
         return ahead
 
-    def replay(self, points: Array, trial: int, rng: np.random.Generator) -> dict[str, Any]:
+    def replay(self, points: Array, trial: int, rng: np.random.Generator) -> Report:
         """Render these points (N, 3) [m] to the trial's hand, and measure how far the tool goes."""
         number = trial % len(self.sessions)
         session, hip = self.sessions[number], self.sessions[number].hip

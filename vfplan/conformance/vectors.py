@@ -102,7 +102,7 @@ def signed(
 # --- Changes of a content -----------------------------------------------------------------------
 
 
-def with_values(content: Content, values: dict[str, Any]) -> Content:
+def with_values(content: Content, values: Content) -> Content:
     """A content with other values; a function makes the new value of the old one.
 
     `None` takes out every path that begins so.
@@ -132,12 +132,12 @@ def replaced(array: np.ndarray, place: Any, value: Any) -> np.ndarray:
     return changed
 
 
-def changed(name: str, values: dict[str, Any]) -> bytes:
+def changed(name: str, values: Content) -> bytes:
     """The bundle of a fixture that was changed after its id and certificate were made."""
     return of_content(with_values(content_of(name), values))
 
 
-def remade(name: str, values: dict[str, Any], stated: dict[str, Any] | None = None) -> bytes:
+def remade(name: str, values: Content, stated: Content | None = None) -> bytes:
     """The bundle of a fixture that was changed before its id and certificate were made.
 
     `stated` are values that stand in place of those that were made.

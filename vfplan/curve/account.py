@@ -259,9 +259,7 @@ def list_account(
     leftover: Sequence[Leftover], curves: Sequence[Stroke], ink: Ink
 ) -> tuple[AccountEntry, ...]:
     """All other ink, and every stretch of curve that does not show, the largest first."""
-    rows: list[tuple] = [
-        (len(piece.places), piece.middle, piece.size, "ink", piece) for piece in leftover
-    ]
+    rows: list[tuple] = [(len(one.places), one.middle, one.size, "ink", one) for one in leftover]
     rows += [
         (len(run), curve.points[_middle(run)], float(len(run)), what)
         for curve in curves

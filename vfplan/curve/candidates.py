@@ -365,9 +365,8 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     closed = bool(apart[start, stop] <= tuned.ALIKE * spacing)
     points = path_through(places[path], closed)
     sigma = np.full(len(points), DOT_SIGMA_PX)
-    return Stroke(
-        points, closed, sigma, width=float(np.sqrt(4 * areas[is_dot][path].mean() / np.pi))
-    )
+    area = areas[is_dot][path].mean()
+    return Stroke(points, closed, sigma, width=float(np.sqrt(4 * area / np.pi)))
 
 
 def _best_gap(lines: Candidates, max_gap_px: float) -> tuple[int, int, int, int] | None:

@@ -15,7 +15,7 @@ from vfplan.curve.candidates import Candidate, Candidates
 from vfplan.curve.centreline import MeasuredStroke, drawn_length, measure, skeleton_line
 from vfplan.curve.coverage import Box, Ink, Pen, Region, find_ink
 from vfplan.errors import CurveError, SettingError
-from vfplan.findings import Finding, note
+from vfplan.findings import Finding, Findings, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import distance_to, nearest_to
 from vfplan.images.read import PlannedImage, as_image
@@ -57,9 +57,7 @@ def cut_to(curve: MeasuredStroke, start: Place, end: Place) -> MeasuredStroke:
         )
     if error := _off_curve_error(curve.points, curve.width, start, end):
         raise error
-    first, stop = (
-        None if place is None else nearest_to(place, curve.points) for place in (start, end)
-    )
+    first, stop = (None if at is None else nearest_to(at, curve.points) for at in (start, end))
     last = len(curve.points) - 1
     if curve.closed:
         return _with_points(curve, np.roll(np.arange(last + 1), -first))
@@ -139,7 +137,7 @@ class Extraction:
     strokes: tuple[Stroke, ...]
     method: Method | Literal["vector"]
     account: tuple[AccountEntry, ...] = ()
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
 
 
 def extract_curve(

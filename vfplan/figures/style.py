@@ -36,9 +36,7 @@ MARGIN_IN = 0.45
 HALO = (withStroke(linewidth=2.5, foreground="white"),)
 
 # All other settings are Matplotlib's defaults, whatever a program that uses vfplan has set.
-SETTINGS = {
-    name: value for name, value in mpl.rcParamsDefault.items() if not name.startswith("backend")
-}
+SETTINGS = {k: v for k, v in mpl.rcParamsDefault.items() if not k.startswith("backend")}
 SETTINGS |= {
     "font.size": TEXT_PT, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
     "axes.prop_cycle": mpl.cycler(color=CYCLE), "grid.color": "#ebebeb", "legend.frameon": False,

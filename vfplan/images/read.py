@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vfplan.display import MM
 from vfplan.errors import ImageError, InputError, SettingError
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, Findings, doubt, note
 from vfplan.fixture import Fixture
 from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import Array
@@ -95,7 +95,7 @@ class PlannedImage:
     T_patient_image: Array | None = None
     instance: str = ""
     orientation: int = 1
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     grey_range: Sequence[float] | None = None
     where: str = ""
 

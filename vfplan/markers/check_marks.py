@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, Findings, doubt, note
 from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
 from vfplan.markers.find_marks import (
     CLEAR_MISFIT,
@@ -88,7 +88,7 @@ def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], 
 def compare_with_marks(
     rgb: NDArray[Any], labels: Sequence[str], positions_px: ArrayLike, *,
     markers_as_given: bool = False,
-) -> tuple[dict[str, Any], tuple[Finding, ...]]:  # fmt: skip
+) -> tuple[dict[str, Any], Findings]:  # fmt: skip
     """Compare given marker positions with the marks that a slice shows: a report, and findings.
 
     The report has how many positions have a mark `near`, and how many marks of one kind are `drawn`

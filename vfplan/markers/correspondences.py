@@ -20,7 +20,7 @@ import numpy as np
 
 from vfplan.display import MM
 from vfplan.errors import MarkerError
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Findings, doubt, note
 from vfplan.geometry import CORNER_PX, PixelSpacing
 from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import (
@@ -84,7 +84,7 @@ class MarkerPoints:
     # SHA-256 of the file's bytes, lower-case hex.
     sha256: str = ""
     # What was concluded and not read.
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
 
     def __post_init__(self) -> None:
         """Every label once, and at least one of them."""
@@ -117,7 +117,7 @@ class Correspondences:
     # SHA-256 of "markers" and "markers2".
     inputs: dict[str, str] = field(default_factory=dict)
     # Units that were concluded, and markers that only one side has.
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     # The tool that touched them, and (3,) its tip in its own frame [m].
     tool: str | None = None
     tip: Array | None = None
@@ -405,7 +405,7 @@ def choose_columns(columns: dict[str, str], choices: list[Names], place: str) ->
     return names
 
 
-def unit_of(names: Names, raw: Array, place: str) -> tuple[str, tuple[Finding, ...]]:
+def unit_of(names: Names, raw: Array, place: str) -> tuple[str, Findings]:
     """The unit of a table's positions: as its header says, or by the layout's size.
 
     Raises MarkerError: a header without a unit, and a layout that fits metres as little as

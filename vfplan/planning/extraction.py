@@ -12,7 +12,7 @@ import numpy as np
 from vfplan.bundle.content import max_number
 from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, SettingError
-from vfplan.findings import Finding, doubt, note
+from vfplan.findings import Finding, Findings, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry import PixelSpacing
 from vfplan.geometry.lines import length_of
@@ -67,7 +67,7 @@ class ExtractResult:
     image: PlannedImage | None
     extraction: Extraction | None
     report: Report
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
 
 
 def extract(
@@ -113,7 +113,7 @@ def extract(
     if curve is None:
         import cv2  # noqa: F401 - the measured time holds no import
     started = time.perf_counter()
-    inputs, set_by_hand = {"image": image.sha256}, {}
+    inputs, by_hand = {"image": image.sha256}, {}
     if curve is None:
         given = {name: getattr(settings, name) for name in (*PEN_SETTINGS, "stroke")}
         try:
@@ -123,9 +123,7 @@ def extract(
                 error.message = f"{OVERLAY} {error.message}"
             raise
     else:
-        extraction, inputs["curve"], set_by_hand = read_vectors(
-            image, curve, settings, contact_radius
-        )
+        extraction, inputs["curve"], by_hand = read_vectors(image, curve, settings, contact_radius)
     if settings.density_per_mm is not None:
         extraction = resample(extraction, image.pixel_spacing_mm, settings.density_per_mm)
     elapsed = time.perf_counter() - started
@@ -139,7 +137,7 @@ def extract(
     provenance = Provenance.now(inputs, settings)
     fixture = Fixture(
         frame="image", points=np.column_stack([points, np.zeros(len(points))]),
-        provenance=replace(provenance, settings=provenance.settings | set_by_hand), sigma=sigma,
+        provenance=replace(provenance, settings=provenance.settings | by_hand), sigma=sigma,
         curve=None if extraction.method == "mask" else Curve.of(strokes),
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
         findings=findings,
@@ -153,7 +151,7 @@ def extract(
 MAX_SPACING_RATIO = 2.0
 
 
-def slice_findings(image: PlannedImage, settings: ExtractSettings) -> tuple[Finding, ...]:
+def slice_findings(image: PlannedImage, settings: ExtractSettings) -> Findings:
     """What a person should look at in the slice, whatever curve is drawn on it."""
     along_u, along_v = settings.pixel_spacing_mm or (1.0, 1.0)
     if max(along_u, along_v) <= MAX_SPACING_RATIO * min(along_u, along_v):

@@ -117,33 +117,31 @@ def match(
 
     # The markers, and the curve in the frame that they carry it from.
     spacing_mm = curve.image and curve.image.pixel_spacing_mm
-    correspondences, where = markers, None
+    pairs, where = markers, None
     if isinstance(markers, (str, Path)):
-        correspondences = read_markers(
-            markers, markers2, common=settings.common, spacing_mm=spacing_mm
-        )
+        pairs = read_markers(markers, markers2, common=settings.common, spacing_mm=spacing_mm)
         where = str(markers) if markers2 is None else f"{markers}, {markers2}"
     if tip is not None:
         tool, place, record.inputs["tip"] = read_tip(tip)
-        correspondences = replace(correspondences, tool=tool, tip=place)
+        pairs = replace(pairs, tool=tool, tip=place)
     slice_axes = None
-    if (correspondences.source_frame, curve.frame) == ("patient_lps", "image"):
+    if (pairs.source_frame, curve.frame) == ("patient_lps", "image"):
         curve, slice_axes = in_patient(curve, slice_image)
-    if correspondences.source_frame != curve.frame:
+    if pairs.source_frame != curve.frame:
         raise MarkerError(
-            f"markers are given in frame {correspondences.source_frame!r}, the curve in "
+            f"markers are given in frame {pairs.source_frame!r}, the curve in "
             f"{curve.frame!r}. Give both in one frame",
             code="frame-differs",
         )
-    is_in_image = correspondences.source_frame == "image"
-    labels, source = correspondences.labels, correspondences.source
+    is_in_image = pairs.source_frame == "image"
+    labels, source = pairs.labels, pairs.source
     drawn_markers, marks = None, None
     with naming_place(where):
-        refuse_implausible(correspondences, curve, slice_image)
+        refuse_implausible(pairs, curve, slice_image)
 
         # The positions as given, or where the marks are drawn.
         if settings.find_markers:
-            drawn_markers = find_drawn(correspondences, slice_image)
+            drawn_markers = find_drawn(pairs, slice_image)
             source = np.array([marker.position_px for marker in drawn_markers])
 
         # The transform, and the gates on it.
@@ -151,26 +149,26 @@ def match(
         if is_in_image and spacing_mm is not None:
             pixel_spacing_m = tuple(1e-3 * along for along in spacing_mm)
         registration = fit_registration(
-            source, correspondences.target, model=settings.model, robust=settings.robust,
-            labels=labels, pixel_spacing=pixel_spacing_m, sigma=correspondences.sigma,
+            source, pairs.target, model=settings.model, robust=settings.robust,
+            labels=labels, pixel_spacing=pixel_spacing_m, sigma=pairs.sigma,
             seen_from=settings.seen_from,
         )  # fmt: skip
         as_given = settings.markers_as_given
         if slice_image is not None and is_in_image:
             marks = compare_with_marks(
-                slice_image.rgb, labels, correspondences.source, markers_as_given=as_given
+                slice_image.rgb, labels, pairs.source, markers_as_given=as_given
             )
         refuse_wrong_markers(registration, settings.max_residual_m, markers_as_given=as_given)
 
     # What is not refused and a person should look at.
-    record.inputs |= correspondences.inputs
-    found = [*correspondences.findings, *registration_findings(registration)]
+    record.inputs |= pairs.inputs
+    found = [*pairs.findings, *registration_findings(registration)]
     unsure = {UNSURE.get(finding.code) for finding in found}
     for finding in found:
         if finding.code in unsure:
             finding = replace(finding, severity="doubt")
         record.findings.append(finding)
-    target_frame = correspondences.target_frame
+    target_frame = pairs.target_frame
     side = side_finding(registration)
     if side is not None and settings.seen_from is None and target_frame == "robot_base":
         record.findings.append(side)
@@ -192,7 +190,7 @@ def match(
             "The image given is not the file that the curve was drawn on (SHA-256 "
             "differs), so nothing was compared with it. Give that file.",
         )  # fmt: skip
-    return MatchResult(curve, slice_axes, replace(correspondences, source=source), registration)
+    return MatchResult(curve, slice_axes, replace(pairs, source=source), registration)
 
 
 def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:

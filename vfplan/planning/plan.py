@@ -26,7 +26,7 @@ from vfplan.display import Report
 from vfplan.engine.parameters import FINEST_BAND, ProxyParameters, check_axis
 from vfplan.engine.proxy import slow_tick_text
 from vfplan.errors import CheckFailed, InputError, SettingError
-from vfplan.findings import Finding, note
+from vfplan.findings import Findings, note
 from vfplan.fixture import Fixture, Guidance, Provenance, Rendering, Stroke, size_doubt
 from vfplan.geometry.lines import Array, unit_normal
 from vfplan.io.files import FilePath
@@ -67,7 +67,7 @@ class RegisterResult:
     fixture: Fixture
     registration: Registration
     report: Report
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class PlanResult:
         return {"extract": self.extracted.report, "register": self.registered.report}
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> Findings:
         """What a person should look at."""
         return self.extracted.findings + self.registered.findings
 
@@ -126,9 +126,7 @@ def plan(
     """
     refuse_wrong_order(image, markers, markers2)
     settings = settings or FixtureSettings()
-    extracted = extract(
-        image, extraction, curve=curve, contact_radius=settings.contact_radius
-    )  # fmt: skip
+    extracted = extract(image, extraction, curve=curve, contact_radius=settings.contact_radius)
     registered = register(
         extracted.fixture, markers, markers2, settings, image=extracted.image, tip=tip
     )

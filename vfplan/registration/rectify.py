@@ -115,11 +115,9 @@ def flattening(
         raise MarkerError(
             text, code="too-few-markers", numbers={"markers": n, "needed": MIN_FOR_HOMOGRAPHY}
         )
-    registration = fit_registration(
-        pairs.source, pairs.target, labels=pairs.labels, sigma=pairs.sigma
-    )
-    problem = registration.problem
-    h = fit_homography(problem, registration.m)
+    affine = fit_registration(pairs.source, pairs.target, labels=pairs.labels, sigma=pairs.sigma)
+    problem = affine.problem
+    h = fit_homography(problem, affine.m)
     depths = 1 + problem.s @ h[9:]
     strengths = np.linalg.svd(homography_rows(h, problem), compute_uv=False)
     is_determined = strengths[-1] > DETERMINED * strengths[0]
@@ -128,16 +126,16 @@ def flattening(
     error_m = float(np.sqrt(3 * squares / (3 * n - len(h))))
     is_off = not (depths > 0).all() or (max_error_m is not None and error_m > max_error_m)
     if is_off or not is_determined:
-        mistake = label_mistake(registration)
+        mistake = label_mistake(affine)
         if mistake is not None and mistake.p_value < GOOD_SET_PROBABILITY:
-            raise mistake.refusal(registration, "Correct the labels")
+            raise mistake.refusal(affine, "Correct the labels")
     if not is_determined:
         text = "the markers determine no homography: too many lie on one line. Add one off it"
         raise MarkerError(text, code="homography-undetermined")
     if is_off:
         allowed = "any" if max_error_m is None else f"{1e3 * max_error_m:g} mm"
         # The marker that `vfplan plan` names, if it names one.
-        test = perspective_test(registration, fewest=MIN_FOR_HOMOGRAPHY)
+        test = perspective_test(affine, fewest=MIN_FOR_HOMOGRAPHY)
         if test is not None and test.outlier is not None:
             index, others_m = test.outlier
             advice = (

@@ -37,7 +37,7 @@ from vfplan.curve.choose import describe, in_number_order, two_runs_finding
 from vfplan.curve.coverage import Pen
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError, SettingError
-from vfplan.findings import Finding, note
+from vfplan.findings import Finding, Findings, note
 from vfplan.fixture import Fixture, Stroke
 from vfplan.geometry.lines import Array, Flags, distance_to, evenly
 from vfplan.images.read import PlannedImage
@@ -210,7 +210,7 @@ class Geometry:
 
     strokes: tuple[MendedStroke, ...] = ()
     ink: SliceInk | None = None
-    findings: tuple[Finding, ...] = ()
+    findings: Findings = ()
     taken: tuple[MendedStroke, ...] = ()
     refusal: dict[str, Any] | None = None
     candidates: dict[int, Stroke] = field(default_factory=dict)
@@ -274,7 +274,7 @@ class Geometry:
         return list_account(self.leftover, self.lines, self.ink.found)[:MAX_ENTRIES]
 
     @cached_property
-    def kept(self) -> tuple[Finding, ...]:
+    def kept(self) -> Findings:
         """The findings of extraction, less what was mended, with those of lines that were taken."""
         findings = list(self.findings)
         for stroke in self.taken:
@@ -288,7 +288,7 @@ class Geometry:
         return {stated(finding): finding for finding in self.kept}
 
     @cached_property
-    def all_findings(self) -> tuple[Finding, ...]:
+    def all_findings(self) -> Findings:
         """What a person should look at, made anew for the strokes as they are."""
         if not self.strokes or self.is_as_found:
             return tuple(map(self.as_settled, self.findings))
@@ -465,7 +465,7 @@ def lines_of(ink: SliceInk | None, max_gap_px: float) -> list[Candidate]:
 
 
 @lru_cache(maxsize=8)
-def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> tuple[Finding, ...]:
+def findings_of_line(ink: SliceInk, max_gap_px: float, number: int) -> Findings:
     """What extraction finds at a line, by its number; or asks of one that it refuses."""
     where = {"colour": ink.colour, "roi": ink.roi, "exclude": ink.exclude}
     try:
@@ -621,7 +621,7 @@ def with_candidates_of(error: CurveError, geometry: Geometry) -> Geometry:
     return geometry
 
 
-def unmended(findings: tuple[Finding, ...], changed: list[NDArray]) -> tuple[Finding, ...]:
+def unmended(findings: Findings, changed: list[NDArray]) -> Findings:
     """The findings without those whose place lies on lines that were changed."""
     if not any(map(len, changed)):
         return findings

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.display import MM
+from vfplan.display import MM, Report
 from vfplan.errors import MarkerError, SettingError, VfplanError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, unit_normal
@@ -184,7 +184,7 @@ class Fit:
         return float(bound.max()) if np.isfinite(bound).all() else None
 
     @cached_property
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[Report]:
         """Each marker with its residual, as the page shows it."""
         registration, steps = self.registration, self.metres_per_step
         loo_m = {}

@@ -22,7 +22,7 @@ from vfplan.curve.coverage import Box
 from vfplan.display import MM, Report, command_of, count, micrometres, millimetres
 from vfplan.engine.browser import bodies_of
 from vfplan.errors import InputError, SettingError, VfplanError
-from vfplan.findings import Finding, doubt
+from vfplan.findings import Finding, Findings, doubt
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry.lines import Array, evenly, plane_normal, row_lengths
 from vfplan.images.read import (
@@ -136,7 +136,7 @@ class Source:
     recipe: Settings = field(default_factory=dict)
     bundle: Fixture | None = None
     as_opened: Fixture | None = None
-    notes: tuple[Finding, ...] = ()
+    notes: Findings = ()
     case: str = ""
     robot_serial: str = ""
     # The slices among which one can be chosen, and the number of this one from 0.
@@ -202,7 +202,7 @@ class Outcome:
     """The plan as it would be written now: a fixture with its findings, or why there is none."""
 
     fixture: Fixture | None
-    findings: tuple[Finding, ...]
+    findings: Findings
     why_not: str = ""
     code: str = ""
 
@@ -248,7 +248,7 @@ class Plan:
         return plan
 
     @property
-    def findings(self) -> tuple[Finding, ...]:
+    def findings(self) -> Findings:
         """What a person should look at, with the answers that were given."""
         return tuple(self.answers.get(finding, finding) for finding in self.outcome.findings)
 
@@ -531,9 +531,7 @@ def sentence(text: str) -> str:
 
 def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
     """A fixture by the markers in use of a fit, told of those that a person left out."""
-    others = fit.with_markers(
-        tuple(replace(marker, is_used=not marker.is_used) for marker in fit.markers)
-    )
+    others = fit.with_markers(tuple(replace(one, is_used=not one.is_used) for one in fit.markers))
     if not others.used:
         return planned
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
@@ -826,11 +824,9 @@ def geometry_of_bundle(
     ink = None
     if image is not None and "curve" not in fixture.provenance.inputs:
         ink = ink_of(image, extraction)
-    of_curve = tuple(finding for finding in fixture.findings if finding.stage == "extract")
+    known = tuple(finding for finding in fixture.findings if finding.stage == "extract")
     strokes = strokes_on_slice(fixture, image)
     if ink is not None:
         strokes = tuple(ink.with_hidden(line) if line.is_ordered else line for line in strokes)
     # What the ink asks is made anew: the bundle may come from another program.
-    return Geometry(
-        strokes, ink, of_curve, max_gap_px=extraction.max_gap_px, is_as_found=ink is None
-    )
+    return Geometry(strokes, ink, known, max_gap_px=extraction.max_gap_px, is_as_found=ink is None)

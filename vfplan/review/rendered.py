@@ -18,13 +18,13 @@ import hashlib
 import warnings
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from vfplan.bundle import rendered_values
 from vfplan.bundle.content import digest_of_content, review_digest, to_content
-from vfplan.display import MM, coordinates, isolated, millimetres
+from vfplan.display import MM, Report, coordinates, isolated, millimetres
 from vfplan.engine.guide import Guide
 from vfplan.engine.proxy import ProxyEngine, best_rule
 from vfplan.errors import CheckFailed, ImageError, InputError, SettingError, VfplanError
@@ -296,7 +296,7 @@ def onto_plane(plane: Array, axis: Array | None = None) -> Callable[[Array], Arr
     return onto
 
 
-def rendered_in_json(fixture: Fixture) -> dict[str, Any]:
+def rendered_in_json(fixture: Fixture) -> Report:
     """Everything that the engine uses, by name; a long table by its size and its SHA-256."""
     known = rendered_values(fixture)
     for name, value in known.items():

@@ -214,11 +214,9 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
                 what = f"{GAP}, {entry.pixels} px"
             where = f"({entry.share:.1%}) at ({coordinates(entry.middle)})"
             words.append(f"{entry.number}: {what} {where}")
-        smaller = plan.other_ink[MAX_NUMBERED:]
-        if smaller:
-            words.append(
-                f"and {len(smaller)} smaller, {sum(e.pixels for e in smaller)} px together"
-            )
+        rest = plan.other_ink[MAX_NUMBERED:]
+        if rest:
+            words.append(f"and {len(rest)} smaller, {sum(e.pixels for e in rest)} px together")
         rows = [[(line, BODY, 0)] for line in words or ["none"]]
         lists.append(("Other ink in the pen's colour", rows))
     if unnamed:

@@ -269,9 +269,7 @@ class CsvWriter(ExitStack):
 
     def append(self, block: TickBlock) -> None:
         """Add a block of ticks."""
-        columns = [
-            column for name in TABLE for column in np.atleast_2d(getattr(block, name).T).tolist()
-        ]
+        columns = [one for name in TABLE for one in np.atleast_2d(getattr(block, name).T).tolist()]
         lines = [",".join(map(repr, row)) + "\n" for row in zip(*columns, strict=True)]
         self._file.write("".join(lines).encode("ascii"))
 

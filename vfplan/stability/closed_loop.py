@@ -14,10 +14,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
+from vfplan.display import Report
 from vfplan.engine.parameters import Rule, Vector
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.fixture import Fixture, Pieces
@@ -60,16 +60,14 @@ MAX_TICKS = 20_000
 
 def engine_for(contact: Contact, rule: Rule, band: float | None = None) -> ProxyEngine:
     """An engine of 1 N/m on the contact's cloud, or on its lines and arcs, or triangles."""
-    axis = contact.ignore_axis
+    axis, shape = contact.ignore_axis, contact.exact_shape
     if rule != "exact":
         return ProxyEngine(
             contact.points, contact.radius, band, stiffness=1.0, rule=rule, ignore_axis=axis
         )
-    if isinstance(contact.exact_shape, Pieces):
-        return ProxyEngine.along(
-            contact.exact_shape, contact.radius, stiffness=1.0, ignore_axis=axis
-        )
-    return ProxyEngine.on(contact.points, contact.exact_shape, contact.radius, stiffness=1.0)
+    if isinstance(shape, Pieces):
+        return ProxyEngine.along(shape, contact.radius, stiffness=1.0, ignore_axis=axis)
+    return ProxyEngine.on(contact.points, shape, contact.radius, stiffness=1.0)
 
 
 def largest_stiffness(contact: Contact, robot: Robot, engine: Engine) -> tuple[float, float]:
@@ -205,7 +203,7 @@ def closed_loop_case(
     return [CaseResult(case, outcome, detail, limit, measured, "N/m", values)]
 
 
-def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> dict[str, Any]:
+def press(contact: Contact, robot: Robot, engine: Engine, stiffness: float) -> Report:
     """Press with a constant force, from rest just inside the first touch: a step response.
 
     Parameters
@@ -270,7 +268,7 @@ PUSH_N = 10.0
 REST_TIME = 2.0
 
 
-def strike(robot: Robot, stiffness: float, speed: float) -> dict[str, Any]:
+def strike(robot: Robot, stiffness: float, speed: float) -> Report:
     """Push a mass into a flat wall of K [N/m] at a speed [m/s].
 
     It is at rest once it stays within `REST_TOLERANCE` of the depth to which the blow and the push

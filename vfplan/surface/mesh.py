@@ -175,9 +175,8 @@ def snapped(
     faces = merged[triangles]
     faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
     # Two triangles on the same corners enclose nothing between them.
-    _, row, count = np.unique(
-        np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True
-    )
+    corners = np.sort(faces, axis=1)
+    _, row, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
     faces = faces[count[row.ravel()] == 1]
     used, faces = np.unique(faces, return_inverse=True)
     return middles[used], in_plane[used], faces.reshape(-1, 3).astype(np.int32)

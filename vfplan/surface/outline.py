@@ -79,12 +79,10 @@ class Outline:
 
         at_corner = corner_normal[np.where(t <= 0, edge, after[edge])]
         outwards = np.where((t > 0) & (t < 1), normal[edge], at_corner)
-        has_distance = distance > 1e-12
+        is_apart = distance > 1e-12
         distance[(offset * outwards.conj()).real < 0] *= -1
         # Divided by the signed distance the gradient points outwards on both sides.
-        gradient = np.where(
-            has_distance, offset / np.where(has_distance, distance, 1), normal[edge]
-        )
+        gradient = np.where(is_apart, offset / np.where(is_apart, distance, 1), normal[edge])
         return distance, gradient.view(np.float64).reshape(-1, 2)
 
     @cached_property

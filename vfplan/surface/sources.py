@@ -227,9 +227,8 @@ def frames_of_segment(dataset: Any, segment: int) -> tuple[Array, Array, list[in
             "allowed in all. Export a part of it.",
             code="volume-too-large", numbers={"frames": count, "rows": rows, "columns": columns},
         )  # fmt: skip
-    corners, all_axes = map(
-        np.array, zip(*(frame_place(dataset, k) for k in range(count)), strict=True)
-    )
+    frames = [frame_place(dataset, k) for k in range(count)]
+    corners, all_axes = map(np.array, zip(*frames, strict=True))
     axes = all_axes[0]
     differs = np.abs(all_axes - axes).max(axis=(1, 2)) > 1e-12
     if differs.any():
