@@ -27,11 +27,11 @@ JACOBIAN = np.linspace(-0.5, 0.5, 21).reshape(3, 7)
 def stored(path, up=0.0, is_approved=False, **changes):
     """A bundle of a line, infinite along z; `up` shifts it along y [m]."""
     made = bundles.small()
-    rendering = replace(
-        made.rendering, stiffness=np.full(3, 1000.0), band=5e-5, ignore_axis=np.eye(3)[2]
-    )
+    how = {"stiffness": np.full(3, 1000.0), "band": 5e-5, "ignore_axis": np.eye(3)[2]}
     curve = Curve(np.zeros(401, np.int32), np.array([False]))
-    line = replace(made, points=np.add(LINE, [0, up, 0]), curve=curve, rendering=rendering)
+    line = replace(
+        made, points=np.add(LINE, [0, up, 0]), curve=curve, rendering=replace(made.rendering, **how)
+    )
     line = replace(line, **changes)
     vfplan.write_fixture(bundles.approved(line) if is_approved else line, path)
     return path

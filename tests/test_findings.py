@@ -43,9 +43,7 @@ def test_exit_code_holds_for_the_whole_branch(name, code):
 
 
 DOUBT = doubt("end-unsure", "extract", "The end is known to 2 px only.", place_px=(12.5, 40.0))
-KEYS = [
-    "code", "severity", "text", "stage", "place_px", "place_m", "answered_by", "answered_utc",
-]  # fmt: skip
+KEYS = ["code", "severity", "text", "stage", "place_px", "place_m", "answered_by", "answered_utc"]
 
 
 @pytest.mark.parametrize(

@@ -49,9 +49,8 @@ def line_fixture():
 
     targets = carried(source)
     labels = tuple(f"m{k}" for k in range(9))
-    record = RegistrationRecord(
-        "affine", "image", T, labels, source, targets, np.full(9, 1e-4), 1e-4
-    )
+    sigma = np.full(9, 1e-4)
+    record = RegistrationRecord("affine", "image", T, labels, source, targets, sigma, 1e-4)
     return replace(fixture_of(carried(pixels), stiffness=K, band=5e-6), registration=record)
 
 

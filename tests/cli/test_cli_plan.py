@@ -26,8 +26,7 @@ EXTRACT_KEYS = {
 
 def test_plan_writes_a_fixture_and_reports_both_steps(vfplan_cli, tmp_path):
     path = tmp_path / "f.h5"
-    run = vfplan_cli("plan", *ELBOW, "-o", path, "--pixel-spacing", 0.5,
-                     "--json").sound  # fmt: skip
+    run = vfplan_cli("plan", *ELBOW, "-o", path, "--pixel-spacing", 0.5, "--json").sound
     assert set(run.json["extract"]) >= EXTRACT_KEYS
     report = run.json["register"]
     assert set(report) >= REGISTER_KEYS

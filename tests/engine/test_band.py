@@ -83,8 +83,6 @@ def test_noise_asks_for_what_a_ball_sinks_into(share):
     points = line(0.5e-3, 120)[:, :2] + share * 0.5e-3 * rng.normal(size=(120, 2))
     size = alpha_edges(points, R)
     kept = np.cumsum(size) / size.sum()
-    typical, deep = (
-        dimple_depth(size[np.searchsorted(kept, q)], R, planar=True) for q in (0.5, 0.9)
-    )
+    usual, deep = (dimple_depth(size[np.searchsorted(kept, q)], R, planar=True) for q in (0.5, 0.9))
     found = band(np.pad(points, ((0, 0), (0, 1))), Z)
-    assert found == pytest.approx(typical + 2 * (deep - typical), rel=0.3)
+    assert found == pytest.approx(usual + 2 * (deep - usual), rel=0.3)

@@ -65,9 +65,7 @@ def _layout(rng: np.random.Generator, kind: str, n: int) -> Array:
 def _pose(rng: np.random.Generator) -> Array:
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    return np.column_stack(
-        [SPACING_M * turn[:, 0], SPACING_M * turn[:, 1], rng.uniform(0.2, 0.6, 3)]
-    )
+    return np.column_stack([SPACING_M * turn[:, :2], rng.uniform(0.2, 0.6, 3)])
 
 
 def _is_symmetric(source: Array, within_m: float) -> bool:

@@ -80,9 +80,7 @@ def hollow(rng):
     skins = [box(rng.uniform(1, 2, 3)), sphere(1, rng.integers(1, 4)), sphere(1, 3)]
     (points, faces), (inner, side) = (skins[k] for k in rng.integers(3, size=2))
     points = np.vstack([points, inner * rng.uniform(0.3, 0.8)]) * rng.uniform(3, 9) * R
-    return points, np.vstack(
-        [faces, side[:, :: rng.choice([-1, 1])] + points.shape[0] - len(inner)]
-    )
+    return points, np.vstack([faces, side[:, :: rng.choice([-1, 1])] + len(points) - len(inner)])
 
 
 def sheet(rng, n, height):

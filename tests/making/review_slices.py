@@ -163,9 +163,8 @@ def photographed(folder, seed=0):
     path = folder / f"photo-{seed}.png"
     cv2.imwrite(str(path), cv2.warpPerspective(picture, homography, (width, height), flags=2))
     rows = [line.split(",") for line in MARKERS[0].read_text().split()]
-    places = cv2.perspectiveTransform(
-        np.array([row[1:] for row in rows[1:]], float)[None], homography
-    )
+    places = np.array([row[1:] for row in rows[1:]], float)
+    places = cv2.perspectiveTransform(places[None], homography)
     lines = [f"{row[0]},{u:.4f},{v:.4f}" for row, (u, v) in zip(rows[1:], places[0], strict=True)]
     markers = folder / f"photo-{seed}.csv"
     markers.write_text("\n".join(["label,u_px,v_px", *lines, ""]))

@@ -57,11 +57,8 @@ def test_the_sample_controller_gives_the_same_bits():
 
 def quick_and_full(quick, full):
     """The part that `make test` compares, and what `make test-full` does."""
-    params = [
-        pytest.param(quick, id="quick"),
-        pytest.param(full, id="full", marks=pytest.mark.full),
-    ]
-    return pytest.mark.parametrize("part", params)
+    rows = [pytest.param(quick, id="quick"), pytest.param(full, id="full", marks=pytest.mark.full)]
+    return pytest.mark.parametrize("part", rows)
 
 
 @quick_and_full(slices.quick(), slices.every())

@@ -98,9 +98,8 @@ def test_a_ball_tip_touches_with_its_radius(bone):
     step = 1e-6
     level = bones.BENT.level
     at = 1e3 * bone.points[rows]
-    normal = np.stack(
-        [(level(at + step * e) - level(at - step * e)) / step for e in np.eye(3)], axis=1
-    )
+    steps = step * np.eye(3)
+    normal = np.stack([(level(at + e) - level(at - e)) / step for e in steps], axis=1)
     normal /= row_lengths(normal)[:, None]
     centres = robot(bone.points[rows] + 1.5e-3 * normal)
     found = refined(bone, marked(rng), centres, tip_radius=1.5e-3)

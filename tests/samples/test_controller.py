@@ -202,17 +202,13 @@ def happens(folder):
                header="t,x,y,z,qw,qx,qy,qz,arrived")  # fmt: skip
     lines = ["tick,what,x,y,z"]
     for n, tick in enumerate((20, 150, 151, 152, 260, 400, 700)):
+        part = range(90 * n, 90 * n + 90)
         lines.append(f"{tick},edit")
-        lines += [f"{tick},remove,{i}" for i in range(90 * n, 90 * n + 90)]
-        lines += [
-            f"{tick},add,{x!r},{y!r},0.3003" for x, y, _ in level[90 * n : 90 * n + 90].tolist()
-        ]
+        lines += [f"{tick},remove,{i}" for i in part]
+        lines += [f"{tick},add,{x!r},{y!r},0.3003" for x, y, _ in level[part].tolist()]
     lines += ["800,exchange,other.h5", "800,edit", "800,remove,7", "820,remake"]
     (folder / "events.csv").write_text("\n".join([*lines, "900,exchange,third.h5", ""]))
-    return {
-        "poses": ("--poses", folder / "poses.csv"),
-        "events": ("--events", folder / "events.csv"),
-    }
+    return {name: (f"--{name}", folder / f"{name}.csv") for name in ("poses", "events")}
 
 
 @pytest.mark.parametrize(("which", "settings"), [
