@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (30_932, 338_040, 167),
-    ("tests",): (26_480, 337_631, 215),
+    ("vfplan", "cli"): (30_931, 338_021, 167),
+    ("tests",): (26_479, 337_604, 215),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

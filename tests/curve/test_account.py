@@ -100,15 +100,14 @@ def test_a_finding_lies_where_its_cause_is_seen(image, found, place, within):
 
 
 @pytest.mark.parametrize("arcs", [[(5, 355)], [(5, 178), (182, 355)]])
-def test_the_longest_gap_of_a_ring_is_asked_about_and_the_others_are_noted(arcs):
+def test_the_one_gap_of_a_ring_is_asked_about_and_several_are_noted(arcs):
     turns = [np.radians(np.linspace(*arc, 200)) for arc in arcs]
     lines = [170 + 80 * np.column_stack([np.cos(turn), np.sin(turn)]) for turn in turns]
     extraction = extract_curve(painted(*((line, 3.0) for line in lines)))
     assert extraction.strokes[0].closed
-    first, *others = sorted(extraction.findings, key=lambda finding: finding.severity)
-    assert (first.code, first.place_px) == ("bridge-near-end", pytest.approx((250, 170), abs=1))
-    assert "Is the curve a ring?" in first.text
-    assert [other.code for other in others] == ["bridge"] * (len(arcs) - 1)
+    assert codes(extraction) == {1: ["bridge-near-end"], 2: ["bridge"] * 2}[len(arcs)]
+    places = [finding.place_px for finding in extraction.findings]
+    assert pytest.approx((250, 170), abs=1) in places
 
 
 def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_only():

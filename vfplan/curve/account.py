@@ -625,11 +625,10 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     """A note for each stretch of a curve that does not show.
 
     It is a doubt where the stretch is long, where a small share of the stroke lies beyond a gap,
-    and where the longest gap of a ring joins the ends of a line.
+    and where a ring has one gap, so that it joins both ends of a line.
     """
     findings = []
-    gaps = [run for reason, run in _stretches(curve) if reason == "bridge"]
-    closing_px = max(map(len, gaps), default=0) if curve.closed else np.inf
+    closes = curve.closed and [reason for reason, _ in _stretches(curve)].count("bridge") == 1
     heading = headings_along(curve)
     for reason, run in _stretches(curve):
         place, length = curve.points[_middle(run)], len(run)
@@ -646,7 +645,7 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
             if not len(beyond):
                 text = f"no ink shows the last {length} px of the curve. Does it end here?"
             findings.append(finding_at(place, "bridge-near-end", text))
-        elif reason == "bridge" and length >= max(closing_px, tuned.FLANK_PX):
+        elif closes and reason == "bridge" and length >= tuned.FLANK_PX:
             text = f"{carried} It joins both ends of the line. Is the curve a ring?"
             findings.append(finding_at(place, "bridge-near-end", text))
         elif length > tuned.LONG_STRETCH_PX:
