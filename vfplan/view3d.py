@@ -289,4 +289,5 @@ def show_tick(plotter: Any, ticks: TickBlock, radius: float, tick: int) -> None:
     plotter.add_arrows(hip, ticks.force[tick], scale, color=FORCE, name="force")
     depth = 1e3 * ticks.penetration[tick]
     text = f"t = {ticks.time[tick]:z.3f} s   force {force[tick]:.3f} N   penetration {depth:.3f} mm"
-    plotter.add_text(text, (20, SIZE_PX[1] - 40), font_size=10, color="black", name="readout")
+    look = {"position": (20, SIZE_PX[1] - 40), "font_size": 10, "color": "black"}
+    plotter.add_text(text, name="readout", **look)
