@@ -11,7 +11,7 @@ from vfplan.cli.options import FILE, FIXTURE, OutputFile, option, options_in_ord
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command
 
-from vfplan.display import count, millimetres, or_not, quoted, wrote
+from vfplan.display import count, or_not, quoted, wrote
 from vfplan.planning.settings import FixtureSettings
 
 AXES = {"none": None, "x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
@@ -40,7 +40,7 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     """Make a fixture bundle of the points or the mesh in CLOUD."""
     from vfplan.bundle.importing import import_cloud
     from vfplan.bundle.read import read_bundle
-    from vfplan.bundle.validation import engine_doubt
+    from vfplan.bundle.validation import engine_doubt, opening_in_words
     from vfplan.bundle.write import write_fixture
     from vfplan.engine.proxy import best_rule, mesh_findings
     from vfplan.errors import SceneError
@@ -62,25 +62,21 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
     rule = best_rule(fixture) if fixture.rendering else None
     data = {
         "output": str(output), "points": len(fixture.points), "triangles": triangles, "rule": rule,
-        "band_m": fixture.band,
+        "band_m": fixture.band, "frame": fixture.frame,
         "leak": {name: content[name] for name in content if name.startswith("/leak@")},
         "extent_m": [low, high],
     }  # fmt: skip
 
     # What was read, and whether anything can slip through it.
     size = ", ".join(f"{1e3 * side:.4g}" for side in high - low)
-    opening_m = content["/leak@largest_m"]
-    opening = f"largest opening {millimetres(opening_m)}"
-    if content["/leak@kind"] == "cloud":
-        # Nothing says what lies between the points of a bare cloud.
-        opening = f"no point further than {millimetres(opening_m)} from the next"
-        if data["points"] == 1:
-            opening = "a single point"
+    opening = opening_in_words(content)
+    if content["/leak@kind"] == "cloud" and data["points"] == 1:
+        opening = "a single point"
     certified = or_not(content["/leak@certified"], "certified")
     if content["/leak@kind"] == "mesh":
         certified = f"each triangle {certified}"
     text = (
-        f"{data['points']} points, {triangles} triangles, {size} mm across; "
+        f"{data['points']} points, {triangles} triangles, {size} mm across in {fixture.frame}; "
         f"{content['/leak@kind']}, {certified}: {opening}"
     )
     if rule is not None:

@@ -68,9 +68,10 @@ def summary_text(data: Report) -> str:
             line += f", predicted TRE {millimetres(data['/registration@tre_rms_m'])} rms"
         lines.append(line)
     if "/leak@largest_m" in data:
-        certified = or_not(data["/leak@certified"], "certified tight")
-        opening = millimetres(data["/leak@largest_m"])
-        lines.append(f"  leak        {data['/leak@kind']}, {certified}: points {opening} apart")
+        from vfplan.bundle.validation import opening_in_words
+
+        certified = or_not(data["/leak@certified"], "certified")
+        lines.append(f"  leak        {data['/leak@kind']}, {certified}: {opening_in_words(data)}")
 
     # Who answers for it.
     lines += seal_lines(seal)

@@ -296,8 +296,7 @@ MARKERS = options_in_order(
 )
 # As `vfplan.io.files.METRES`.
 UNIT = click.Choice(["m", "cm", "mm", "um", "in"])
-UNITS = option("--units", type=UNIT, default="m",
-               help="Unit of the session's positions.")  # fmt: skip
+UNITS = option("--units", type=UNIT, default="m", help="Unit of the session's positions.")
 ROBOT = robot_option("Write nothing if the stiffness is not stable with this robot.")
 
 # A page in the browser: `review` and `ar`.

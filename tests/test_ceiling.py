@@ -8,7 +8,7 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (30_932, 338_029, 167),
+    ("vfplan", "cli"): (30_932, 337_832, 167),
     ("tests",): (26_479, 337_604, 215),
 }
 NO_CODE = {

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ from vfplan.engine.moving import check_rigid, check_time
 from vfplan.engine.parameters import Vector, core_errors, core_settings, real_array, real_number
 from vfplan.engine.proxy import TOO_MANY_CHANGES, Status, check_hip
 from vfplan.errors import SceneError, SettingError, SignatureError
+from vfplan.io.files import FilePath
 
 # In `Command.stopping`: `request_stop` was called.
 ASKED = 1 << 15
@@ -99,8 +99,8 @@ class Controller(_core.Controller):
 
     def __init__(
         self,
-        path: str | Path,
-        keys: str | Path | Sequence[str | Path] | Mapping[bytes, Any] | Trust | None = None,
+        path: FilePath,
+        keys: FilePath | Sequence[FilePath] | Mapping[bytes, Any] | Trust | None = None,
         case: str | None = None,
         robot_serial: str | None = None,
         max_age_s: float | None = None,
@@ -122,7 +122,7 @@ class Controller(_core.Controller):
                     "A Trust holds the case, the robot and the age. Give them there."
                 )
             demands, keys = (keys.case, keys.robot_serial, keys.max_age), keys.keys
-        if isinstance(keys, str | Path):
+        if isinstance(keys, FilePath):
             keys = [keys]
         if keys is not None and not isinstance(keys, Mapping):
             keys = {name: key for file in keys for name, key in read_keys(file).items()}
@@ -152,7 +152,7 @@ class Controller(_core.Controller):
         self._joints = 0
 
     @contextmanager
-    def _demanded(self, path: str | Path) -> Iterator[bytes]:
+    def _demanded(self, path: FilePath) -> Iterator[bytes]:
         """A bundle's bytes, signed as demanded; what the core refuses of them is raised as ours."""
         units = {"force_step": "n", "force_max": "n", "hold_time": "s"}
         units |= dict.fromkeys(("stiffness", "max_stiffness"), "n_per_m")
@@ -162,12 +162,12 @@ class Controller(_core.Controller):
                 check_trust(sealed, self._trust)
             yield sealed.data
 
-    def add(self, path: str | Path) -> None:
+    def add(self, path: FilePath) -> None:
         """Render another bundle too, before the loop begins; the same wall is felt once."""
         with self._demanded(path) as data:
             super().add(data)
 
-    def exchange(self, path: str | Path, which: int = 0) -> None:
+    def exchange(self, path: FilePath, which: int = 0) -> None:
         """Go on with another bundle, which meets the same demands, in place of one's region."""
         with self._demanded(path) as data:
             if not super().exchange(data, which):

@@ -6,7 +6,7 @@ beside the points comes first: slice, rendering, guidance, registration, review 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from operator import attrgetter
 from typing import Any, Literal, get_args
@@ -465,6 +465,17 @@ class Fixture:
     reviewed: Review | None = None
     sample_radius: float | None = None
     case: str | None = None
+
+    @property
+    def labels_left_out(self) -> list[str]:
+        """The labels of the markers that the registration does not rest on."""
+        labels = str(self.provenance.settings.get("markers_left_out", "")).split(",")
+        return [label.replace("%2C", ",").replace("%25", "%") for label in labels]
+
+    @staticmethod
+    def labels_as_text(labels: Iterable[str]) -> str:
+        """Labels behind commas, as `labels_left_out` reads them; "," and "%" in one are escaped."""
+        return ",".join(label.replace("%", "%25").replace(",", "%2C") for label in labels)
 
     @property
     def open_findings(self) -> Findings:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vfplan.errors import InputError
-from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, FilePath, read_whole
 
 SHIPPED = ("franka", "fr3")
 VERSIONS = ("1.0", "1.1")
@@ -71,7 +71,7 @@ class Robot:
     lost_packets_limit: int | None = None
 
 
-def read_robot(choice: str | Path | None) -> Robot | None:
+def read_robot(choice: FilePath | None) -> Robot | None:
     """The robot that `--robot` names.
 
     Parameters

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from vfplan import _core
 from vfplan.errors import InputError, SettingError, requires_extra
 from vfplan.geometry.lines import Array
-from vfplan.io.files import MAX_SETTINGS_BYTES, read_whole
+from vfplan.io.files import MAX_SETTINGS_BYTES, FilePath, read_whole
 from vfplan.robot import Robot, read_robot
 
 _LOG = logging.getLogger("vfplan")
@@ -50,7 +50,7 @@ def mujoco() -> Any:
     return mujoco
 
 
-def compile_model(choice: str | Path) -> Any:
+def compile_model(choice: FilePath) -> Any:
     """The `MjModel` of a shipped arm, or of an MJCF file.
 
     Raises InputError: a file that cannot be read, that names what is not allowed here, or that
@@ -164,7 +164,7 @@ class Arm:
 
     def __init__(
         self,
-        choice: str | Path = "panda",
+        choice: FilePath = "panda",
         robot: Robot | None = None,
         *,
         base: Sequence[float] | None = None,

@@ -18,7 +18,7 @@ from vfplan.bundle.leak import open_edges
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
 from vfplan.images.dicom import open_dataset, pixel_axes, refuse_costly
-from vfplan.io.files import naming_place, now_utc, read_bytes
+from vfplan.io.files import FilePath, naming_place, now_utc, read_bytes
 
 Vector = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
@@ -41,7 +41,7 @@ def in_patient(fixture: Fixture, points: Vector) -> tuple[Vector, str]:
     return points @ T_patient_robot[:3, :3].T + T_patient_robot[:3, 3], "patient_lps"
 
 
-def study_slice(study: str | Path | None) -> tuple[Any, str]:
+def study_slice(study: FilePath | None) -> tuple[Any, str]:
     """The header of a slice of a study, without its pixels, and the SHA-256 of its file.
 
     Raises SettingError: none was given
@@ -127,7 +127,7 @@ def written(made: Any, source: Any, kind: str, fixture: Fixture) -> bytes:
     return file.getvalue()
 
 
-def rtstruct(fixture: Fixture, study: str | Path | None) -> bytes:
+def rtstruct(fixture: Fixture, study: FilePath | None) -> bytes:
     """The strokes as contours of one structure."""
     if fixture.curve is None:
         raise InputError("It has no strokes, which a .rtstruct.dcm would hold.")
@@ -174,7 +174,7 @@ def rtstruct(fixture: Fixture, study: str | Path | None) -> bytes:
     return written(made, source, RTSTRUCT, fixture)
 
 
-def segmentation(fixture: Fixture, study: str | Path | None) -> bytes:
+def segmentation(fixture: Fixture, study: FilePath | None) -> bytes:
     """The inside of a closed mesh, on the grid of a slice."""
     from pydicom.datadict import tag_for_keyword
     from pydicom.pixels import pack_bits

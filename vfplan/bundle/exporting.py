@@ -15,6 +15,7 @@ from vfplan.bundle.dicom import in_patient
 from vfplan.bundle.importing import STL_FACET
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.files import FilePath
 from vfplan.io.writing import write_whole
 
 MRK_SCHEMA = (
@@ -24,7 +25,7 @@ MRK_SCHEMA = (
 
 
 def export(
-    fixture: Fixture, path: str | Path, *, overwrite: bool = False, study: str | Path | None = None
+    fixture: Fixture, path: FilePath, *, overwrite: bool = False, study: FilePath | None = None
 ) -> None:
     """Write points as .ply or .csv, a mesh as .stl, strokes as .mrk.json, lines and arcs as .dxf.
 
@@ -55,7 +56,7 @@ def export(
 PARTS = ("sigma", "curve", "mesh", "image", "rendering", "registration", "stability")
 
 
-def left_out(fixture: Fixture, path: str | Path) -> list[str]:
+def left_out(fixture: Fixture, path: FilePath) -> list[str]:
     """The parts of a fixture that a file of this name does not hold; provenance is in none."""
     suffix = suffix_of(path)
     _, held = FORMS[suffix]
@@ -75,7 +76,7 @@ def left_out(fixture: Fixture, path: str | Path) -> list[str]:
     return parts
 
 
-def suffix_of(path: str | Path) -> str:
+def suffix_of(path: FilePath) -> str:
     """The ending of a name, which says what form the file has."""
     for suffix in FORMS:
         if Path(path).name.lower().endswith(suffix):

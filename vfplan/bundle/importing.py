@@ -40,6 +40,7 @@ from vfplan.geometry.lines import Array, flattened
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     METRES,
+    FilePath,
     check_text_size,
     named_columns,
     naming_place,
@@ -101,7 +102,7 @@ class Mesh:
 
 
 def import_cloud(
-    path: str | Path,
+    path: FilePath,
     *,
     units: str,
     frame: Frame | None = None,

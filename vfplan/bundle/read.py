@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from vfplan.bundle.content import Content, from_content
 from vfplan.bundle.seal import Trust, check_trust, describe, opened_source, unsealed
 from vfplan.display import Report
 from vfplan.errors import SettingError
 from vfplan.fixture import Fixture
+from vfplan.io.files import FilePath
 
 
-def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
+def read_fixture(path: FilePath, *, trust: Trust | None = None) -> Fixture:
     """Read a bundle; either the whole of it is sound or nothing is returned.
 
     With `trust`, the bytes that are read must also be signed by one of its keys, for its case and
@@ -31,15 +30,13 @@ def read_fixture(path: str | Path, *, trust: Trust | None = None) -> Fixture:
     return read_sealed(path, trust=trust)[0]
 
 
-def read_sealed(path: str | Path | bytes, *, trust: Trust | None = None) -> tuple[Fixture, Report]:
+def read_sealed(path: FilePath | bytes, *, trust: Trust | None = None) -> tuple[Fixture, Report]:
     """The fixture, and the bundle's seal as `info` shows it; raises as `read_fixture` does."""
     content, seal = read_bundle(path, trust=trust)
     return from_content(content), seal
 
 
-def read_bundle(
-    source: str | Path | bytes, *, trust: Trust | None = None
-) -> tuple[Content, Report]:
+def read_bundle(source: FilePath | bytes, *, trust: Trust | None = None) -> tuple[Content, Report]:
     """Every value of a bundle, by its path in the format's table, and its seal.
 
     Raises as `read_fixture` does.

@@ -51,7 +51,7 @@ from vfplan.errors import (
     SignatureError,
 )
 from vfplan.fixture import Fixture
-from vfplan.io.files import MAX_SETTINGS_BYTES, now_utc, opened_file
+from vfplan.io.files import MAX_SETTINGS_BYTES, FilePath, now_utc, opened_file
 from vfplan.io.writing import write_together, write_whole
 
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -149,7 +149,7 @@ def seal_of(
 
 
 @contextmanager
-def opened_source(source: str | Path | bytes) -> Iterator[BinaryIO]:
+def opened_source(source: FilePath | bytes) -> Iterator[BinaryIO]:
     """A binary stream over a path or over bytes; errors raised within name the path."""
     if isinstance(source, bytes):
         yield io.BytesIO(source)
@@ -299,7 +299,7 @@ def key_id_of(public: Any) -> bytes:
     return hashlib.sha256(public.public_bytes_raw()).digest()[:16]
 
 
-def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, str]:
+def keygen(private_path: FilePath, *, overwrite: bool = False) -> tuple[Path, str]:
     """Make a key pair: PEM files NAME (PKCS 8, for its owner only) and NAME with suffix `.pub`.
 
     Both are written or none. Returns the public key's path and its key id in hex.
@@ -337,7 +337,7 @@ def keygen(private_path: str | Path, *, overwrite: bool = False) -> tuple[Path, 
     return public_path, key_id_of(key.public_key()).hex()
 
 
-def read_keys(path: str | Path) -> dict[bytes, Any]:
+def read_keys(path: FilePath) -> dict[bytes, Any]:
     """The public keys of a file of PEM keys, one after the other, by key id.
 
     Between them there may be empty lines and comments, lines that begin with `#`.
@@ -374,7 +374,7 @@ def read_keys(path: str | Path) -> dict[bytes, Any]:
     return {key_id_of(key): key for key in keys}
 
 
-def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: str | Path) -> Any:
+def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: FilePath) -> Any:
     """The Ed25519 key that the library loads; `advice` where it loads none."""
     try:
         key = load(data)
@@ -386,7 +386,7 @@ def ed25519_key(load: Callable[[bytes], Any], data: bytes, advice: str, path: st
     return key
 
 
-def read_private(path: str | Path) -> Any:
+def read_private(path: FilePath) -> Any:
     """The private key of a PEM file that belongs to the caller, who alone can read it.
 
     Raises `InputError` when there is no such file, it holds no Ed25519 key, it belongs to somebody
@@ -417,7 +417,7 @@ def read_private(path: str | Path) -> Any:
     return ed25519_key(lambda block: load_pem_private_key(block, None), data, MAKE_KEY, path)
 
 
-def read_pem(path: str | Path, advice: str) -> tuple[bytes, os.stat_result]:
+def read_pem(path: FilePath, advice: str) -> tuple[bytes, os.stat_result]:
     """The bytes of a file of keys, and its owner and mode; `advice` for one that is not there."""
     try:
         opened = opened_file(Path(path))
@@ -433,9 +433,9 @@ def read_pem(path: str | Path, advice: str) -> tuple[bytes, os.stat_result]:
 
 
 def sign(
-    source: str | Path,
-    target: str | Path,
-    key_path: str | Path,
+    source: FilePath,
+    target: FilePath,
+    key_path: FilePath,
     *,
     case: str = "",
     robot_serial: str = "",

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -17,11 +16,12 @@ from vfplan.bundle import leak
 from vfplan.bundle.content import Content, Row, findings_of, from_content, table
 from vfplan.bundle.read import read_bundle
 from vfplan.bundle.seal import opened_source, unsealed
-from vfplan.display import Report
+from vfplan.display import Report, millimetres
 from vfplan.engine.proxy import MAX_TICK_TIME, best_rule, slow_tick_text, tick_time_bound
 from vfplan.errors import BundleError, SceneError, VfplanError
 from vfplan.findings import acceptance
 from vfplan.fixture import Fixture, size_doubt
+from vfplan.io.files import FilePath
 
 Severity = Literal["error", "warning", "note"]
 UNSIGNED = "is not signed: protected against accident, not against intent. Sign it: vfplan sign"
@@ -39,7 +39,7 @@ class Issue:
     message: str
 
 
-def validate(source: str | Path | bytes) -> list[Issue]:
+def validate(source: FilePath | bytes) -> list[Issue]:
     """Every issue of a bundle; it is valid when none is an error.
 
     A file whose seal does not hold yields that one issue: its bytes are given to no parser.
@@ -134,6 +134,16 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
     return None if text is None else ("rendering.work", f"{text}. {more}")
 
 
+def opening_in_words(content: Content) -> str:
+    """How far apart the parts of a certified curve or mesh, or of a bare cloud, are."""
+    size = millimetres(content["/leak@largest_m"])
+    return {
+        "curve": f"points at most {size} apart",
+        "mesh": f"openings of at most {size}",
+        "cloud": f"no point further than {size} from the next",
+    }[content["/leak@kind"]]
+
+
 def content_issues(content: Content) -> Iterator[Issue]:
     """What no rule of the format can see: slips of units, and settings that look like paths."""
     if content.get("/@frame") != "image" and "/points" in content:
@@ -146,7 +156,7 @@ def content_issues(content: Content) -> Iterator[Issue]:
             yield Issue("/provenance/setting_values", "provenance.path", "warning", message)
 
 
-def describe(path: str | Path, *, work: bool = False) -> Report:
+def describe(path: FilePath, *, work: bool = False) -> Report:
     """Head, seal, findings, and every attribute and table of a bundle by its path in the format.
 
     Tables with a row for each point or triangle are summed up as `shape`, `min`, `max` and the
@@ -204,7 +214,7 @@ def summary(value: Any, row: Row) -> Any:
     }
 
 
-def diff(a: str | Path, b: str | Path) -> list[Report]:
+def diff(a: FilePath, b: FilePath) -> list[Report]:
     """Differences between the contents of two bundles, in the order of the format's table.
 
     Each has `path` and `what` ("only in A", "only in B", "shape" or "value"); values that differ

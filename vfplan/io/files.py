@@ -410,7 +410,7 @@ class Table:
             raise self.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
 
 
-def read_text(path: str | Path, max_bytes: int, kind: ErrorKind) -> tuple[str, str]:
+def read_text(path: FilePath, max_bytes: int, kind: ErrorKind) -> tuple[str, str]:
     """A file's text and the SHA-256 of its bytes: UTF-8, or UTF-16 with a byte order mark."""
     data, sha256 = read_bytes(Path(path), max_bytes, kind)
     return decode_text(data, str(path), kind), sha256

@@ -137,16 +137,16 @@ def vfplan_live(
             write_whole(poses_out, [table.encode()], overwrite=is_overwriting())
             text += f"\n{wrote(poses_out)}"
         parts[poses_out].unlink()
-    code, failed, verdict = 0, "", f"shown {end}"
+    exit_code, failed, verdict = 0, "", f"shown {end}"
     next_step = f"keep every tick of the next run: {command_line()} --mcap FILE.mcap"
     if not data["ticks"] or (receiver is not None and not receiver.poses):
-        code, verdict = 1, "nothing to show"
+        exit_code, verdict = 1, "nothing to show"
         failed = f"no tick came from {source}"
         if data["ticks"]:
             failed = f"no pose came from {poses_from}"
         next_step = "check that the sender runs, and sends what the address names"
     elif writer is not None and writer.full:
-        code, verdict = 2, "shown, and recorded in part"
+        exit_code, verdict = 2, "shown, and recorded in part"
         failed = f"{mcap}: {writer.full.strerror}; it holds the first {count(writer.kept, 'tick')}"
         next_step = "free some space, and record again into another file"
     elif writer is not None:
@@ -155,7 +155,9 @@ def vfplan_live(
         if receiver is not None:
             words += ["--poses", poses_out]
         next_step = f"open {quoted(mcap)} in Foxglove, or replay it: {command_of(*words)}"
-    return CommandResult(data, text, code, warnings, failed, verdict=verdict, next_step=next_step)
+    return CommandResult(
+        data, text, exit_code, warnings, failed, verdict=verdict, next_step=next_step
+    )
 
 
 def started_part(stack: ExitStack, path: Path) -> Path:

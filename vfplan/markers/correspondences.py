@@ -25,6 +25,7 @@ from vfplan.geometry import CORNER_PX, PixelSpacing
 from vfplan.geometry.lines import Array, rms_length
 from vfplan.io.files import (
     METRES,
+    FilePath,
     Names,
     Table,
     naming_place,
@@ -124,7 +125,7 @@ class Correspondences:
 
 
 def read_markers(
-    path: str | Path, path2: str | Path | None = None, *, common: bool = False,
+    path: FilePath, path2: FilePath | None = None, *, common: bool = False,
     spacing_mm: PixelSpacing = None,
 ) -> Correspondences:  # fmt: skip
     """Read markers from one file that holds both sides, or from two files joined by label.
@@ -373,8 +374,7 @@ def imagej_points(
         pixel = np.array(spacing_mm) / (MM * METRES[unit.lower()])
     labels = []
     if label_column is not None:
-        labels = [label_of(row.cells[label_column], f"line {row.line}")
-                  for row in table.rows]  # fmt: skip
+        labels = [label_of(row.cells[label_column], f"line {row.line}") for row in table.rows]
     if not labels or ("" in table.header and len({*labels}) < len(labels)):
         labels = [str(number) for number in range(1, len(table.rows) + 1)]
         text = "The table names no point, so they were numbered in its order."

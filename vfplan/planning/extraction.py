@@ -27,9 +27,7 @@ if TYPE_CHECKING:
     from vfplan.vectors.curve import VectorDrawing
 
 # Settings that only a pen's drawing can follow.
-PEN_SETTINGS = (
-    "colour", "method", "roi", "max_gap_px", "exclude", "start", "end", "accept_width"
-)  # fmt: skip
+PEN_SETTINGS = "colour", "method", "roi", "max_gap_px", "exclude", "start", "end", "accept_width"
 
 # Settings that only a vector curve can follow.
 VECTOR_SETTINGS = ("curve_origin", "curve_type")
@@ -300,10 +298,8 @@ def resample(extraction: Extraction, spacing_mm: PixelSpacing, density_per_mm: f
     strokes = []
     for stroke in extraction.strokes:
         fine_m = np.column_stack([stroke.points, np.zeros(len(stroke.points))]) * unit
-        sampled = sample_curve(
-            fine_m, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3
-        )
-        strokes.append(stroke.at(sampled.parameter))
+        fine = sample_curve(fine_m, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3)
+        strokes.append(stroke.at(fine.parameter))
     return replace(extraction, strokes=tuple(strokes))
 
 

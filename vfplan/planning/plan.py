@@ -327,10 +327,8 @@ def make_fixture(
     curve = matched.curve
     by_markers = matched.registration
     if not by_markers.used.all():
-        from vfplan.registration.registration import labels_as_text
-
         labels = [str(by_markers.labels[i]) for i in np.flatnonzero(~by_markers.used)]
-        record.settings["markers_left_out"] = labels_as_text(labels)
+        record.settings["markers_left_out"] = Fixture.labels_as_text(labels)
     if matched.correspondences.sigma is not None:
         rows = matched.correspondences.sigma.reshape(len(by_markers.labels), -1)
         record.settings["markers_sigma_m"] = flat(rows.tolist())

@@ -34,7 +34,7 @@ as the next one fits.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import combinations, islice
@@ -255,11 +255,6 @@ def left_out_note(label: str | int, distance_m: float, place: Sequence[float] | 
         "others put it. Touch it again to have it count."
     )
     return note("marker-left-out", "register", text, place_px=place)
-
-
-def labels_as_text(labels: Iterable[str]) -> str:
-    """Labels behind commas, as a bundle records them; their own commas stand as "%2C"."""
-    return ",".join(label.replace(",", "%2C") for label in labels)
 
 
 def consistent_markers(problem: Problem) -> Flags:

@@ -34,9 +34,7 @@ from vfplan.session.session import Largest
 # A penetration above this is contact [m]. Below it is the rounding of p + (x - p).
 CONTACT_M = ROUNDING_M
 
-SUMS = (
-    "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work",
-)  # fmt: skip
+SUMS = "dwell_s", "impulse_ns", "energy_j", "energy_hold_j", "slide_m", "press_path", "drag_work"
 PEAKS = "penetration_max_m", "overlap_max_m", "force_max_n", "force_step_max_n", "lag_max_m"
 
 

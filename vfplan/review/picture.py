@@ -154,9 +154,11 @@ PICTURE_WIDTH = paper.CONTENT_WIDTH - COLUMN_WIDTH - BODY.line_height
 # whole page, and what stands beside others stands below it.
 LONG = 2
 
-# Height [px of the page] of the slice at most: a row of insets fits below; and on a sheet with
-# findings, whose words fit below that.
-PICTURE_HEIGHT = (980, 800)
+# Height [px of the page] of the slice at most: a row of insets fits below.
+PICTURE_HEIGHT = 980
+
+# The same on a sheet with findings: their words fit below that row.
+PICTURE_HEIGHT_WITH_FINDINGS = 800
 
 # Paper [px of the page] for captions on the long sides of a tall slice, and of a wide one.
 CAPTION_PAPER = np.array([240, 4 * BODY.line_height])
@@ -172,8 +174,11 @@ AHEAD_RADIUS = 5 * FREE_RADIUS
 # nearer, two lines and their casings look like one.
 OUTLINES_APART = 5.0
 
-# Radius [px of the page] of the circle of a marker, and how far its ticks reach.
-MARK_RADIUS, MARK_REACH = 13, 21
+# Radius [px of the page] of the circle of a marker.
+MARK_RADIUS = 13
+
+# Distance [px of the page] from a marker to the outer end of its ticks.
+MARK_REACH = 21
 
 # How much farther apart than mostly the channels of a pixel are, of 256, that counts as coloured:
 # ink, and what else was drawn on the slice.
@@ -227,7 +232,7 @@ def draw_picture(
     height, width = rgb.shape[:2]
     is_tall, is_wide = height > LONG * width, width > LONG * height
     corner = CAPTION_PAPER * (is_tall, is_wide)
-    highest = PICTURE_HEIGHT[bool(plan.findings)]
+    highest = PICTURE_HEIGHT_WITH_FINDINGS if plan.findings else PICTURE_HEIGHT
     zoom = min((paper.CONTENT_WIDTH if is_wide else PICTURE_WIDTH) / width, highest / height)
     size = max(1, round(width * zoom)), max(1, round(height * zoom))
     # Made smaller, up to twice as large, and larger.
@@ -524,11 +529,10 @@ def draw_legend(
     pen: paper.Colour, x: float, y: float, width: float,
 ) -> float:  # fmt: skip
     """What the lines on the picture mean, those alone that are drawn there."""
-    rows = [
-        LegendRow("Ink: the line that was drawn", pen),
-        LegendRow("Blue: beside the line that was taken; not to scale, ends free", LINE_COLOUR),
-    ][plan.strokes[0].sigma is None :]
-    rows += rendered_legend(plan.outlines)
+    words = "Blue: beside the line that was taken; not to scale, ends free"
+    rows = [LegendRow(words, LINE_COLOUR), *rendered_legend(plan.outlines)]
+    if plan.strokes[0].sigma is not None:
+        rows.insert(0, LegendRow("Ink: the line that was drawn", pen))
     if len(plan.slicer_points):
         rows.append(LegendRow("Blue ticks: points that were set in Slicer", LINE_COLOUR))
     if any(stroke.bridged.any() for stroke in plan.strokes):

@@ -42,13 +42,13 @@ from vfplan.images.read import (
     side_of_patient,
     slice_file,
 )
-from vfplan.io.files import naming_place, read_bytes
+from vfplan.io.files import FilePath, naming_place, read_bytes
 from vfplan.markers.correspondences import Correspondences
 from vfplan.planning.extraction import PEN_SETTINGS, VECTOR_SETTINGS, extract, read_slice
 from vfplan.planning.plan import planning_of, refuse_wrong_order, register
 from vfplan.planning.settings import CURVE95, ExtractSettings, FixtureSettings, overridden
 from vfplan.registration.checks import perspective_test
-from vfplan.registration.registration import describe_side, labels_as_text, left_out_note
+from vfplan.registration.registration import describe_side, left_out_note
 from vfplan.review.geometry import Geometry, extraction_of, geometry_of_slice, ink_of
 from vfplan.review.markers import Fit, Marker, bound95_m, fit_of, fit_of_files, size_of
 from vfplan.review.rendered import (
@@ -57,7 +57,6 @@ from vfplan.review.rendered import (
     check_slice,
     digest_of,
     kind_of,
-    labels_left_out,
     onto_plane,
     outlines_of,
     registration_again,
@@ -443,7 +442,7 @@ class Plan:
     @cached_property
     def markers(self) -> tuple[Marker, ...]:
         """The markers on the slice."""
-        record, left_out = self.fixture.registration, labels_left_out(self.fixture)
+        record, left_out = self.fixture.registration, self.fixture.labels_left_out
         if record is None or self.image is None or self.plane is None:
             return ()
         T, places = record.T_robot_image, record.source
@@ -536,8 +535,8 @@ def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
         return planned
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
     residuals_m = row_lengths(fit.registration.apply(left_out.source) - left_out.target)
-    labels = filter(None, (*labels_left_out(planned), *left_out.labels))
-    settings = {"markers_left_out": labels_as_text(labels)}
+    labels = filter(None, (*planned.labels_left_out, *left_out.labels))
+    settings = {"markers_left_out": Fixture.labels_as_text(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.
         rows = [m.sigma_m if len(m.sigma_m) == len(sigma[0]) else sigma[0] for m in others.used]
@@ -594,8 +593,8 @@ def in_words(value: Any, unit: str) -> str:
 
 
 def open_source(
-    path: str | Path, markers: str | Path | None, markers2: str | Path | None,
-    slice_path: str | Path | None, curve_path: str | Path | None, given: Settings,
+    path: FilePath, markers: FilePath | None, markers2: FilePath | None,
+    slice_path: FilePath | None, curve_path: FilePath | None, given: Settings,
 ) -> Source:  # fmt: skip
     """Read the files of a review; see `vfplan.review.session.Session.open`."""
     path = Path(path)
@@ -722,7 +721,7 @@ def split_settings(settings: Settings) -> tuple[Settings, Settings]:
 
 
 def source_of_slice(
-    path: Path, curve_path: str | Path | None, extraction: ExtractSettings,
+    path: Path, curve_path: FilePath | None, extraction: ExtractSettings,
     planning: FixtureSettings,
 ) -> Source:  # fmt: skip
     """What a review of a slice begins with."""
@@ -798,7 +797,7 @@ def source_of_bundle(
         fit = fit_of(pairs, image, replace(planning, find_markers=False))
         # A robust fit leaves out anew what does not fit.
         if not planning.robust:
-            fit = fit.without(labels_left_out(fixture))
+            fit = fit.without(fixture.labels_left_out)
     from vfplan.stability.study import judge_of  # Here, because a sheet needs none of it.
 
     robot = {name: value for name, value in known.items() if name.lower().startswith("robot")}

@@ -131,12 +131,6 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     return tuple(strokes)
 
 
-def labels_left_out(fixture: Fixture) -> list[str]:
-    """The labels of the markers that the registration does not rest on."""
-    labels = str(fixture.provenance.settings.get("markers_left_out", "")).split(",")
-    return [label.replace("%2C", ",") for label in labels]
-
-
 def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:
     """The deviations of each marker of a registered bundle [m]; `None` where it has none."""
     known = fixture.provenance.settings
@@ -157,7 +151,7 @@ def registration_again(fixture: Fixture) -> Registration | None:
     record = fixture.registration
     if record is None:
         return None
-    used = [label not in labels_left_out(fixture) for label in record.labels]
+    used = [label not in fixture.labels_left_out for label in record.labels]
     spacing_m = None
     if record.source_frame == "image" and fixture.image and fixture.image.pixel_spacing_mm:
         spacing_m = tuple(spacing / MM for spacing in fixture.image.pixel_spacing_mm)

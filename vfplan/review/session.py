@@ -14,7 +14,6 @@ import hashlib
 import json
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,7 @@ from vfplan.display import Report
 from vfplan.errors import CheckFailed, SettingError, VfplanError
 from vfplan.fixture import Fixture, Review
 from vfplan.geometry.lines import runs
-from vfplan.io.files import now_utc
+from vfplan.io.files import FilePath, now_utc
 from vfplan.review import steps as steps_of_a_plan
 from vfplan.review.geometry import describe_candidates
 from vfplan.review.plan import Plan, Source, open_source
@@ -52,12 +51,12 @@ class Session:
     @classmethod
     def open(
         cls,
-        image: str | Path,
-        markers: str | Path | None = None,
-        markers2: str | Path | None = None,
+        image: FilePath,
+        markers: FilePath | None = None,
+        markers2: FilePath | None = None,
         *,
-        slice: str | Path | None = None,  # noqa: A002 - the option's name
-        curve: str | Path | None = None,
+        slice: FilePath | None = None,  # noqa: A002 - the option's name
+        curve: FilePath | None = None,
         **settings: Any,
     ) -> Session:
         """Begin a review.

@@ -30,7 +30,7 @@ from vfplan.io.writing import write_whole
 from vfplan.review import paper, picture
 from vfplan.review.paper import BLACK, BODY, GREY, HEADING, INSET_PX, MARGIN, STRONG, Paper, Pixels
 from vfplan.review.plan import Plan
-from vfplan.review.rendered import described, labels_left_out, slice_not_shown
+from vfplan.review.rendered import described, slice_not_shown
 
 # Pixels of the page to one of the slice in an inset.
 ZOOM = 8
@@ -144,7 +144,7 @@ def markers_in_words(fixture: Fixture) -> str:
     registration = fixture.registration
     if registration is None:
         return ""
-    left_out, labels = labels_left_out(fixture), registration.labels
+    left_out, labels = fixture.labels_left_out, registration.labels
     used = [number for number, label in enumerate(labels) if label not in left_out]
     worst = max(used, key=lambda number: registration.residuals_m[number])
     rms, largest = registration.fre_rms_m, registration.residuals_m[worst]

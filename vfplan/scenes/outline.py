@@ -252,8 +252,7 @@ def segment(a: Vector, b: Vector) -> Link:
 def arc(centre: Vector, radius: float, start: float, sweep: float) -> Link:
     """A circular link: from the angle `start` on by `sweep` [rad]."""
     centre = np.asarray(centre, float)
-    a, b = (centre + radius * unit_vectors(angle)
-            for angle in (start, start + sweep))  # fmt: skip
+    a, b = (centre + radius * unit_vectors(angle) for angle in (start, start + sweep))
     return Link(a, b, centre, radius, start, sweep)
 
 

@@ -34,6 +34,7 @@ from vfplan.geometry import TURN_ROUNDED, UNIT_ROUNDED
 from vfplan.geometry.lines import Flags
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
+    FilePath,
     OpenedFile,
     named_columns,
     open_number_table,
@@ -62,7 +63,7 @@ class Poses:
     rounded: int = 0
 
 
-def read_poses(path: str | Path, units: str = "m") -> Poses:
+def read_poses(path: FilePath, units: str = "m") -> Poses:
     """Read a CSV of poses, whose places are in `units`.
 
     Raises SessionError: the file is no such table, or a pose in it is not one
@@ -140,7 +141,7 @@ class Event:
         return "edit" if self.fixture is None else "exchange"
 
 
-def write_events(path: str | Path, events: Sequence[Event]) -> None:
+def write_events(path: FilePath, events: Sequence[Event]) -> None:
     """Write events as CSV, an exchange's fixture by its bundle's path.
 
     Raises OutputError: the file exists, or cannot be written
@@ -158,7 +159,7 @@ def write_events(path: str | Path, events: Sequence[Event]) -> None:
     write_whole(Path(path), ["\n".join([*lines, ""]).encode()], overwrite=False)
 
 
-def read_events(path: str | Path) -> list[Event]:
+def read_events(path: FilePath) -> list[Event]:
     """Read what `write_events` wrote.
 
     Raises SessionError: the file is none of events, or its ticks are not in order
@@ -213,7 +214,7 @@ def _whole_number(text: str, what: str, limit: int) -> int:
 
 
 def as_the_loop_saw(
-    session: Any, poses: Poses | str | Path | None, events: Sequence[Event] | str | Path | None
+    session: Any, poses: Poses | FilePath | None, events: Sequence[Event] | FilePath | None
 ) -> tuple[Poses | None, list[Event] | None]:
     """Poses and events with the times at which a controller's log says that the loop had them.
 
@@ -221,11 +222,11 @@ def as_the_loop_saw(
 
     Raises SessionError: the log counts more of them than there are, or its counts fall
     """
-    if isinstance(poses, str | Path):
+    if isinstance(poses, FilePath):
         poses = read_poses(poses)
     if events is not None:
-        events = read_events(events) if isinstance(events, str | Path) else list(events)
-    is_table = isinstance(session, str | Path) and Path(session).suffix.lower() == ".csv"
+        events = read_events(events) if isinstance(events, FilePath) else list(events)
+    is_table = isinstance(session, FilePath) and Path(session).suffix.lower() == ".csv"
     if not is_table or (poses is None and events is None):
         return poses, events
     file = OpenedFile(Path(session), SessionError)

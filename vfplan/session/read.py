@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from vfplan.errors import SessionError, SettingError
-from vfplan.io.files import OpenedFile, named_columns, open_number_table
+from vfplan.io.files import FilePath, OpenedFile, named_columns, open_number_table
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import raise_limits, run_in_sandbox, run_once
 from vfplan.session.bags import RosOptions, bag_sha256, bag_stamp
@@ -38,7 +38,7 @@ ZIP_SIGNATURE = b"PK\x03\x04"
 
 
 def read_session(
-    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None
+    path: FilePath, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None
 ) -> Session:
     """Read a whole recording of HIP positions.
 
@@ -66,7 +66,7 @@ def read_session(
 
 
 def open_session(
-    path: str | Path, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None,
+    path: FilePath, *, units: str = "m", frame: str = "robot_base", ros: RosOptions | None = None,
     skip_unordered: bool = False,
 ) -> SessionStream:  # fmt: skip
     """Open a recording to be read block by block; as `read_session` otherwise.

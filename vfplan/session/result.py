@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.errors import InputError, SessionError, VersionError
-from vfplan.io.files import OpenedFile, naming_place
+from vfplan.io.files import FilePath, OpenedFile, naming_place
 from vfplan.io.hdf5 import h5py
 from vfplan.io.sandbox import run_in_sandbox
 from vfplan.io.writing import whole_file
@@ -89,9 +89,7 @@ def select_ticks(block: Ticks, rows: slice | NDArray[np.intp]) -> Ticks:
     )
 
 
-def read_result(
-    path: str | Path, fixture_sha256: str | None = None
-) -> tuple[TickBlock, Attributes]:
+def read_result(path: FilePath, fixture_sha256: str | None = None) -> tuple[TickBlock, Attributes]:
     """Read a result file whole.
 
     Parameters
@@ -206,7 +204,7 @@ class ResultWriter(ExitStack):
         The file exists, or cannot be made or written.
     """
 
-    def __init__(self, path: str | Path, attrs: Attributes) -> None:
+    def __init__(self, path: FilePath, attrs: Attributes) -> None:
         super().__init__()
         with ExitStack() as stack:
             file = stack.enter_context(whole_file(Path(path), overwrite=False))
@@ -246,7 +244,7 @@ class ResultWriter(ExitStack):
             self._bytes.check()
 
 
-def write_result(replayed: Any, path: str | Path) -> None:
+def write_result(replayed: Any, path: FilePath) -> None:
     """Write the ticks of a `Replay` at once, with its record as attributes."""
     with ResultWriter(path, replayed.record) as writer:
         writer.append(replayed.ticks)

@@ -17,7 +17,7 @@ from vfplan.errors import SettingError
 from vfplan.findings import doubt
 from vfplan.fixture import Fixture, Provenance, Rendering
 from vfplan.geometry.lines import Array, row_lengths
-from vfplan.io.files import now_utc
+from vfplan.io.files import FilePath, now_utc
 from vfplan.planning.extraction import MAX_TYPE_DIFFERENCE, curve_type_doubt
 from vfplan.registration.touch import NearestOnMesh
 from vfplan.surface.mesh import MIN_SLOPE, grid_axes, level_surface
@@ -91,7 +91,7 @@ class Surface:
 
 
 def surface(
-    *sources: str | Path, structure: str | None = None, colour: str = "red",
+    *sources: FilePath, structure: str | None = None, colour: str = "red",
     settings: SurfaceSettings | None = None,
 ) -> Surface:  # fmt: skip
     """The surface through the outlines of a structure, in the patient's LPS frame [m].

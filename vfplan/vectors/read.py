@@ -24,6 +24,7 @@ from vfplan.images.dicom import is_dicom
 from vfplan.io.files import (
     MAX_TEXT_BYTES,
     METRES,
+    FilePath,
     decode_text,
     naming_place,
     parse_table,
@@ -56,7 +57,7 @@ SLICER_SUFFIXES = (".json", ".fcsv")
 
 
 def read_vector_curve(
-    path: str | Path, origin: PixelOrigin | None = None, number: int | str | None = None,
+    path: FilePath, origin: PixelOrigin | None = None, number: int | str | None = None,
     curve_type: CurveType | None = None,
 ) -> VectorDrawing:  # fmt: skip
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
