@@ -1,7 +1,7 @@
 """Draw lines by hand, and print how often their stated 95 % bound holds, by kind of drawing:
 
     python docs/make_drawn_bound.py [PLANS_A_KIND=20 [FIRST_SEED=0]]
-    python docs/make_drawn_bound.py numbers    what CORNER_SIGMAS and ONTO_PATH_POINTS rest on
+    python docs/make_drawn_bound.py numbers    what five numbers of curve and review rest on
 
 The slices are those of `tests/making/as_people_draw.py`, and lines at whose end other ink of the
 pen begins. A hand draws each line by clicks every 30 px, 1.5 px off. In % are the ends that lie
@@ -21,10 +21,11 @@ from scipy.spatial import cKDTree
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "making"))
 import as_people_draw
+import extraction_kinds
 from drawing import blend, coverage, flat, polyline, to_uint8
 from slices import RED, SHAPE, Family, _begin, direction, drawn, turned
 
-from vfplan.curve import tuned
+from vfplan.curve import account, tuned
 from vfplan.curve.extraction import extract_curve
 from vfplan.errors import CurveError
 from vfplan.registration.registration import own_bound
@@ -149,8 +150,27 @@ def holds_at_corner(turn_deg, gap_px):
     return cKDTree(found).query(truth)[0].max() <= own_bound(lines).max()
 
 
+def sharp_corners(kinds, count=30, first=9000):
+    """How many slices of these kinds have a doubt on a corner near an end, and how many it is of.
+
+    Slices that are refused, or about which another doubt asks, do not count.
+    """
+    asked, slices = 0, 0
+    for kind in kinds:
+        for seed in range(first, first + count):
+            try:
+                found = extract_curve(extraction_kinds.draw(kind, seed).image).findings
+            except CurveError:
+                continue
+            codes = {finding.code for finding in found if finding.is_open} - {"leaves-picture"}
+            slices += codes <= {"corner-near-end"}
+            asked += codes == {"corner-near-end"}
+    return f"{asked} of {slices}"
+
+
 def print_numbers():
-    """Print what the stated measurements of two numbers are with other values of them."""
+    """Print what the stated measurements of numbers are with other values of them."""
+    own = tuned.CORNER_SIGMAS, strokes.ONTO_PATH_POINTS, strokes.HAND_SIGMAS, strokes.FADE_POINTS
     for value in (1.0, 1.25, 1.5, 2.0):
         tuned.CORNER_SIGMAS = value
         every = [
@@ -160,10 +180,28 @@ def print_numbers():
         ]
         made = [holds for holds in every if holds is not None]
         print(f"CORNER_SIGMAS {value:g}: {sum(made)} of {len(made)} lifts keep their bound")
+    tuned.CORNER_SIGMAS = own[0]
     for value in (0, 3, 6, 12, 24):
         strokes.ONTO_PATH_POINTS = value
         turns = [result_of(kind, seed).turn_deg for kind in AT_AN_END for seed in range(30)]
         print(f"ONTO_PATH_POINTS {value}: 95 % turn by at most {np.quantile(turns, 0.95):.0f} deg")
+    strokes.ONTO_PATH_POINTS = own[1]
+    print("with: plans | ends | curve | along | error | largest bound | usual bound")
+    for name, values, usual in (
+        ("HAND_SIGMAS", (1.5, 2, 3, 4, 6), own[2]), ("FADE_POINTS", (5, 10, 20, 40), own[3]),
+    ):  # fmt: skip
+        for value in values:
+            setattr(strokes, name, value)
+            results = [result_of(kind, seed) for kind in KINDS for seed in range(8)]
+            print(f"{name} {value}: {row(results)}", flush=True)
+        setattr(strokes, name, usual)
+    for value in (45, 55, 65, 75, 85):
+        account.HOOK_DEG = value
+        clear = sharp_corners(extraction_kinds.CLEAR, count=10)
+        letters = sharp_corners(["letter at an end"])
+        print(
+            f"HOOK_DEG {value}: asked about are {clear} clear slices, {letters} letters at an end"
+        )
 
 
 def main(words):
