@@ -192,7 +192,7 @@ def print_numbers():
     ):  # fmt: skip
         for value in values:
             setattr(strokes, name, value)
-            results = [result_of(kind, seed) for kind in KINDS for seed in range(8)]
+            results = [result_of(kind, seed) for kind in AT_AN_END for seed in range(40)]
             print(f"{name} {value}: {row(results)}", flush=True)
         setattr(strokes, name, usual)
     for value in (45, 55, 65, 75, 85):
