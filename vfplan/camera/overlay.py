@@ -24,7 +24,7 @@ from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, 
 from vfplan.camera.sheet import SCALE_MM, Plan
 from vfplan.display import MM, Report
 from vfplan.errors import CheckFailed, InputError
-from vfplan.geometry.lines import normals, ring_of, runs
+from vfplan.geometry.lines import in_space, normals, ring_of, runs
 from vfplan.images.read import as_uint8, is_picture_file, read_image
 from vfplan.io.files import opened_file
 from vfplan.io.sandbox import Loopback, reply
@@ -140,7 +140,7 @@ class Overlay:
         for line, stroke, bound_of_points in zip(lines, strokes, bounds, strict=False):
             # From each point of the line to the border of its band.
             widths = ring_of(bound_of_points[:, None], stroke.closed)
-            across = np.pad(widths * normals(line[:, :2], False), ((0, 0), (0, 1)))
+            across = in_space(widths * normals(line[:, :2], False))
             self.drawn += [(paper.BAND_COLOUR, 1, line + side * across) for side in (-1, 1)]
 
     def see(self, frame: Picture) -> tuple[Report, Pose | None]:

@@ -25,7 +25,7 @@ from vfplan.display import MM
 from vfplan.errors import InputError, MarkerError
 from vfplan.figures.style import HALO, style
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import Array, ring_of
+from vfplan.geometry.lines import Array, homogeneous, ring_of
 from vfplan.geometry.lines import plane as across
 from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
@@ -98,7 +98,7 @@ class Plan:
         for outline in outlines_of(self.fixture, plane, tuple(size.tolist())):
             for line in outline.lines:
                 line = np.vstack([line[:-1:THIN], line[-1:]])
-                yield outline.kind, np.column_stack([line, np.ones(len(line))]) @ onto[:3].T
+                yield outline.kind, homogeneous(line) @ onto[:3].T
 
     @property
     def digest(self) -> str:

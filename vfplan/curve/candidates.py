@@ -202,8 +202,7 @@ def find_groups(ink: Ink) -> list[Pixels]:
 
     Raises `CurveError` where there are more than anybody draws.
     """
-    pieces = connected(ink.pixels)
-    groups = [ink.pixels[rows] for rows in pieces if len(rows) >= tuned.SPECK_PX]
+    groups = [ink.pixels[rows] for rows in connected(ink.pixels) if len(rows) >= tuned.SPECK_PX]
     if len(groups) > tuned.MAX_PIECES:
         raise CurveError(
             f"There are {len(groups)} pieces of ink in the pen's colour, so this is noise or a "

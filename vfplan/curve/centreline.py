@@ -161,7 +161,7 @@ def with_sway(line: Stroke, curvature: float) -> Array:
         aside = sway(curvature, len(run))
         if 2 * aside.max() > len(run):
             text = f"Nothing tells where the curve runs in a gap of {len(run)} px. Draw it there."
-            raise error_at(points[run[len(run) // 2]], text, code="gap-unknown", gap_px=len(run))
+            raise error_at(points[middle_of(run)], text, code="gap-unknown", gap_px=len(run))
         sigma[run] = np.hypot(sigma[run], aside)
         # A corner may lie in a gap that turns otherwise than its sides foretell. The tips of the
         # pen on both sides belong to it, because a tip shows a part of the line's width.
@@ -236,8 +236,7 @@ def deviation_of(
         noise *= tuned.CORRELATED_NOISY
     noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
     # What neighbouring residuals have in common is a corner that the spline cuts.
-    cut = gaussian(residual, smooth_px, mode)
-    return np.hypot(noise, cut)
+    return np.hypot(noise, gaussian(residual, smooth_px, mode))
 
 
 def skeleton_line(line: Candidate) -> MeasuredStroke:
@@ -275,6 +274,11 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
         "its skeleton: --method skeleton."
     )
     return error_at(line.middle, text, code="too-little-ink", measured_px=measured_px)
+
+
+def middle_of(rows: NDArray) -> Any:
+    """The one in the middle of some rows."""
+    return rows[len(rows) // 2]
 
 
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:

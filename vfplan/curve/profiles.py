@@ -91,8 +91,7 @@ class Profiles:
         if whole.sum() < tuned.MIN_PROFILES:
             return centroid
         mean = symmetric(self.coverage[whole].mean(0))
-        level = np.ones((len(self.x), 1))
-        shift = fit_shift(self.x, self.coverage, self.is_line, mean, level)
+        shift = fit_shift(self.x, self.coverage, self.is_line, mean, np.ones((len(self.x), 1)))
         clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
         usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
@@ -130,8 +129,7 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
-    lowest_mass = np.where(hidden, tuned.HALF, tuned.VISIBLE)
-    valid = (mass > lowest_mass) & is_inside
+    valid = (mass > np.where(hidden, tuned.HALF, tuned.VISIBLE)) & is_inside
     is_line &= inside
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 

@@ -254,8 +254,7 @@ def common_hues(hue: Array, strength: Pixels) -> list[float]:
     mass = np.bincount(sector, strength, sectors)
     is_peak = (mass > 0) & (mass >= np.roll(mass, 1)) & (mass >= np.roll(mass, -1))
     peaks = [sector == k for k in np.flatnonzero(is_peak)]
-    means = [(strength[peak] * np.exp(1j * hue[peak])).sum() for peak in peaks]
-    return np.angle(means).tolist()
+    return np.angle([(strength[peak] * np.exp(1j * hue[peak])).sum() for peak in peaks]).tolist()
 
 
 def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
@@ -282,8 +281,7 @@ def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
         best = max((alike_spots(size, is_mark, k) for k in np.flatnonzero(is_mark)), key=len)
         if len(best) < 3:
             break
-        stamped = are_stamped(numbers, statistics[best], best + 1)
-        yield DrawnMarks(centres[best], stamped, spots)
+        yield DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1), spots)
         is_mark[best] = False
 
 

@@ -16,7 +16,7 @@ from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.geometry.lines import Array, rms_length, row_lengths
+from vfplan.geometry.lines import Array, homogeneous, rms_length, row_lengths
 from vfplan.io.files import FilePath, naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -258,10 +258,9 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, Arr
             "--pixel-spacing out",
             code="pixel-spacing-differs",
         )
-    pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
     scale = float(np.sqrt(spacing_mm.prod()))
     sigma = curve.sigma * scale * 1e-3 if curve.sigma is not None else None
-    points = (pixels @ place.T)[:, :3]
+    points = (homogeneous(curve.points[:, :2]) @ place.T)[:, :3]
     return replace(curve, frame="patient_lps", points=points, sigma=sigma), axes
 
 

@@ -25,7 +25,7 @@ from vfplan.display import Report, coordinates
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import Array, plane_normal, row_lengths
+from vfplan.geometry.lines import Array, homogeneous, plane_normal, rms_length, row_lengths
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
@@ -35,10 +35,8 @@ from vfplan.registration.models import (
     f_exceeds,
     fit_model,
     fit_similarity,
-    homogeneous,
     marker_rows,
     most_off,
-    rms_length,
 )
 from vfplan.registration.registration import (
     Registration,

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import PixelSpacing
-from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
+from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -149,11 +149,6 @@ def rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.square(values).mean()))
 
 
-def homogeneous(s: Array) -> Array:
-    """[s, 1] along the last axis."""
-    return np.concatenate([s, np.ones((*s.shape[:-1], 1))], axis=-1)
-
-
 def marker_rows(x: Array) -> Array:
     """(3N, 3 (k+1)) matrix from row-major M to the N mapped positions, for x~ (N, k+1)."""
     return np.einsum("ab,ni->nabi", np.eye(3), x).reshape(3 * len(x), -1)
@@ -271,8 +266,7 @@ def fewest_markers(model: ModelName, dimension: int) -> tuple[int, str]:
     if 3 * smallest.minimal > smallest.parameters:
         return smallest.minimal, "fewer leave it undetermined"
     # Where the minimum leaves no residual, one marker more is needed to know an error at all.
-    reason = f"{smallest.minimal} leave no residual, hence no error estimate"
-    return smallest.minimal + 1, reason
+    return smallest.minimal + 1, f"{smallest.minimal} leave no residual, hence no error estimate"
 
 
 def make_problem(
@@ -548,8 +542,7 @@ def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
 
 def fit_similarity(problem: Problem, used: Flags) -> Fit:
     """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
-    similarity = Orthogonal(problem.model.dimension, None)
-    return fit_model(replace(problem, model=similarity), used)
+    return fit_model(replace(problem, model=Orthogonal(problem.model.dimension, None)), used)
 
 
 def most_off(rows: Array, errors: Array, floor: float) -> tuple[int, Array, float, float]:

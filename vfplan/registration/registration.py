@@ -49,7 +49,7 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE, PixelSpacing
-from vfplan.geometry.lines import Array, Flags, row_lengths, unit_normal
+from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     Fit,
@@ -59,12 +59,10 @@ from vfplan.registration.models import (
     f_exceeds,
     f_quantile,
     fit_model,
-    homogeneous,
     is_spread_out,
     make_problem,
     marker_rows,
     rms,
-    rms_length,
 )
 
 # Probability that an error stays within its bound, and that an interval holds the true value.

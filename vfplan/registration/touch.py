@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags, row_lengths
-from vfplan.registration.models import (
-    RARE_PROBABILITY,
-    Orthogonal,
-    homogeneous,
-    rms_length,
-    root_of_inverse,
-)
+from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths
+from vfplan.registration.models import RARE_PROBABILITY, Orthogonal, root_of_inverse
 from vfplan.registration.registration import Registration
 
 

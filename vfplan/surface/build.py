@@ -191,8 +191,7 @@ def is_thin(shape: Any, width: float) -> bool:
     if core.is_empty:
         return True
     missed = shape.difference(core.buffer(0.55 * width, quad_segs=4))
-    pieces = getattr(missed, "geoms", [missed])
-    return any(piece.length > LONG_MISS * width for piece in pieces)
+    return any(piece.length > LONG_MISS * width for piece in getattr(missed, "geoms", [missed]))
 
 
 def report_of(

@@ -100,8 +100,7 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
         )  # fmt: skip
     gaps = zip(places, places[1:], pieces, strict=False)
     cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
-    z = np.concatenate([*cuts, places[-1:]])
-    return x, y, np.pad(z, int(closed), "edge")
+    return x, y, np.pad(np.concatenate([*cuts, places[-1:]]), int(closed), "edge")
 
 
 def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
@@ -144,8 +143,7 @@ def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
 
 def block_middles(axis: Array) -> Array:
     """Coordinates of the middle node of each block along an axis."""
-    first = np.arange(0, len(axis), BLOCK)
-    return axis[np.minimum(first + BLOCK // 2, len(axis) - 1)]
+    return axis[np.minimum(np.arange(0, len(axis), BLOCK) + BLOCK // 2, len(axis) - 1)]
 
 
 def snapped(

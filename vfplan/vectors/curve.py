@@ -125,7 +125,7 @@ class VectorDrawing:
     def _parameters(self, counts: Any) -> Array:
         """Float numbers of points that cut each piece into so many parts, ends included."""
         pieces = len(self.points) - (not self.closed)
-        ends = np.concatenate([[0], np.cumsum(np.broadcast_to(counts, pieces))])
+        ends = np.append(0, np.cumsum(np.broadcast_to(counts, pieces)))
         return np.interp(np.arange(ends[-1] + 1), ends, np.arange(pieces + 1))
 
 

@@ -195,8 +195,7 @@ def read_markups(text: str) -> VectorDrawing:
             f"holds {listed}. Give one Curve or ClosedCurve",
             code="vector-several", numbers={"curves": len(curves)},
         )  # fmt: skip
-    closed = SLICER_CURVES[curves[0]["type"]]
-    return slicer_curve(lps_points(curves[0]), closed)
+    return slicer_curve(lps_points(curves[0]), SLICER_CURVES[curves[0]["type"]])
 
 
 def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
