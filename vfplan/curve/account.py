@@ -26,7 +26,7 @@ from vfplan.curve.candidates import (
 )
 from vfplan.curve.centreline import MeasuredStroke, middle_of
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Box, Ink, Pen, brightness
+from vfplan.curve.coverage import OTHER_UNIT, Box, Ink, Pen, Pixels, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, evenly, normals, running_median, runs, windows
@@ -103,9 +103,9 @@ class Leftover:
         Whether it is too short beside the pen's width to carry a line on.
     """
 
-    places: NDArray[np.int64]
-    middle: NDArray[np.int64]
-    nearest: NDArray[np.int64]
+    places: Pixels
+    middle: Pixels
+    nearest: Pixels
     size: float
     edge_distance: float
     end_distance: float
@@ -286,9 +286,7 @@ def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
     return plane[top:bottom, left:right]
 
 
-def end_findings(
-    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover]
-) -> Iterator[Finding]:
+def end_findings(ink: Ink, curve: MeasuredStroke, leftover: list[Leftover]) -> Iterator[Finding]:
     """Another colour at an end, faint ink beyond it, and an end that is not known well.
 
     leftover: other ink, which has findings of its own

@@ -221,17 +221,15 @@ def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -
     return share * np.hypot(sway(curvature, len(gap)), distance / tuned.CORNER_SIGMAS)
 
 
-def deviation_of(
-    residual: NDArray, known: Flags, smooth_px: float, noisy: bool, mode: str
-) -> Array:
+def deviation_of(residual: NDArray, seen: Flags, smooth_px: float, noisy: bool, mode: str) -> Array:
     """(M,) standard deviation of a spline across the line [px], but for gaps and ends.
 
     residual: (M,) how far what was measured lies off the spline [px]; 0 where nothing was
-    known: (M,) bool, where something was measured
+    seen: (M,) bool, where something was measured
     """
     # Neighbouring residuals hang together, so that smoothing averages fewer of them. The equivalent
     # kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-    noise = np.sqrt((residual**2).sum() / known.sum())
+    noise = np.sqrt((residual**2).sum() / seen.sum())
     if noisy:
         noise *= tuned.CORRELATED_NOISY
     noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
@@ -263,9 +261,8 @@ def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
     normal = normals(gaussian(path, tuned.SMOOTH_PX), False)
     flank = (width / 2 + 2 * tuned.FLANK_PX) * normal
-    places = np.rint(np.vstack([path - flank, path + flank])).astype(int)
-    u, v = np.clip(places, 0, ink.size - 1).T
-    return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
+    beside = np.abs(ink.coverage_at(np.vstack([path - flank, path + flank])))
+    return float(np.median(beside)) > tuned.NOISY
 
 
 def _too_little_error(line: Candidate, measured_px: int) -> CurveError:

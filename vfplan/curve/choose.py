@@ -21,7 +21,7 @@ from vfplan.curve.candidates import (
     gap_px,
 )
 from vfplan.curve.centreline import MeasuredStroke, error_at, middle_of
-from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
+from vfplan.curve.coverage import Ink, Pen, Pixels, Region, colour_name, find_ink, main_pens
 from vfplan.display import coordinates
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
@@ -101,7 +101,7 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
     return (on_side and goes_round) or len(on_border(line, ink)) >= line.length / 2
 
 
-def on_border(line: Candidate, ink: Ink) -> NDArray[np.int64]:
+def on_border(line: Candidate, ink: Ink) -> Pixels:
     """(N, 2) pixels of a line's ink that lie flush with the border of the picture."""
     pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)

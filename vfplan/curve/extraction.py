@@ -81,9 +81,7 @@ def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
     return replace(curve, **{name: getattr(curve, name)[keep] for name in names})
 
 
-def without_cut_off(
-    findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
-) -> list[Finding]:
+def without_cut_off(findings: list[Finding], curve: Stroke, cut: Stroke) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
     return [
         finding

@@ -188,20 +188,18 @@ def symmetric(profile: NDArray) -> Array:
     return (profile + profile[::-1]) / 2
 
 
-def fit_shift(
-    x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray
-) -> Array:
-    """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
+def fit_shift(x: NDArray, rows: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray) -> Array:
+    """(M,) how far a (K,) mean profile is shifted in each of (M, K) rows of values [px].
 
     A least-squares fit of the profile, its derivative and a ground (K, G), through the samples that
     are the line's own; 0 where the profile does not show.
     """
     basis = np.column_stack([mean, np.gradient(mean, x), ground])
-    fit = values @ np.linalg.pinv(basis).T
+    fit = rows @ np.linalg.pinv(basis).T
     for row in np.flatnonzero(~is_line.all(1)):
         visible = is_line[row]
         if visible.sum() > basis.shape[1]:
-            fit[row] = np.linalg.lstsq(basis[visible], values[row, visible], rcond=None)[0]
+            fit[row] = np.linalg.lstsq(basis[visible], rows[row, visible], rcond=None)[0]
     height = np.where(fit[:, 0] > tuned.RISE, fit[:, 0], np.inf)
     return -fit[:, 1] / height
 

@@ -23,6 +23,7 @@ from vfplan.errors import CurveError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 # How values go on beyond the ends of a line, as `np.pad` names it, by whether the line is closed.
 BEYOND = {False: "edge", True: "wrap"}
@@ -380,7 +381,7 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
     return Arcs(np.vstack(vertices), np.concatenate(bulges), closed, max(errors))
 
 
-def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.intp]:
+def find_corners(points: Array, closed: bool, tolerance: float) -> Indices:
     """Indices of points that no smooth curve within the tolerance turns at.
 
     An arc that rounds off a point's turn θ half-way to its neighbours, h away, leaves it by

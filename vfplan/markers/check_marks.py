@@ -17,14 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, Findings, doubt, note
-from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
-from vfplan.markers.find_marks import (
-    CLEAR_MISFIT,
-    MATCH_RADIUS_PX,
-    MAX_SIDE_PX,
-    MIN_CONTRAST,
-    find_mark,
-)
+from vfplan.geometry.lines import Array, Flags, Indices, rms_length, row_lengths
+from vfplan.markers.find_marks import CLEAR_MISFIT, MAX_SIDE_PX, MIN_CONTRAST, REACH_PX, find_mark
 
 Pixels = NDArray[np.uint8]
 
@@ -70,7 +64,7 @@ class DrawnMarks:
     spots_px: Array
 
 
-def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], Array]:
+def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[Indices, Array]:
     """Which of the places (N, 2) have a mark of (M, 2) near them, and (K, 2) that mark.
 
     A place and its mark are each the other's nearest.
@@ -81,7 +75,7 @@ def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], 
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(places_px))
     is_mutual = distance.argmin(axis=0)[nearest] == rows
-    matched = np.flatnonzero((distance[rows, nearest] <= MATCH_RADIUS_PX) & is_mutual)
+    matched = np.flatnonzero((distance[rows, nearest] <= REACH_PX) & is_mutual)
     return matched, marks_px[nearest[matched]]
 
 
@@ -162,7 +156,7 @@ def compare_with_marks(
     # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.
     for k in np.flatnonzero(stands_apart(offset)) if len(matched) >= 3 else ():
         place = tuple(places[matched[k]].tolist())
-        mark = find_mark(rgb, labels[matched[k]], place, MATCH_RADIUS_PX)
+        mark = find_mark(rgb, labels[matched[k]], place, REACH_PX)
         if mark is not None and mark.moved_px < np.hypot(*offset[k]):
             offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
@@ -174,7 +168,7 @@ def compare_with_marks(
 
 
 def offset_findings(
-    labels: Sequence[str], places: Array, matched: NDArray[np.intp], offset: Array
+    labels: Sequence[str], places: Array, matched: Indices, offset: Array
 ) -> Iterator[Finding]:
     """Positions that are further from their marks than a click, alone or all together.
 
@@ -184,7 +178,7 @@ def offset_findings(
     """
     for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
-            f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the "
+            f"No mark is drawn within {REACH_PX:.0f} px of marker {labels[i]}; the "
             "others have one. Correct its position, or leave it out."
         )
         place = tuple(places[i].tolist())
@@ -285,15 +279,13 @@ def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
         is_mark[best] = False
 
 
-def alike_spots(size: Array, is_mark: Flags, k: int) -> NDArray[np.intp]:
+def alike_spots(size: Array, is_mark: Flags, k: int) -> Indices:
     """The marks of about the size (width, height) of the k-th spot."""
     allowed = np.maximum(2, ALIKE_SIZE * size[k])
     return np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
 
 
-def are_stamped(
-    numbers: NDArray[np.int32], statistics: NDArray[np.int32], spots: NDArray[np.intp]
-) -> bool:
+def are_stamped(numbers: NDArray[np.int32], statistics: NDArray[np.int32], spots: Indices) -> bool:
     """Whether most of these spots have one shape, which looks the same upside down.
 
     numbers: (H, W) the number of each pixel's spot

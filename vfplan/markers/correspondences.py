@@ -436,17 +436,13 @@ def fiducials(text: str) -> list[tuple[str | None, Array]]:
         that is not three finite numbers
     """
     markups = markups_of(text)
-    of_fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
-    if not of_fiducials:
+    lists = [markup for markup in markups if markup.get("type") == "Fiducial"]
+    if not lists:
         types = ", ".join(repr(markup.get("type")) for markup in markups)
         raise MarkerError(
             f"holds {types or 'nothing'}. Give a markup of type Fiducial", code="no-fiducials"
         )
-    return [
-        (point.get("label"), place)
-        for markup in of_fiducials
-        for point, place in defined_points(markup)
-    ]
+    return [(point.get("label"), place) for one in lists for point, place in defined_points(one)]
 
 
 def markups_of(text: str) -> list[JsonObject]:

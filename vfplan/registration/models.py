@@ -24,11 +24,11 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import PixelSpacing
-from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths
+from vfplan.geometry.lines import Array, Flags, Indices, homogeneous, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -251,7 +251,7 @@ class Problem:
         return homogeneous(self.s)
 
 
-def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
+def is_spread_out(problem: Problem, index: Indices) -> Flags:
     """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)

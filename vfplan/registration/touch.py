@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths
+from vfplan.geometry.lines import Array, Flags, Indices, homogeneous, rms_length, row_lengths
 from vfplan.registration.models import RARE_PROBABILITY, Orthogonal, root_of_inverse
 from vfplan.registration.registration import Registration
 
@@ -37,7 +37,7 @@ class NearestOnMesh:
         self._locator.SetDataSet(pyvista.PolyData.from_regular_faces(points, triangles))
         self._locator.BuildLocator()
 
-    def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
+    def __call__(self, places: Array) -> tuple[Array, Indices]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
         from vtkmodules.vtkCommonCore import reference
 
@@ -48,7 +48,7 @@ class NearestOnMesh:
             rows[k] = row
         return nearest, rows
 
-    def normals(self, rows: NDArray[np.intp]) -> Array:
+    def normals(self, rows: Indices) -> Array:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
         a, b, c = np.moveaxis(self.points[self.triangles[rows]], 1, 0)
         normal = np.cross(b - a, c - a)

@@ -199,9 +199,7 @@ def report_of(
 ) -> Report:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
-    structures = [
-        asdict(one) | {"chosen": one.number == contours.chosen} for one in contours.structures
-    ]
+    held = [asdict(one) | {"chosen": one.number == contours.chosen} for one in contours.structures]
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
@@ -218,7 +216,7 @@ def report_of(
         "spacing_mm": float(np.median(gaps_mm)),
         "spacing_range_mm": [float(gaps_mm.min()), float(gaps_mm.max())],
         "normal": sliced.R_slice_patient[2],
-        "structures": structures,
+        "structures": held,
         "outlines": len(contours.rings),
         "points": len(points),
         "triangles": len(fixture.mesh),

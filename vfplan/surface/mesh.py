@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags, row_lengths
+from vfplan.geometry.lines import Array, Flags, Indices, row_lengths
 from vfplan.surface.outline import Outline, Stack
 
-Indices = NDArray[np.intp]
+# Along x, y and z.
+Axes = tuple[Array, Array, Array]
 Triangles = NDArray[np.int32]
 # Number of nodes along a side of a block. Far from the outline one distance serves all of them.
 BLOCK = 8
@@ -77,7 +78,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> tuple[Array, Tr
     return points, without_wide_corners(points, triangles), distance_max
 
 
-def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
+def grid_axes(stack: Stack, step: float, closed: bool) -> Axes:
     """Coordinates of the grid's planes; with caps the outermost two fall together."""
     corners = np.concatenate([ring for outline in stack.outlines for ring in outline.rings])
     low = corners.min(axis=0) - 2 * step
@@ -103,7 +104,7 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
     return x, y, np.pad(np.concatenate([*cuts, places[-1:]]), int(closed), "edge")
 
 
-def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
+def grid_values(stack: Stack, axes: Axes, step: float) -> NDArray[np.float32]:
     """The function at every node, exact where the surface may be near.
 
     Far from an outline its distance is carried on linearly from the middle of a block.
@@ -146,9 +147,7 @@ def block_middles(axis: Array) -> Array:
     return axis[np.minimum(np.arange(0, len(axis), BLOCK) + BLOCK // 2, len(axis) - 1)]
 
 
-def snapped(
-    nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
-) -> tuple[Array, Flags, Triangles]:
+def snapped(nodes: Array, triangles: Triangles, axes: Axes) -> tuple[Array, Flags, Triangles]:
     """Triangles of marching cubes with corners near one node as one.
 
     nodes: (N, 3) corners in units of the grid

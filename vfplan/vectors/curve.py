@@ -171,13 +171,11 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     """
     with memory_file(data) as file:
         job = "vfplan.vectors.curve:read_line"
-        drawn, (points,) = run_in_sandbox(
-            job, where, number, file=file, where=where, kind=CurveError
-        )
+        how, (points,) = run_in_sandbox(job, where, number, file=file, where=where, kind=CurveError)
     points, closed = without_repeated_end(points)
     curve = VectorDrawing(
-        distinct_points(points, closed), closed, drawn["joined"],
-        warnings=tuple(drawn["warnings"]), drawn_on=drawn["drawn_on"],
+        distinct_points(points, closed), closed, how["joined"],
+        warnings=tuple(how["warnings"]), drawn_on=how["drawn_on"],
     )  # fmt: skip
     if curve.joined == "straight":
         return curve
@@ -189,9 +187,7 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     return replace(curve, warnings=(*curve.warnings, warning))
 
 
-def read_line(
-    file: BinaryIO, where: str, number: int | None
-) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+def read_line(file: BinaryIO, where: str, number: int | None) -> Iterator[Any]:
     """The chosen line, in the child process: how it was drawn, then its points [px or m]."""
     raise_limits_for(file)
     lines, others = [], []
