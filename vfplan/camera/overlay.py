@@ -164,10 +164,10 @@ class Overlay:
             }  # fmt: skip
             # Written so that a bound of NaN refuses the frame too.
             if not bound_mm <= self.limit_mm:
-                text = (
-                    f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer"
+                raise CheckFailed(
+                    f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer",
+                    code="bound-too-large",
                 )
-                raise CheckFailed(text, code="bound-too-large")
         except CheckFailed as refusal:
             report |= {"refused": refusal.code, "reason": refusal.message}
         except (cv2.error, np.linalg.LinAlgError):

@@ -102,8 +102,7 @@ class Profiles:
 
     def scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
-        trend = gaussian(offset, tuned.TREND_PX)
-        return float(np.median((offset - trend)[self.valid] ** 2))
+        return float(np.median((offset - gaussian(offset, tuned.TREND_PX))[self.valid] ** 2))
 
 
 def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Profiles:

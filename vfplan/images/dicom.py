@@ -340,7 +340,7 @@ def windowed_grey(dataset: Any, stored: NDArray, inverted: bool) -> tuple[NDArra
     """
     from pydicom.pixels import apply_modality_lut, apply_windowing
 
-    values = apply_modality_lut(stored, dataset).astype(np.float64)
+    values = apply_modality_lut(stored, dataset).astype(float)
     windowed = values
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
         windowed = apply_windowing(values, dataset)

@@ -70,7 +70,7 @@ def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[Indices, Array]:
     A place and its mark are each the other's nearest.
     """
     if not len(places_px) or not len(marks_px):
-        return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
+        return np.zeros(0, np.intp), np.zeros((0, 2))
     distance = np.linalg.norm(places_px[:, None] - marks_px[None], axis=2)
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(places_px))
@@ -105,9 +105,9 @@ def compare_with_marks(
     CheckFailed
         Marks are drawn, and fewer than half of the positions have one near them.
     """
-    places = np.asarray(positions_px, dtype=float)
+    places = np.asarray(positions_px, float)
     n = len(places)
-    matched, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
+    matched, marks, drawn = np.zeros(0, np.intp), np.zeros((0, 2)), 0
     spots = np.zeros((0, 2))
     for kind in drawn_marks(rgb):
         kind_matched, kind_marks = nearest_pairs(places, kind.places_px)

@@ -118,7 +118,7 @@ def find_markers(
         No cross or dot near a position, or two markers found in one place.
     """
     markers = []
-    for label, (u, v) in zip(labels, np.asarray(positions_px, dtype=float), strict=True):
+    for label, (u, v) in zip(labels, np.asarray(positions_px, float), strict=True):
         marker = find_mark(rgb, label, (float(u), float(v)), REACH_PX)
         if marker is None:
             raise MarkerError(

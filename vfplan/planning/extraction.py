@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -223,12 +224,12 @@ def read_vectors(
     return replace(extraction, findings=tuple(findings)), curve.sha256, set_by_hand
 
 
-def vector_findings(curve: VectorDrawing, contact_radius: float) -> list[Finding]:
+def vector_findings(curve: VectorDrawing, contact_radius: float) -> Iterator[Finding]:
     """What a vector curve's file leaves open."""
-    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    for text in curve.warnings:
+        yield note("vector-curve", "extract", text)
     if curve.type_difference_m > MAX_TYPE_DIFFERENCE * contact_radius:
-        findings.append(curve_type_doubt(curve.type_difference_m))
-    return findings
+        yield curve_type_doubt(curve.type_difference_m)
 
 
 def curve_type_doubt(difference_m: float) -> Finding:
@@ -262,7 +263,7 @@ def vector_alone(path: FilePath, settings: ExtractSettings, contact_radius: floa
     stroke = curve.stroke(step)
     frame, points = "patient_lps", stroke.points
     described: Report = {"length_mm": stroke.length * 1e3}
-    findings = vector_findings(curve, contact_radius)
+    findings = [*vector_findings(curve, contact_radius)]
     if is_in_image:
         frame, points = "image", in_space(points)
         described = {"length_px": stroke.length}

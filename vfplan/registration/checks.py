@@ -463,12 +463,12 @@ def refuse_wrong_markers(
         ratio = 1 + departure
         is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
         if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            text = (
+            raise MarkerError(
                 f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
                 f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing"
-            )
-            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
+                "the right --pixel-spacing",
+                code="scale-wrong", numbers={"ratio": ratio},
+            )  # fmt: skip
 
 
 # What a point of a curve may be where no ink shows it, and what `cause_of_own_error` says of it.

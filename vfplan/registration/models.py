@@ -325,7 +325,7 @@ def make_problem(
 
 def _numbers(values: ArrayLike, what: str) -> Array:
     try:
-        return np.array(values, dtype=np.float64)
+        return np.array(values, float)
     except (TypeError, ValueError):
         raise MarkerError(
             f"{what} not numbers in rows of equal length. Give an array of numbers",
@@ -358,11 +358,11 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
-                text = (
+                raise MarkerError(
                     f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
-                    "numbers"
-                )
-                raise MarkerError(text, code="markers-not-finite", numbers={"label": name})
+                    "numbers",
+                    code="markers-not-finite", numbers={"label": name},
+                )  # fmt: skip
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
             text = f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}"
@@ -384,7 +384,7 @@ def _spacing(pixel_spacing: float | PixelSpacing, dimension: int, model: ModelNa
             code="pixel-spacing-useless",
         )
     try:
-        spacing = np.broadcast_to(np.array(pixel_spacing, dtype=float), (2,)).copy()
+        spacing = np.broadcast_to(np.array(pixel_spacing, float), (2,)).copy()
     except (TypeError, ValueError):
         spacing = np.array([np.nan])
     if not (np.isfinite(spacing) & (spacing > 0)).all():
@@ -408,17 +408,17 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     smallest = max(extent[0] / MAX_CONDITION, rounding)
     numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
     if not extent[1] > smallest:
-        text = (
+        raise MarkerError(
             f"the markers lie on a line in the {what}: beside it they spread by less than "
-            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line"
-        )
-        raise MarkerError(text, code="markers-collinear", numbers=numbers)
+            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line",
+            code="markers-collinear", numbers=numbers,
+        )  # fmt: skip
     if not extent[rank - 1] > smallest:
-        text = (
+        raise MarkerError(
             f"the markers lie in a plane in the {what}, which determines no affine map. Give "
-            "--model similarity or rigid"
-        )
-        raise MarkerError(text, code="markers-coplanar", numbers=numbers)
+            "--model similarity or rigid",
+            code="markers-coplanar", numbers=numbers,
+        )  # fmt: skip
     return float(extent[0] / extent[rank - 1])
 
 
@@ -523,7 +523,7 @@ class Fit:
 def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
     """Fit the markers that are `used` (N,), by default all of them."""
     if used is None:
-        used = np.ones(len(problem.s), dtype=bool)
+        used = np.ones(len(problem.s), bool)
     model, weights = problem.model, problem.weights
     m = model.solve(problem.s[used], problem.y[used], weights[used])
     vectors = problem.y - problem.x @ m.T

@@ -139,7 +139,7 @@ def surface(
         provenance=Provenance.now(contours.inputs, settings),
         mesh=triangles,
         rendering=Rendering(
-            stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),
+            stiffness=np.array(np.broadcast_to(settings.stiffness, 3), float),
             contact_radius=settings.contact_radius,
             band=mesh_band(points, triangles, radius),
             point_radius=settings.point_radius,
@@ -262,8 +262,7 @@ def left_out_error(sliced: SlicedVolume) -> Report | None:
             checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)
             corners = at_height(checked, outlines[k].z)
             value, gradient = others.signed(corners)
-            slope = np.maximum(row_lengths(gradient), MIN_SLOPE)
-            distances.append(np.abs(value) / slope)
+            distances.append(np.abs(value) / np.maximum(row_lengths(gradient), MIN_SLOPE))
             places.append(corners @ sliced.R_slice_patient)
     return summary_of(np.concatenate(distances), np.concatenate(places)) if distances else None
 

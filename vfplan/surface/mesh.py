@@ -69,7 +69,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> tuple[Array, Tr
             code="structure-thin", numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
         )  # fmt: skip
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
-    nodes = nodes.astype(np.float64)
+    nodes = nodes.astype(float)
     places, in_plane, triangles = snapped(nodes, triangles, axes)
 
     ends = (axes[2][0], axes[2][-1])
@@ -116,10 +116,9 @@ def grid_values(stack: Stack, axes: Axes, step: float) -> NDArray[np.float32]:
 
     @lru_cache(maxsize=4)
     def distances(k: int) -> Array:
-        reach = 2 * step + gaps[max(0, k - 1) : k + 1].max()
-        return slice_values(stack.outlines[k], x, y, reach)
+        return slice_values(stack.outlines[k], x, y, 2 * step + gaps[max(0, k - 1) : k + 1].max())
 
-    values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
+    values = np.empty((len(x), len(y), len(z)), np.float32)
     for plane in range(len(z)):
         total = 0.0
         for k in np.flatnonzero(weights[plane]):
@@ -227,7 +226,7 @@ def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
         wide = np.flatnonzero(smallest < np.cos(np.radians(WIDE_CORNER_DEG)))
         wide = wide[np.argsort(smallest[wide], kind="stable")]
         rows = around[wide]
-        at_wide_corner = np.zeros(len(points), dtype=bool)
+        at_wide_corner = np.zeros(len(points), bool)
         at_wide_corner[triangles[rows]] = True
         around = np.flatnonzero(at_wide_corner[triangles].any(axis=1))
         flips = possible_flips(triangles, around, rows, cosines[wide].argmin(axis=1))
@@ -267,7 +266,7 @@ def possible_flips(
 
 def flip_where_better(points: Array, triangles: Triangles, flips: list[tuple[int, ...]]) -> bool:
     """Flip where that makes the narrowest corner wider; whether any was."""
-    row, other_row, a, b, c, d = np.array(flips, dtype=np.int64).reshape(-1, 6).T
+    row, other_row, a, b, c, d = np.array(flips, np.int64).reshape(-1, 6).T
     before = triangles[np.stack([row, other_row])]
     after = np.stack([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
     narrowest_before = corner_cosines(points[before]).max(axis=2).max(axis=0)

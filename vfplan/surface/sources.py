@@ -168,7 +168,7 @@ def ring_of_contour(contour: Any) -> Array:
     value = contour.get_item("ContourData").value
     if isinstance(value, bytes):
         value = value.rstrip(b" \0").split(b"\\")
-    numbers = np.array([float(x) for x in value], dtype=np.float64)
+    numbers = np.array([float(x) for x in value])
     if numbers.size % 3 or not np.isfinite(numbers).all():
         raise InputError(
             "a contour is not made of triples of finite numbers. Export the structure again.",

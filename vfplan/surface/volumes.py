@@ -352,10 +352,10 @@ def nrrd_place(header: dict[str, Any]) -> NDArray:
     for column, (axis, sign) in enumerate(axes):
         lps_space[axis, column] = sign * METRES[units[column]]
     try:
-        directions = np.array(header["space directions"], dtype=float)[-3:]
+        directions = np.array(header["space directions"], float)[-3:]
         T_lps_voxel = np.eye(4)
         T_lps_voxel[:3, :3] = lps_space @ directions.T
-        T_lps_voxel[:3, 3] = lps_space @ np.array(header["space origin"], dtype=float)
+        T_lps_voxel[:3, 3] = lps_space @ np.array(header["space origin"], float)
     except (KeyError, ValueError, TypeError):
         raise InputError(
             "does not say where its voxels lie in the patient. Export it with its place.",
@@ -463,7 +463,7 @@ def nifti_place(image: Any) -> NDArray:
                 f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
                 code="volume-places-differ", numbers={"distance_mm": 1e3 * distance},
             )  # fmt: skip
-    T_lps_voxel = np.array(sform if sform_code else qform, dtype=float)
+    T_lps_voxel = np.array(sform if sform_code else qform, float)
     T_lps_voxel[:3] *= np.array([-metres, -metres, metres])[:, None]
     return checked_place(T_lps_voxel)
 

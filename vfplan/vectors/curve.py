@@ -195,7 +195,7 @@ def read_line(file: BinaryIO, where: str, number: int | None) -> Iterator[Any]:
         everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
         for kind, name, drawn_on, values, width in everything:
             if kind in OPEN or kind in CLOSED:
-                points = np.array(values, np.float64).reshape(-1, width)
+                points = np.array(values, float).reshape(-1, width)
                 lines.append((kind, name, drawn_on, points))
             else:
                 others.append(name)

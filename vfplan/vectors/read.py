@@ -289,7 +289,7 @@ def read_roi(data: bytes, origin: Origin | None, where: str) -> tuple[Array, boo
         ("corner", ()) if closed else origin_of_line(roi.version, origin, where)
     )
     with np.errstate(invalid="ignore"):  # What is not finite is refused with the other points.
-        points = np.asarray(coordinates, np.float64).reshape(-1, 2)
+        points = np.asarray(coordinates, float).reshape(-1, 2)
     return _from_centres(points, counted_from), closed, warnings
 
 
