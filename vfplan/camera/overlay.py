@@ -21,10 +21,10 @@ import numpy as np
 
 from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, make_finder
-from vfplan.camera.sheet import SCALE_MM, Plan
+from vfplan.camera.sheet import SCALE_MM, Plan, Tags
 from vfplan.display import MM, Report
 from vfplan.errors import CheckFailed, InputError
-from vfplan.geometry.lines import normals, ring_of, runs
+from vfplan.geometry.lines import in_space, normals, ring_of, runs
 from vfplan.images.read import as_uint8, is_picture_file, read_image
 from vfplan.io.files import opened_file
 from vfplan.io.sandbox import Loopback, reply
@@ -108,7 +108,7 @@ class Overlay:
     """
 
     plan: Plan
-    tags: dict[int, Array]
+    tags: Tags
     camera: Camera
     is_printed: bool = True
     limit_mm: float = LIMIT_MM
@@ -140,7 +140,7 @@ class Overlay:
         for line, stroke, bound_of_points in zip(lines, strokes, bounds, strict=False):
             # From each point of the line to the border of its band.
             widths = ring_of(bound_of_points[:, None], stroke.closed)
-            across = np.pad(widths * normals(line[:, :2], False), ((0, 0), (0, 1)))
+            across = in_space(widths * normals(line[:, :2], False))
             self.drawn += [(paper.BAND_COLOUR, 1, line + side * across) for side in (-1, 1)]
 
     def see(self, frame: Picture) -> tuple[Report, Pose | None]:
@@ -164,10 +164,10 @@ class Overlay:
             }  # fmt: skip
             # Written so that a bound of NaN refuses the frame too.
             if not bound_mm <= self.limit_mm:
-                text = (
-                    f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer"
+                raise CheckFailed(
+                    f"The line may be off by {bound_mm:.2f} mm. Show more tags, sharper or nearer",
+                    code="bound-too-large",
                 )
-                raise CheckFailed(text, code="bound-too-large")
         except CheckFailed as refusal:
             report |= {"refused": refusal.code, "reason": refusal.message}
         except (cv2.error, np.linalg.LinAlgError):

@@ -25,7 +25,7 @@ from vfplan.display import MM
 from vfplan.errors import InputError, MarkerError
 from vfplan.figures.style import HALO, style
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import Array, ring_of
+from vfplan.geometry.lines import Array, homogeneous, ring_of
 from vfplan.geometry.lines import plane as across
 from vfplan.images.read import as_uint8, plane_of_slice
 from vfplan.io.writing import write_whole
@@ -67,6 +67,9 @@ PX_PER_M = 1e4
 # Of so many points of the outline one is kept: they are then half a millimetre apart.
 THIN = 4
 
+# Number -> corners of a tag.
+Tags = dict[int, Array]
+
 # The colour of where the proxy stops, and of where it stays.
 COLOURS = {"wall": WALL, "guide": TUBE}
 
@@ -98,7 +101,7 @@ class Plan:
         for outline in outlines_of(self.fixture, plane, tuple(size.tolist())):
             for line in outline.lines:
                 line = np.vstack([line[:-1:THIN], line[-1:]])
-                yield outline.kind, np.column_stack([line, np.ones(len(line))]) @ onto[:3].T
+                yield outline.kind, homogeneous(line) @ onto[:3].T
 
     @property
     def digest(self) -> str:
@@ -150,7 +153,7 @@ def whole_of(plan: Plan) -> tuple[float, float]:
     )  # fmt: skip
 
 
-def printed_tags(plan: Plan) -> dict[int, Array]:
+def printed_tags(plan: Plan) -> Tags:
     """Number -> (4, 3) corners [m] of the sheet's tags, clockwise from the upper left."""
     width, height = whole_of(plan)
     side = TAG_MM / MM * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -164,7 +167,7 @@ def printed_tags(plan: Plan) -> dict[int, Array]:
     return tags
 
 
-def touched_tags(path: Path, plan: Plan) -> dict[int, Array]:
+def touched_tags(path: Path, plan: Plan) -> Tags:
     """The same of tags on an object, by the places of their corners in the fixture's frame.
 
     A marker file has a row for each corner, labelled as "17.0" to "17.3": the number of a tag of

@@ -24,9 +24,9 @@ from vfplan.curve.candidates import (
     is_open_ring,
     strength_along,
 )
-from vfplan.curve.centreline import MeasuredStroke
+from vfplan.curve.centreline import MeasuredStroke, middle_of
 from vfplan.curve.choose import finding_at
-from vfplan.curve.coverage import OTHER_UNIT, Box, Ink, Pen, brightness
+from vfplan.curve.coverage import OTHER_UNIT, Box, Ink, Pen, Pixels, brightness
 from vfplan.findings import Finding, note
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, evenly, normals, running_median, runs, windows
@@ -103,9 +103,9 @@ class Leftover:
         Whether it is too short beside the pen's width to carry a line on.
     """
 
-    places: NDArray[np.int64]
-    middle: NDArray[np.int64]
-    nearest: NDArray[np.int64]
+    places: Pixels
+    middle: Pixels
+    nearest: Pixels
     size: float
     edge_distance: float
     end_distance: float
@@ -261,7 +261,7 @@ def list_account(
     """All other ink, and every stretch of curve that does not show, the largest first."""
     rows: list[tuple] = [(len(one.places), one.middle, one.size, "ink", one) for one in leftover]
     rows += [
-        (len(run), curve.points[_middle(run)], float(len(run)), what)
+        (len(run), curve.points[middle_of(run)], float(len(run)), what)
         for curve in curves
         for what, run in _stretches(curve)
     ]
@@ -279,10 +279,6 @@ def _stretches(curve: Stroke) -> Iterator[tuple[str, NDArray]]:
         yield "hidden" if curve.hidden[run].any() else "bridge", run
 
 
-def _middle(run: NDArray) -> int:
-    return int(run[len(run) // 2])
-
-
 def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
     """The pixels of a (H, W) plane that lie within reach of a place, along u and along v."""
     left, top = np.maximum(np.floor(place - reach), 0).astype(int)
@@ -290,9 +286,7 @@ def around(plane: NDArray, place: NDArray, reach: float) -> NDArray:
     return plane[top:bottom, left:right]
 
 
-def end_findings(
-    ink: Ink, curve: MeasuredStroke, leftover: Sequence[Leftover]
-) -> Iterator[Finding]:
+def end_findings(ink: Ink, curve: MeasuredStroke, leftover: list[Leftover]) -> Iterator[Finding]:
     """Another colour at an end, faint ink beyond it, and an end that is not known well.
 
     leftover: other ink, which has findings of its own
@@ -349,7 +343,7 @@ def is_at_cover(ink: Ink, end: NDArray, heading: NDArray, width: float, to_borde
     return bool(is_even and step > tuned.COVER_STEP and max(rough) < tuned.COVER_EDGE_NOISY)
 
 
-def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[Finding]:
+def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> Iterator[Finding]:
     """The largest pieces of ink close to an end, and of ink that touches the curve."""
     reach = tuned.END_REACH_GAPS * max_gap_px
     dots = [p for p in leftover if p.is_dot and not p.touches and p.end_distance <= reach]
@@ -357,17 +351,15 @@ def leftover_findings(leftover: Sequence[Leftover], max_gap_px: float) -> list[F
     dashes = dots if len(dots) > 1 else []
     at_end = [p for p in leftover if p.is_at_end(max_gap_px) or p in dashes]
     touching = [p for p in leftover if p.touches and p not in at_end]
-    findings = []
     for piece in at_end[:NAMED]:
         text = (
             f"ink of {piece.size:.0f} px lies {piece.end_distance:.0f} px from the end of the "
             "curve. Does the curve go on there?"
         )
-        findings.append(finding_at(piece.middle, "ink-at-end", text))
+        yield finding_at(piece.middle, "ink-at-end", text)
     for piece in touching[:NAMED]:
         text = f"ink of {piece.size:.0f} px touches the curve. Is it a part of the curve?"
-        findings.append(finding_at(piece.middle, "ink-touches", text))
-    return findings
+        yield finding_at(piece.middle, "ink-touches", text)
 
 
 def doubts_of_line(line: Candidate, lines: Candidates, ink: Ink, pen: Pen) -> list[Finding]:
@@ -447,17 +439,17 @@ def gap_findings(strokes: Sequence[Candidate]) -> Iterator[Finding]:
             yield finding_at((end + place) / 2, "ink-at-end", text)
 
 
-def ring_findings(line: Candidate, max_gap_px: float) -> list[Finding]:
+def ring_findings(line: Candidate, max_gap_px: float) -> Iterator[Finding]:
     """An open curve whose ends face each other over a gap that is a little too long to bridge."""
     gap = gap_px(line, -1, line, 0)
     # The length comes first, because the directions of the ends want a fit and its import.
     if gap > tuned.END_REACH_GAPS * max_gap_px or not is_open_ring(line):
-        return []
+        return
     text = (
         f"both ends of the curve face each other over a gap of {gap:.0f} px. Is the curve a ring? "
         f"Then close it: --max-gap {np.ceil(gap):.0f}."
     )
-    return [finding_at((line.path[0] + line.path[-1]) / 2, "ink-at-end", text)]
+    yield finding_at((line.path[0] + line.path[-1]) / 2, "ink-at-end", text)
 
 
 def join_findings(
@@ -466,13 +458,12 @@ def join_findings(
     ink: Ink,
     max_gap_px: float,
     known: Sequence[Finding],
-) -> list[Finding]:
+) -> Iterator[Finding]:
     """A doubt for each piece of ink that joins the curve, or in which a line may go on.
 
     There is none for a piece that a known finding on it speaks of.
     """
     known_places = np.reshape([f.place_px for f in known if f.place_px], (-1, 2)).astype(float)
-    findings = []
     for piece in leftover:
         away, _ = _core.nearest(piece.places.astype(float), known_places)
         if min(away, default=np.inf) < 0.6:
@@ -484,8 +475,7 @@ def join_findings(
         else:
             continue
         text = f"ink of {piece.size:.0f} px {where} and was left out. Is it a part of it?"
-        findings.append(finding_at(piece.middle, "ink-joins", text))
-    return findings
+        yield finding_at(piece.middle, "ink-joins", text)
 
 
 def line_of(stroke: Stroke, ink: Ink) -> Candidate:
@@ -564,7 +554,7 @@ def fold_findings(strokes: Sequence[Stroke]) -> Iterator[Finding]:
                 f"{length} px of the curve lie on another part of it, or close beside. Was it "
                 "drawn twice there, or do its ends overlap?"
             )
-            yield finding_at(points[_middle(run)], "curve-folds", text)
+            yield finding_at(points[middle_of(run)], "curve-folds", text)
             is_crossed[run] = False
     if is_crossed.any():
         places = points[is_crossed]
@@ -618,7 +608,7 @@ def border_findings(stroke: Stroke, size: NDArray) -> list[Finding]:
 def dotted_finding(stroke: Stroke) -> Finding:
     """A doubt that a dotted line is one line."""
     text = f"the line is dotted; {stroke.length:.0f} px were taken as one line. Is that right?"
-    return finding_at(stroke.points[len(stroke.points) // 2], "line-dotted", text)
+    return finding_at(middle_of(stroke.points), "line-dotted", text)
 
 
 def stretch_findings(curve: Stroke) -> list[Finding]:
@@ -631,7 +621,7 @@ def stretch_findings(curve: Stroke) -> list[Finding]:
     closes = curve.closed and [reason for reason, _ in _stretches(curve)].count("bridge") == 1
     heading = headings_along(curve)
     for reason, run in _stretches(curve):
-        place, length = curve.points[_middle(run)], len(run)
+        place, length = curve.points[middle_of(run)], len(run)
         carried = f"the curve is carried across a gap of {length} px."
         if reason == "hidden":
             carried = f"another colour hides {length} px of the curve."
@@ -703,7 +693,7 @@ def width_findings(ink: Ink, curve: MeasuredStroke) -> list[Finding]:
     is_line[thin] = False
     is_short = len(thin) < LEADER_SHARE * is_line.sum()
     is_odd = is_short and is_wide[is_line].mean() > tuned.FRAME_SHARE
-    return [finding_at(curve.path[_middle(thin if is_odd else wide)], "width-changes", text)]
+    return [finding_at(curve.path[middle_of(thin if is_odd else wide)], "width-changes", text)]
 
 
 def with_joined_ink(ink: Ink, curve: MeasuredStroke) -> MeasuredStroke:

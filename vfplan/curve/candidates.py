@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.curve import tuned
-from vfplan.curve.coverage import Ink
+from vfplan.curve.coverage import Ink, Pixels
 from vfplan.errors import CurveError
 from vfplan.fixture import Stroke
 from vfplan.geometry.lines import Array, Flags, arc_lengths, evenly, length_of, ring_of
-
-Pixels = NDArray[np.int64]
 
 # Dots of a dotted line at least: fewer may be specks in a row.
 MIN_DOTS = 8
@@ -202,8 +200,7 @@ def find_groups(ink: Ink) -> list[Pixels]:
 
     Raises `CurveError` where there are more than anybody draws.
     """
-    pieces = connected(ink.pixels)
-    groups = [ink.pixels[rows] for rows in pieces if len(rows) >= tuned.SPECK_PX]
+    groups = [ink.pixels[rows] for rows in connected(ink.pixels) if len(rows) >= tuned.SPECK_PX]
     if len(groups) > tuned.MAX_PIECES:
         raise CurveError(
             f"There are {len(groups)} pieces of ink in the pen's colour, so this is noise or a "
@@ -228,8 +225,7 @@ def pen_mask(ink: Ink, groups: list[Pixels]) -> Flags:
 
 def half_covered(ink: Ink, pixels: Pixels) -> Pixels:
     """Those of a piece's pixels that have half of its own strength."""
-    u, v = pixels.T
-    coverage = ink.coverage[v, u]
+    coverage = ink.coverage_at(pixels)
     return pixels[coverage > tuned.HALF * np.quantile(coverage, 0.9)]
 
 
@@ -347,7 +343,7 @@ def dotted_line(ink: Ink, groups: list[Pixels]) -> Stroke | None:
     is_dot = areas >= np.median(areas) / tuned.ALIKE**2
     is_dot &= sides <= tuned.ALIKE * np.median(sides)
     dots = list(compress(groups, is_dot))
-    weights = [ink.coverage[group[:, 1], group[:, 0]].astype(float) for group in dots]
+    weights = [ink.coverage_at(group).astype(float) for group in dots]
     places = np.array([w @ dot / w.sum() for w, dot in zip(weights, dots, strict=True)])
     apart = cdist(places, places)
     np.fill_diagonal(apart, np.inf)
@@ -436,8 +432,7 @@ def _turns_deg(one: Candidate, end: int, other: Candidate, other_end: int) -> tu
 
 def strength_along(ink: Ink, path: NDArray) -> float:
     """The mean coverage along a path."""
-    u, v = np.clip(np.rint(path).astype(int), 0, ink.size - 1).T
-    return float(ink.coverage[v, u].mean(dtype=np.float32))
+    return float(ink.coverage_at(path).mean(dtype=np.float32))
 
 
 def _same_pen(one: Candidate, other: Candidate) -> bool:

@@ -161,7 +161,7 @@ def with_sway(line: Stroke, curvature: float) -> Array:
         aside = sway(curvature, len(run))
         if 2 * aside.max() > len(run):
             text = f"Nothing tells where the curve runs in a gap of {len(run)} px. Draw it there."
-            raise error_at(points[run[len(run) // 2]], text, code="gap-unknown", gap_px=len(run))
+            raise error_at(points[middle_of(run)], text, code="gap-unknown", gap_px=len(run))
         sigma[run] = np.hypot(sigma[run], aside)
         # A corner may lie in a gap that turns otherwise than its sides foretell. The tips of the
         # pen on both sides belong to it, because a tip shows a part of the line's width.
@@ -221,23 +221,20 @@ def corner_sway(points: NDArray, gap: NDArray, closed: bool, curvature: float) -
     return share * np.hypot(sway(curvature, len(gap)), distance / tuned.CORNER_SIGMAS)
 
 
-def deviation_of(
-    residual: NDArray, known: Flags, smooth_px: float, noisy: bool, mode: str
-) -> Array:
+def deviation_of(residual: NDArray, seen: Flags, smooth_px: float, noisy: bool, mode: str) -> Array:
     """(M,) standard deviation of a spline across the line [px], but for gaps and ends.
 
     residual: (M,) how far what was measured lies off the spline [px]; 0 where nothing was
-    known: (M,) bool, where something was measured
+    seen: (M,) bool, where something was measured
     """
     # Neighbouring residuals hang together, so that smoothing averages fewer of them. The equivalent
     # kernel of a smoothing spline averages 2 sqrt(2) times its scale in points.
-    noise = np.sqrt((residual**2).sum() / known.sum())
+    noise = np.sqrt((residual**2).sum() / seen.sum())
     if noisy:
         noise *= tuned.CORRELATED_NOISY
     noise = np.hypot(noise / np.sqrt(2 * np.sqrt(2) * smooth_px), tuned.GRID_PX)
     # What neighbouring residuals have in common is a corner that the spline cuts.
-    cut = gaussian(residual, smooth_px, mode)
-    return np.hypot(noise, cut)
+    return np.hypot(noise, gaussian(residual, smooth_px, mode))
 
 
 def skeleton_line(line: Candidate) -> MeasuredStroke:
@@ -264,9 +261,8 @@ def is_noisy(ink: Ink, path: NDArray, width: float) -> bool:
     """Whether there is colour a few pixels beside a line, as the noise of JPEG is."""
     normal = normals(gaussian(path, tuned.SMOOTH_PX), False)
     flank = (width / 2 + 2 * tuned.FLANK_PX) * normal
-    places = np.rint(np.vstack([path - flank, path + flank])).astype(int)
-    u, v = np.clip(places, 0, ink.size - 1).T
-    return float(np.median(np.abs(ink.coverage[v, u]))) > tuned.NOISY
+    beside = np.abs(ink.coverage_at(np.vstack([path - flank, path + flank])))
+    return float(np.median(beside)) > tuned.NOISY
 
 
 def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
@@ -275,6 +271,11 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
         "its skeleton: --method skeleton."
     )
     return error_at(line.middle, text, code="too-little-ink", measured_px=measured_px)
+
+
+def middle_of(rows: NDArray) -> Any:
+    """The one in the middle of some rows."""
+    return rows[len(rows) // 2]
 
 
 def error_at(place: NDArray, message: str, *, code: str, **numbers: Any) -> CurveError:

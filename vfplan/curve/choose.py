@@ -20,8 +20,8 @@ from vfplan.curve.candidates import (
     find_pieces,
     gap_px,
 )
-from vfplan.curve.centreline import MeasuredStroke, error_at
-from vfplan.curve.coverage import Ink, Pen, Region, colour_name, find_ink, main_pens
+from vfplan.curve.centreline import MeasuredStroke, error_at, middle_of
+from vfplan.curve.coverage import Ink, Pen, Pixels, Region, colour_name, find_ink, main_pens
 from vfplan.display import coordinates
 from vfplan.errors import CurveError, SettingError
 from vfplan.findings import Finding, doubt
@@ -101,7 +101,7 @@ def is_frame(line: Candidate, ink: Ink) -> bool:
     return (on_side and goes_round) or len(on_border(line, ink)) >= line.length / 2
 
 
-def on_border(line: Candidate, ink: Ink) -> NDArray[np.int64]:
+def on_border(line: Candidate, ink: Ink) -> Pixels:
     """(N, 2) pixels of a line's ink that lie flush with the border of the picture."""
     pixels = np.concatenate(line.pieces)
     to_border = np.minimum(pixels, ink.size - 1 - pixels).min(1)
@@ -170,7 +170,7 @@ def _no_line_error(lines: Candidates, ink: Ink, pen: Pen, region: Region) -> Cur
         return error
     dotted = dotted_line(ink, find_groups(ink))
     if dotted is not None:
-        u, v = dotted.points[len(dotted.points) // 2]
+        u, v = middle_of(dotted.points)
         error = CurveError(
             f"The line in {pen.name} is dotted, {dotted.length:.0f} px long through "
             f"({u:z.0f}, {v:z.0f}). Take it as one line: vfplan review IMAGE.",
@@ -250,7 +250,7 @@ def refuse_junctions(line: Candidate) -> None:
             "The line forks or crosses itself here, so it has several ways to go on. "
             "Choose one: vfplan review IMAGE."
         )
-        raise error_at(line.junctions[len(line.junctions) // 2], text, code="line-forks")
+        raise error_at(middle_of(line.junctions), text, code="line-forks")
 
 
 def relative_width(curve: MeasuredStroke) -> Array:
@@ -332,7 +332,7 @@ def refuse_double_line(curve: MeasuredStroke) -> None:
         "Two lines run side by side, or only the outline of the pen's line is drawn. "
         "Look at it: vfplan review IMAGE."
     )
-    raise error_at(curve.path[len(curve.path) // 2], text, code="double-line", dip=dip)
+    raise error_at(middle_of(curve.path), text, code="double-line", dip=dip)
 
 
 def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
@@ -345,9 +345,7 @@ def refuse_long_bridge(curve: MeasuredStroke, max_gap_px: float) -> None:
                 f" If the curve goes straight on: --max-gap {np.ceil(gap):.0f}."
             )
             numbers = {"gap_px": float(gap), "max_gap_px": max_gap_px}
-            raise error_at(
-                curve.points[run[len(run) // 2]], text, code="bridge-too-long", **numbers
-            )
+            raise error_at(curve.points[middle_of(run)], text, code="bridge-too-long", **numbers)
 
 
 def refuse_fit_off_ink(curve: MeasuredStroke, line: Candidate) -> None:

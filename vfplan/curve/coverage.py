@@ -19,6 +19,8 @@ from vfplan.curve import tuned
 from vfplan.errors import SettingError
 from vfplan.geometry.lines import Array, Flags, windows
 
+Pixels = NDArray[np.int64]
+
 # Hues that are looked for in a picture where the named pen drew no curve.
 MOST_PENS = 6
 # Steps of the hue by which pixels are counted [degrees].
@@ -109,12 +111,18 @@ class Region:
         """A (H, W, 3) picture, black where it is not looked at."""
         if self == Region():
             return rgb
-        u, v, width, height = self.inside or (0, 0, *rgb.shape[1::-1])
+        inside = _part(self.inside or (0, 0, *rgb.shape[1::-1]))
         shown = np.zeros_like(rgb)
-        shown[v : v + height, u : u + width] = rgb[v : v + height, u : u + width]
-        for u, v, width, height in self.outside:
-            shown[v : v + height, u : u + width] = 0
+        shown[inside] = rgb[inside]
+        for box in self.outside:
+            shown[_part(box)] = 0
         return shown
+
+
+def _part(box: Box) -> Slices:
+    """The rows and columns of a box."""
+    u, v, width, height = box
+    return slice(v, v + height), slice(u, u + width)
 
 
 def _checked_box(box: Box, shape: tuple[int, ...]) -> Box:
@@ -170,15 +178,20 @@ class Ink:
     mask: Flags
 
     @property
-    def size(self) -> NDArray[np.int64]:
+    def size(self) -> Pixels:
         """Columns and rows."""
         return np.array(self.mask.shape[::-1])
 
     @cached_property
-    def pixels(self) -> NDArray[np.int64]:
+    def pixels(self) -> Pixels:
         """(n, 2) columns and rows of the mask's pixels."""
         v, u = np.nonzero(self.mask)
         return np.column_stack([u, v])
+
+    def coverage_at(self, places: NDArray) -> NDArray[np.float16]:
+        """(N,) the coverage at the pixels nearest to places (N, 2)."""
+        u, v = np.clip(np.rint(places).astype(int), 0, self.size - 1).T
+        return self.coverage[v, u]
 
 
 # A part of the picture: its rows and columns with what lies around them, and the columns that it

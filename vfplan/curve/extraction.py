@@ -81,9 +81,7 @@ def _with_points(curve: MeasuredStroke, keep: NDArray) -> MeasuredStroke:
     return replace(curve, **{name: getattr(curve, name)[keep] for name in names})
 
 
-def without_cut_off(
-    findings: list[Finding], curve: MeasuredStroke, cut: MeasuredStroke
-) -> list[Finding]:
+def without_cut_off(findings: list[Finding], curve: Stroke, cut: Stroke) -> list[Finding]:
     """The findings that speak of the part of a curve that is left."""
     return [
         finding
@@ -198,13 +196,11 @@ def extract_curve(
     pen = Pen.of_colour(colour)
     ink = find_ink(rgb, pen, region)
     groups = candidates.find_groups(ink)
-    pieces = candidates.find_pieces(ink, groups)
 
     # Lines: skeletons joined over pen lifts; one of them is the curve.
-    lines = candidates.find_candidates(pieces, max_gap_px)
+    lines = candidates.find_candidates(candidates.find_pieces(ink, groups), max_gap_px)
     try:
-        is_open_choice = places and stroke is None
-        passing = lines_through(lines, start, end) if is_open_choice else lines
+        passing = lines_through(lines, start, end) if places and stroke is None else lines
         chosen = choose.choose_lines(lines, passing, stroke, ink, pen, region, max_gap_px)
         unchosen = [line for line in lines if line not in chosen]
         chosen = [line.in_order() for line in chosen]
@@ -229,7 +225,7 @@ def extract_curve(
 
     # All other ink is listed, and what a person should look at is said.
     leftover = account.find_leftover(ink, curves)
-    findings = account.leftover_findings(leftover, max_gap_px)
+    findings = [*account.leftover_findings(leftover, max_gap_px)]
     if stroke == "all":
         findings += account.shorter_findings(unchosen, lines, ink)
     if len(chosen) == 1:

@@ -91,8 +91,7 @@ class Profiles:
         if whole.sum() < tuned.MIN_PROFILES:
             return centroid
         mean = symmetric(self.coverage[whole].mean(0))
-        level = np.ones((len(self.x), 1))
-        shift = fit_shift(self.x, self.coverage, self.is_line, mean, level)
+        shift = fit_shift(self.x, self.coverage, self.is_line, mean, np.ones((len(self.x), 1)))
         clear = self.valid & ~self.hidden & (self.mass > tuned.VISIBLE)
         usable = clear & (np.abs(shift) <= self.width / 2 + 1)
         shift = np.where(usable, shift, centroid)
@@ -103,8 +102,7 @@ class Profiles:
 
     def scatter(self, offset: NDArray) -> float:
         """Variance of an offset around its slow changes [px^2], whatever a few outliers do."""
-        trend = gaussian(offset, tuned.TREND_PX)
-        return float(np.median((offset - trend)[self.valid] ** 2))
+        return float(np.median((offset - gaussian(offset, tuned.TREND_PX))[self.valid] ** 2))
 
 
 def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Profiles:
@@ -130,8 +128,7 @@ def read_profiles(ink: Ink, path: NDArray, normal: NDArray, width: float) -> Pro
     hidden = (other[:, core] > tuned.FOREIGN).any(1) & (mass < tuned.HIDDEN)
     side = np.sign((other * x)[:, core].sum(1))
     covered = np.where(hidden, side * (1 - mass) * usual, 0.0)
-    lowest_mass = np.where(hidden, tuned.HALF, tuned.VISIBLE)
-    valid = (mass > lowest_mass) & is_inside
+    valid = (mass > np.where(hidden, tuned.HALF, tuned.VISIBLE)) & is_inside
     is_line &= inside
     return Profiles(x, coverage, is_line, inside, mass, valid, hidden, has_other, covered, width)
 
@@ -190,20 +187,18 @@ def symmetric(profile: NDArray) -> Array:
     return (profile + profile[::-1]) / 2
 
 
-def fit_shift(
-    x: NDArray, values: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray
-) -> Array:
-    """(M,) how far a (K,) mean profile is shifted in each row of (M, K) values [px].
+def fit_shift(x: NDArray, rows: NDArray, is_line: NDArray, mean: NDArray, ground: NDArray) -> Array:
+    """(M,) how far a (K,) mean profile is shifted in each of (M, K) rows of values [px].
 
     A least-squares fit of the profile, its derivative and a ground (K, G), through the samples that
     are the line's own; 0 where the profile does not show.
     """
     basis = np.column_stack([mean, np.gradient(mean, x), ground])
-    fit = values @ np.linalg.pinv(basis).T
+    fit = rows @ np.linalg.pinv(basis).T
     for row in np.flatnonzero(~is_line.all(1)):
         visible = is_line[row]
         if visible.sum() > basis.shape[1]:
-            fit[row] = np.linalg.lstsq(basis[visible], values[row, visible], rcond=None)[0]
+            fit[row] = np.linalg.lstsq(basis[visible], rows[row, visible], rcond=None)[0]
     height = np.where(fit[:, 0] > tuned.RISE, fit[:, 0], np.inf)
     return -fit[:, 1] / height
 

@@ -23,6 +23,7 @@ from vfplan.errors import CurveError
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Indices = NDArray[np.intp]
 
 # How values go on beyond the ends of a line, as `np.pad` names it, by whether the line is closed.
 BEYOND = {False: "edge", True: "wrap"}
@@ -36,6 +37,16 @@ def flattened(places: Array, axis: Array | None) -> Array:
 def ring_of(points: NDArray, closed: bool) -> Array:
     """The points of a line; those of a closed one end with the first again."""
     return np.vstack([points, points[:1]]) if closed else np.asarray(points, float)
+
+
+def in_space(flat: NDArray) -> Array:
+    """(K, 3) places (K, 2) in the plane z = 0."""
+    return np.pad(flat, ((0, 0), (0, 1)))
+
+
+def homogeneous(places: Array) -> Array:
+    """[x, 1] along the last axis."""
+    return np.concatenate([places, np.ones((*places.shape[:-1], 1))], axis=-1)
 
 
 def rms_length(vectors: Array) -> float:
@@ -56,7 +67,7 @@ def step_lengths(points: NDArray) -> Array:
 
 def arc_lengths(points: NDArray, closed: bool) -> Array:
     """(M,) the length of the line up to each point; of a closed one (M + 1,), back to the first."""
-    return np.concatenate([[0.0], np.cumsum(step_lengths(ring_of(points, closed)))])
+    return np.append(0.0, np.cumsum(step_lengths(ring_of(points, closed))))
 
 
 def length_of(points: NDArray, closed: bool) -> float:
@@ -134,14 +145,12 @@ def gaussian(values: Array, sigma: float, mode: str = "symmetric") -> Array:
 def windows(values: NDArray, size: int, mode: str = "symmetric", **beyond: Any) -> NDArray:
     """(N, size) what lies around each of values (N,); `np.pad` carries them on beyond both ends."""
     before = size // 2
-    padded = np.pad(values, (before, size - 1 - before), mode, **beyond)
-    return sliding_window_view(padded, size)
+    return sliding_window_view(np.pad(values, (before, size - 1 - before), mode, **beyond), size)
 
 
 def running_median(values: Array, size: int, mode: str = "symmetric", **beyond: Any) -> Array:
     """(N,) the median of `windows`; of an even size, the upper one of the two in the middle."""
-    around = windows(values, size, mode, **beyond)
-    return np.partition(around, size // 2, axis=1)[:, size // 2]
+    return np.partition(windows(values, size, mode, **beyond), size // 2, axis=1)[:, size // 2]
 
 
 # Rows of a banded system that are solved at once: few enough for arithmetic to cost no more than
@@ -319,8 +328,7 @@ class Arcs:
         vertices, places = np.insert(self.vertices, 2, 0, 1), np.insert(x, 2, 0, 1)
         stroke, closed = np.zeros_like(self.bulges, np.int32), np.uint8([self.closed])
         settings = _core.Parameters(stiffness=np.ones(3), ignore_axis=np.eye(3)[2])
-        pieces = _core.Engine(vertices, self.bulges, stroke, closed, settings)
-        return pieces.distance(places)
+        return _core.Engine(vertices, self.bulges, stroke, closed, settings).distance(places)
 
 
 def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
@@ -373,7 +381,7 @@ def fit_arcs(points: Array, closed: bool, tolerance: float) -> Arcs:
     return Arcs(np.vstack(vertices), np.concatenate(bulges), closed, max(errors))
 
 
-def find_corners(points: Array, closed: bool, tolerance: float) -> NDArray[np.intp]:
+def find_corners(points: Array, closed: bool, tolerance: float) -> Indices:
     """Indices of points that no smooth curve within the tolerance turns at.
 
     An arc that rounds off a point's turn θ half-way to its neighbours, h away, leaves it by

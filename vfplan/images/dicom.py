@@ -282,8 +282,7 @@ def describe(file: BinaryIO) -> Iterator[list[Any]]:
         frames = int(dataset.get("NumberOfFrames") or 1)
         has_pixels = any(name in dataset for name in PIXEL_ELEMENTS)
         for index in range(min(frames, MAX_FRAMES) if has_pixels else 0):
-            spacing_mm = read_spacing(dataset, "PixelSpacing", index)
-            place = place_in_patient(dataset, spacing_mm, index)
+            place = place_in_patient(dataset, read_spacing(dataset, "PixelSpacing", index), index)
             if place is not None:
                 normal = plane_normal(place[:3, :2])
                 height = float(normal @ place[:3, 2] / np.linalg.norm(normal))
@@ -341,7 +340,7 @@ def windowed_grey(dataset: Any, stored: NDArray, inverted: bool) -> tuple[NDArra
     """
     from pydicom.pixels import apply_modality_lut, apply_windowing
 
-    values = apply_modality_lut(stored, dataset).astype(np.float64)
+    values = apply_modality_lut(stored, dataset).astype(float)
     windowed = values
     if "WindowCenter" in dataset and "WindowWidth" in dataset:
         windowed = apply_windowing(values, dataset)

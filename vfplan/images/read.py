@@ -381,7 +381,7 @@ def made_flat(image: PlannedImage, numbers: Sequence[float]) -> PlannedImage:
     return replace(image, rgb=rgb, pixel_spacing_mm=(spacing_mm, spacing_mm), T_patient_image=None)
 
 
-def flat_findings(text: str) -> list[Finding]:
+def flat_findings(text: str) -> Iterator[Finding]:
     """What a person should know of a plan on a picture that was made flat.
 
     text: RMS residual of the markers [mm], and how much larger than a pixel of the photograph a
@@ -393,16 +393,17 @@ def flat_findings(text: str) -> list[Finding]:
     except ValueError:
         message = f"says that it was made flat by {text[:40]!r}. Make it flat again: vfplan rectify"
         raise ImageError(message, code="made-flat-invalid") from None
-    findings = [doubt("picture-made-flat", "extract", (
+    yield doubt(
+        "picture-made-flat", "extract",
         f"The photograph was made flat by its markers, which fit to {residual_mm:.2f} mm rms. The "
-        "error bound does not count this step. Compare the flat picture with the sheet."
-    ))]  # fmt: skip
+        "error bound does not count this step. Compare the flat picture with the sheet.",
+    )  # fmt: skip
     if enlargement > MAX_ENLARGEMENT:
-        findings.append(doubt("picture-enlarged", "extract", (
+        yield doubt(
+            "picture-enlarged", "extract",
             f"So strong is the photograph's angle that a part is {enlargement:.1f} times enlarged "
-            "and blurred. Take it from further above."
-        )))  # fmt: skip
-    return findings
+            "and blurred. Take it from further above.",
+        )  # fmt: skip
 
 
 def as_uint8(rgb: NDArray) -> NDArray[np.uint8]:

@@ -17,14 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, Findings, doubt, note
-from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
-from vfplan.markers.find_marks import (
-    CLEAR_MISFIT,
-    MATCH_RADIUS_PX,
-    MAX_SIDE_PX,
-    MIN_CONTRAST,
-    find_mark,
-)
+from vfplan.geometry.lines import Array, Flags, Indices, rms_length, row_lengths
+from vfplan.markers.find_marks import CLEAR_MISFIT, MAX_SIDE_PX, MIN_CONTRAST, REACH_PX, find_mark
 
 Pixels = NDArray[np.uint8]
 
@@ -70,18 +64,18 @@ class DrawnMarks:
     spots_px: Array
 
 
-def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[NDArray[np.intp], Array]:
+def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[Indices, Array]:
     """Which of the places (N, 2) have a mark of (M, 2) near them, and (K, 2) that mark.
 
     A place and its mark are each the other's nearest.
     """
     if not len(places_px) or not len(marks_px):
-        return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
+        return np.zeros(0, np.intp), np.zeros((0, 2))
     distance = np.linalg.norm(places_px[:, None] - marks_px[None], axis=2)
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(places_px))
     is_mutual = distance.argmin(axis=0)[nearest] == rows
-    matched = np.flatnonzero((distance[rows, nearest] <= MATCH_RADIUS_PX) & is_mutual)
+    matched = np.flatnonzero((distance[rows, nearest] <= REACH_PX) & is_mutual)
     return matched, marks_px[nearest[matched]]
 
 
@@ -111,9 +105,9 @@ def compare_with_marks(
     CheckFailed
         Marks are drawn, and fewer than half of the positions have one near them.
     """
-    places = np.asarray(positions_px, dtype=float)
+    places = np.asarray(positions_px, float)
     n = len(places)
-    matched, marks, drawn = np.zeros(0, dtype=np.intp), np.zeros((0, 2)), 0
+    matched, marks, drawn = np.zeros(0, np.intp), np.zeros((0, 2)), 0
     spots = np.zeros((0, 2))
     for kind in drawn_marks(rgb):
         kind_matched, kind_marks = nearest_pairs(places, kind.places_px)
@@ -162,7 +156,7 @@ def compare_with_marks(
     # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.
     for k in np.flatnonzero(stands_apart(offset)) if len(matched) >= 3 else ():
         place = tuple(places[matched[k]].tolist())
-        mark = find_mark(rgb, labels[matched[k]], place, MATCH_RADIUS_PX)
+        mark = find_mark(rgb, labels[matched[k]], place, REACH_PX)
         if mark is not None and mark.moved_px < np.hypot(*offset[k]):
             offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
@@ -174,7 +168,7 @@ def compare_with_marks(
 
 
 def offset_findings(
-    labels: Sequence[str], places: Array, matched: NDArray[np.intp], offset: Array
+    labels: Sequence[str], places: Array, matched: Indices, offset: Array
 ) -> Iterator[Finding]:
     """Positions that are further from their marks than a click, alone or all together.
 
@@ -184,7 +178,7 @@ def offset_findings(
     """
     for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
-            f"No mark is drawn within {MATCH_RADIUS_PX:.0f} px of marker {labels[i]}; the "
+            f"No mark is drawn within {REACH_PX:.0f} px of marker {labels[i]}; the "
             "others have one. Correct its position, or leave it out."
         )
         place = tuple(places[i].tolist())
@@ -254,8 +248,7 @@ def common_hues(hue: Array, strength: Pixels) -> list[float]:
     mass = np.bincount(sector, strength, sectors)
     is_peak = (mass > 0) & (mass >= np.roll(mass, 1)) & (mass >= np.roll(mass, -1))
     peaks = [sector == k for k in np.flatnonzero(is_peak)]
-    means = [(strength[peak] * np.exp(1j * hue[peak])).sum() for peak in peaks]
-    return np.angle(means).tolist()
+    return np.angle([(strength[peak] * np.exp(1j * hue[peak])).sum() for peak in peaks]).tolist()
 
 
 def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
@@ -282,20 +275,17 @@ def _marks_in_mask(mask: Pixels) -> Iterator[DrawnMarks]:
         best = max((alike_spots(size, is_mark, k) for k in np.flatnonzero(is_mark)), key=len)
         if len(best) < 3:
             break
-        stamped = are_stamped(numbers, statistics[best], best + 1)
-        yield DrawnMarks(centres[best], stamped, spots)
+        yield DrawnMarks(centres[best], are_stamped(numbers, statistics[best], best + 1), spots)
         is_mark[best] = False
 
 
-def alike_spots(size: Array, is_mark: Flags, k: int) -> NDArray[np.intp]:
+def alike_spots(size: Array, is_mark: Flags, k: int) -> Indices:
     """The marks of about the size (width, height) of the k-th spot."""
     allowed = np.maximum(2, ALIKE_SIZE * size[k])
     return np.flatnonzero(is_mark & (np.abs(size - size[k]) <= allowed).all(axis=1))
 
 
-def are_stamped(
-    numbers: NDArray[np.int32], statistics: NDArray[np.int32], spots: NDArray[np.intp]
-) -> bool:
+def are_stamped(numbers: NDArray[np.int32], statistics: NDArray[np.int32], spots: Indices) -> bool:
     """Whether most of these spots have one shape, which looks the same upside down.
 
     numbers: (H, W) the number of each pixel's spot

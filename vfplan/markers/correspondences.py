@@ -43,9 +43,7 @@ ALLOWED = "label,u_px,v_px and/or label,x_m,y_m,z_m (or x_mm,y_mm,z_mm), with si
 PER_METRE = {"m": 1.0, "cm": 100.0, "mm": MM}
 
 # A column of ImageJ's coordinates, with the unit that it is calibrated in. XM is a centre of mass.
-IMAGEJ_COLUMN = re.compile(
-    rf"([XY])(?:[ _(\[]+({'|'.join(METRES)})[)\]]?)?", re.IGNORECASE | re.ASCII
-)
+IMAGEJ_COLUMN = re.compile(rf"(?ia)([XY])(?:[ _(\[]+({'|'.join(METRES)})[)\]]?)?")
 
 # A column of one of these names that is not understood would be a unit or a frame ignored.
 COORDINATE_NAMES = ("u", "v", "x", "y", "z", "sigma")
@@ -57,7 +55,7 @@ MIN_RADIUS_M = 0.01
 # that of a jig, so the same numbers cannot be both metres and millimetres.
 MAX_RADIUS_M = 1.0
 
-SCHEMA = re.compile(r".*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$", re.IGNORECASE)
+SCHEMA = re.compile(r"(?i).*markups-schema-v1\.[0-9]+\.[0-9]+\.json#*$")
 RAS_TO_LPS = np.array([-1.0, -1.0, 1.0])
 FCSV_COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 SLICER3_COLUMNS = "label,x,y,z,sel,vis"
@@ -438,17 +436,13 @@ def fiducials(text: str) -> list[tuple[str | None, Array]]:
         that is not three finite numbers
     """
     markups = markups_of(text)
-    of_fiducials = [markup for markup in markups if markup.get("type") == "Fiducial"]
-    if not of_fiducials:
+    lists = [markup for markup in markups if markup.get("type") == "Fiducial"]
+    if not lists:
         types = ", ".join(repr(markup.get("type")) for markup in markups)
         raise MarkerError(
             f"holds {types or 'nothing'}. Give a markup of type Fiducial", code="no-fiducials"
         )
-    return [
-        (point.get("label"), place)
-        for markup in of_fiducials
-        for point, place in defined_points(markup)
-    ]
+    return [(point.get("label"), place) for one in lists for point, place in defined_points(one)]
 
 
 def markups_of(text: str) -> list[JsonObject]:
@@ -551,8 +545,7 @@ def fcsv_points(text: str, where: str) -> list[tuple[str | None, Array]]:
         )
 
     points = []
-    rows = split_rows("\n".join(lines), where, MarkerError)
-    for number, (_, row) in enumerate(rows, start=1):
+    for number, (_, row) in enumerate(split_rows("\n".join(lines), where, MarkerError), start=1):
         cells = dict(zip(names, row, strict=False))
         label = cells.get("label")
         what = f"of marker {label.strip()!r}" if label else "of it"

@@ -20,10 +20,12 @@ from vfplan.errors import MarkerError
 from vfplan.geometry.lines import Array, row_lengths
 
 Shape = Literal["cross", "dot"]
+# (u, v) [px].
+Place = tuple[float, float]
 
 # Largest distance [px] between a position and its mark. So far off is a careless click; further off
 # is another mark.
-MATCH_RADIUS_PX = 8.0
+REACH_PX = 8.0
 
 # Longer side [px] of the largest mark. What is larger is a drawing.
 MAX_SIDE_PX = 48
@@ -61,7 +63,7 @@ class DrawnMarker:
 
     label: str
     # (u, v) of its centre; the centre of the top-left pixel is (0, 0).
-    position_px: tuple[float, float]
+    position_px: Place
     # Distance from where it was said to be [px].
     moved_px: float
     shape: Shape
@@ -80,7 +82,7 @@ class Mark:
     u: Array
     v: Array
     # Its centre of area and half of its longer side [px].
-    centre: tuple[float, float]
+    centre: Place
     radius: float
     # How much each pixel counts.
     weight: Array | float = 1.0
@@ -116,11 +118,11 @@ def find_markers(
         No cross or dot near a position, or two markers found in one place.
     """
     markers = []
-    for label, (u, v) in zip(labels, np.asarray(positions_px, dtype=float), strict=True):
-        marker = find_mark(rgb, label, (float(u), float(v)), MATCH_RADIUS_PX)
+    for label, (u, v) in zip(labels, np.asarray(positions_px, float), strict=True):
+        marker = find_mark(rgb, label, (float(u), float(v)), REACH_PX)
         if marker is None:
             raise MarkerError(
-                f"no cross or dot within {MATCH_RADIUS_PX:g} px of marker {label!r} at ({u:z.1f}, "
+                f"no cross or dot within {REACH_PX:g} px of marker {label!r} at ({u:z.1f}, "
                 f"{v:z.1f}) px. Correct its position, or leave --find-markers out",
                 code="no-mark-near", numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )  # fmt: skip
@@ -136,9 +138,7 @@ def find_markers(
     return tuple(markers)
 
 
-def find_mark(
-    rgb: NDArray[Any], label: str, place: tuple[float, float], search_px: float
-) -> DrawnMarker | None:
+def find_mark(rgb: NDArray[Any], label: str, place: Place, search_px: float) -> DrawnMarker | None:
     """The cross or dot nearest to a place (u, v) on the slice, or `None`."""
     u, v = place
     if not (-0.5 <= u <= rgb.shape[1] - 0.5 and -0.5 <= v <= rgb.shape[0] - 0.5):
@@ -170,7 +170,7 @@ def find_mark(
     return best
 
 
-def coverages_around(picture: Array, place: tuple[float, float], search_px: float) -> list[Array]:
+def coverages_around(picture: Array, place: Place, search_px: float) -> list[Array]:
     """Coverage maps (H, W), 0 to 1, one for each colour drawn near a place.
 
     A grey background has no chroma, so the coverage of a coloured marker is the chroma along its
@@ -200,7 +200,7 @@ def coverages_around(picture: Array, place: tuple[float, float], search_px: floa
     return [np.clip(coverage, 0, 1.2) for coverage in maps]
 
 
-def marks_around(coverage: Array, place: tuple[float, float], search_px: float) -> Iterator[Mark]:
+def marks_around(coverage: Array, place: Place, search_px: float) -> Iterator[Mark]:
     """The connected marks that reach within `search_px` of a place, none cut by the window."""
     from scipy.ndimage import binary_dilation
     from skimage.measure import label, regionprops
@@ -282,7 +282,7 @@ def fit_shape(mark: Mark) -> ShapeFit:
         starts[:2] = starts[1::-1]
     best = ShapeFit(starts[0][0], np.inf, np.array(starts[0][1]))
     for shape, start in starts:
-        parameters, misfit = minimise_misfit(mark, MODELS[shape], start)
+        parameters, misfit = best_fit(mark, MODELS[shape], start)
         if misfit < best.misfit:
             best = ShapeFit(shape, misfit, parameters)
         if best.misfit < CLEAR_MISFIT / 2:
@@ -290,9 +290,7 @@ def fit_shape(mark: Mark) -> ShapeFit:
     return best
 
 
-def minimise_misfit(
-    mark: Mark, model: Callable[..., Array], start: list[float]
-) -> tuple[Array, float]:
+def best_fit(mark: Mark, model: Callable[..., Array], start: list[float]) -> tuple[Array, float]:
     """The model's parameters, and the RMS misfit relative to the ink.
 
     Relative to the ink, because an empty margin would make a bad fit look good.

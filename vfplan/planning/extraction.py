@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from vfplan.errors import CurveError, ImageError, SettingError
 from vfplan.findings import Finding, Findings, doubt, note
 from vfplan.fixture import Curve, Fixture, Provenance, SourceImage, Stroke
 from vfplan.geometry import PixelSpacing
-from vfplan.geometry.lines import length_of
+from vfplan.geometry.lines import in_space, length_of
 from vfplan.io.files import FilePath
 from vfplan.planning.settings import ExtractSettings
 from vfplan.planning.tolerance import sample_curve
@@ -134,7 +135,7 @@ def extract(
         sigma = np.concatenate([stroke.sigma for stroke in strokes])
     provenance = Provenance.now(inputs, settings)
     fixture = Fixture(
-        frame="image", points=np.column_stack([points, np.zeros(len(points))]),
+        frame="image", points=in_space(points),
         provenance=replace(provenance, settings=provenance.settings | by_hand), sigma=sigma,
         curve=None if extraction.method == "mask" else Curve.of(strokes),
         image=SourceImage(image.width_px, image.height_px, image.pixel_spacing_mm),
@@ -218,18 +219,17 @@ def read_vectors(
     if curve.points.shape[1] == 2 and image.orientation != 1 and settings.pixels is None:
         findings.append(doubt("pixels-unturned", "extract", f"{path}: {UNTURNED}"))
     set_by_hand = {}
-    is_of_slicer = Path(path).suffix.lower() in SLICER_SUFFIXES
-    if is_of_slicer and len(placed.points) <= MAX_SLICER_POINTS:
+    if Path(path).suffix.lower() in SLICER_SUFFIXES and len(placed.points) <= MAX_SLICER_POINTS:
         set_by_hand[SLICER_POINTS] = flat(placed.points.round(1).tolist())
     return replace(extraction, findings=tuple(findings)), curve.sha256, set_by_hand
 
 
-def vector_findings(curve: VectorDrawing, contact_radius: float) -> list[Finding]:
+def vector_findings(curve: VectorDrawing, contact_radius: float) -> Iterator[Finding]:
     """What a vector curve's file leaves open."""
-    findings = [note("vector-curve", "extract", text) for text in curve.warnings]
+    for text in curve.warnings:
+        yield note("vector-curve", "extract", text)
     if curve.type_difference_m > MAX_TYPE_DIFFERENCE * contact_radius:
-        findings.append(curve_type_doubt(curve.type_difference_m))
-    return findings
+        yield curve_type_doubt(curve.type_difference_m)
 
 
 def curve_type_doubt(difference_m: float) -> Finding:
@@ -263,9 +263,9 @@ def vector_alone(path: FilePath, settings: ExtractSettings, contact_radius: floa
     stroke = curve.stroke(step)
     frame, points = "patient_lps", stroke.points
     described: Report = {"length_mm": stroke.length * 1e3}
-    findings = vector_findings(curve, contact_radius)
+    findings = [*vector_findings(curve, contact_radius)]
     if is_in_image:
-        frame, points = "image", np.column_stack([points, np.zeros(len(points))])
+        frame, points = "image", in_space(points)
         described = {"length_px": stroke.length}
         findings += fold_findings([stroke])
     described |= {"closed": stroke.closed, "points": len(points)}
@@ -297,7 +297,7 @@ def resample(extraction: Extraction, spacing_mm: PixelSpacing, density_per_mm: f
     unit = np.array([*spacing_mm, 0.0]) * 1e-3
     strokes = []
     for stroke in extraction.strokes:
-        fine_m = np.column_stack([stroke.points, np.zeros(len(stroke.points))]) * unit
+        fine_m = in_space(stroke.points) * unit
         fine = sample_curve(fine_m, stroke.closed, radius_m=1.0, density_per_m=density_per_mm * 1e3)
         strokes.append(stroke.at(fine.parameter))
     return replace(extraction, strokes=tuple(strokes))

@@ -16,7 +16,7 @@ from vfplan.display import Report
 from vfplan.errors import CurveError, ImageError, MarkerError, SettingError
 from vfplan.findings import Finding, doubt
 from vfplan.fixture import MAX_COORDINATE_M, MIN_EXTENT_M, Fixture
-from vfplan.geometry.lines import Array, rms_length, row_lengths
+from vfplan.geometry.lines import Array, homogeneous, rms_length, row_lengths
 from vfplan.io.files import FilePath, naming_place, open_number_table, read_bytes
 from vfplan.markers.correspondences import MAX_BYTES
 from vfplan.planning.settings import FixtureSettings
@@ -207,13 +207,11 @@ def refuse_other_size(curve: Fixture, image: PlannedImage | None) -> None:
         )  # fmt: skip
 
 
-def find_drawn(
-    correspondences: Correspondences, slice_image: PlannedImage | None
-) -> tuple[DrawnMarker, ...]:
+def find_drawn(pairs: Correspondences, slice_image: PlannedImage | None) -> tuple[DrawnMarker, ...]:
     """The markers as they are drawn on the slice, for `--find-markers`."""
     from vfplan.markers.find_marks import find_markers
 
-    if correspondences.source_frame != "image":
+    if pairs.source_frame != "image":
         raise SettingError(
             "these markers are given in 3-D, where none are drawn. Leave --find-markers out",
             code="find-markers-in-space",
@@ -224,7 +222,7 @@ def find_drawn(
             "--image, or leave --find-markers out",
             code="find-markers-no-image",
         )
-    return find_markers(slice_image.rgb, correspondences.labels, correspondences.source)
+    return find_markers(slice_image.rgb, pairs.labels, pairs.source)
 
 
 def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, Array]:
@@ -258,25 +256,22 @@ def in_patient(curve: Fixture, image: PlannedImage | None) -> tuple[Fixture, Arr
             "--pixel-spacing out",
             code="pixel-spacing-differs",
         )
-    pixels = np.column_stack([curve.points[:, :2], np.ones(len(curve.points))])
     scale = float(np.sqrt(spacing_mm.prod()))
     sigma = curve.sigma * scale * 1e-3 if curve.sigma is not None else None
-    points = (pixels @ place.T)[:, :3]
+    points = (homogeneous(curve.points[:, :2]) @ place.T)[:, :3]
     return replace(curve, frame="patient_lps", points=points, sigma=sigma), axes
 
 
-def refuse_implausible(
-    correspondences: Correspondences, curve: Fixture, image: PlannedImage | None
-) -> None:
+def refuse_implausible(pairs: Correspondences, curve: Fixture, image: PlannedImage | None) -> None:
     """Refuse markers that no slice and no robot can have.
 
     A planar fit is exact under any unit, so a wrong one leaves no residual.
 
     Raises MarkerError: a layout that is far too large or too small, or a marker outside the image
     """
-    layouts = {"target": correspondences.target}
-    if correspondences.source_frame != "image":
-        layouts["source"] = correspondences.source
+    layouts = {"target": pairs.target}
+    if pairs.source_frame != "image":
+        layouts["source"] = pairs.source
     for name, positions in layouts.items():
         radius = rms_length(positions - positions.mean(axis=0))
         # Markers in one place, but for rounding, are left to the fit, which names them.
@@ -291,10 +286,10 @@ def refuse_implausible(
             )  # fmt: skip
 
     size = image or curve.image
-    if correspondences.source_frame != "image" or size is None:
+    if pairs.source_frame != "image" or size is None:
         return
     corner = np.array([size.width_px, size.height_px]) - 0.5
-    for label, place in zip(correspondences.labels, correspondences.source, strict=True):
+    for label, place in zip(pairs.labels, pairs.source, strict=True):
         if not ((place >= -0.5) & (place <= corner)).all():
             u, v = place
             raise MarkerError(

@@ -485,8 +485,7 @@ def ignored_axis(
                 "a curve in space has no slice normal. Ignore x, y, z or none", code="no-normal"
             )
         return check_axis(choice)
-    columns = T[:3, :3] @ slice_axes if slice_axes is not None else T[:3, :2]
-    normal = unit_normal(columns)
+    normal = unit_normal(T[:3, :3] @ slice_axes if slice_axes is not None else T[:3, :2])
     if choice == "normal":
         return normal
     axis = check_axis(choice)

@@ -224,7 +224,7 @@ def dense_values(points: Array, closed: bool) -> tuple[Spline, Array, Array, Arr
     wide = np.concatenate([kappa[:1], kappa, kappa[-1:]])
     kappa = np.maximum.reduce([wide[:-2], kappa, wide[2:]])
     steps = (speed[1:] + speed[:-1]) / 2 * np.diff(t)
-    return spline, t, np.concatenate([[0.0], np.cumsum(steps)]), kappa
+    return spline, t, np.append(0.0, np.cumsum(steps)), kappa
 
 
 def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
@@ -246,8 +246,8 @@ def smallest_nearby(spacing: Array, arc: Array, closed: bool) -> Array:
 def place_points(arc: Array, spacing: Array, closed: bool) -> Array:
     """(N,) arc lengths such that each gap fits the spacing there; whole gaps, evenly shared."""
     density = 1 / spacing
-    gaps = np.cumsum(np.diff(arc) * np.maximum(density[1:], density[:-1]))
-    count = np.concatenate([[0.0], gaps])
+    gaps = np.diff(arc) * np.maximum(density[1:], density[:-1])
+    count = np.append(0.0, np.cumsum(gaps))
     if not count[-1] < MAX_POINTS:
         raise SettingError(
             f"the spacing asked for takes {count[-1]:.3g} points over {arc[-1]:.3g} m; at most "

@@ -25,7 +25,7 @@ from vfplan.display import Report, coordinates
 from vfplan.errors import CheckFailed, MarkerError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Fixture
-from vfplan.geometry.lines import Array, plane_normal, row_lengths
+from vfplan.geometry.lines import Array, homogeneous, plane_normal, rms_length, row_lengths
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     RARE_PROBABILITY,
@@ -35,10 +35,8 @@ from vfplan.registration.models import (
     f_exceeds,
     fit_model,
     fit_similarity,
-    homogeneous,
     marker_rows,
     most_off,
-    rms_length,
 )
 from vfplan.registration.registration import (
     Registration,
@@ -465,12 +463,12 @@ def refuse_wrong_markers(
         ratio = 1 + departure
         is_another_unit = not 1 / MAX_RATIO <= ratio <= MAX_RATIO
         if is_another_unit and abs(departure) > STANDARD_ERRORS * standard_error:
-            text = (
+            raise MarkerError(
                 f"the markers give {ratio:.4g} times the known scale; {1 / MAX_RATIO:g} to "
                 f"{MAX_RATIO:g} times are allowed. Look for millimetres given as metres, or give "
-                "the right --pixel-spacing"
-            )
-            raise MarkerError(text, code="scale-wrong", numbers={"ratio": ratio})
+                "the right --pixel-spacing",
+                code="scale-wrong", numbers={"ratio": ratio},
+            )  # fmt: skip
 
 
 # What a point of a curve may be where no ink shows it, and what `cause_of_own_error` says of it.

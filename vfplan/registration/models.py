@@ -24,11 +24,11 @@ from functools import cached_property
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import PixelSpacing
-from vfplan.geometry.lines import Array, Flags, rms_length, row_lengths
+from vfplan.geometry.lines import Array, Flags, Indices, homogeneous, rms_length, row_lengths
 
 ModelName = Literal["affine", "similarity", "rigid"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
@@ -149,11 +149,6 @@ def rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.square(values).mean()))
 
 
-def homogeneous(s: Array) -> Array:
-    """[s, 1] along the last axis."""
-    return np.concatenate([s, np.ones((*s.shape[:-1], 1))], axis=-1)
-
-
 def marker_rows(x: Array) -> Array:
     """(3N, 3 (k+1)) matrix from row-major M to the N mapped positions, for x~ (N, k+1)."""
     return np.einsum("ab,ni->nabi", np.eye(3), x).reshape(3 * len(x), -1)
@@ -256,7 +251,7 @@ class Problem:
         return homogeneous(self.s)
 
 
-def is_spread_out(problem: Problem, index: NDArray[np.intp]) -> Flags:
+def is_spread_out(problem: Problem, index: Indices) -> Flags:
     """(P,) whether a subset determines the transform: not on a line, for a 3-D affine not flat."""
     s = problem.s[index]
     centred = s - s.mean(axis=1, keepdims=True)
@@ -271,8 +266,7 @@ def fewest_markers(model: ModelName, dimension: int) -> tuple[int, str]:
     if 3 * smallest.minimal > smallest.parameters:
         return smallest.minimal, "fewer leave it undetermined"
     # Where the minimum leaves no residual, one marker more is needed to know an error at all.
-    reason = f"{smallest.minimal} leave no residual, hence no error estimate"
-    return smallest.minimal + 1, reason
+    return smallest.minimal + 1, f"{smallest.minimal} leave no residual, hence no error estimate"
 
 
 def make_problem(
@@ -331,7 +325,7 @@ def make_problem(
 
 def _numbers(values: ArrayLike, what: str) -> Array:
     try:
-        return np.array(values, dtype=np.float64)
+        return np.array(values, float)
     except (TypeError, ValueError):
         raise MarkerError(
             f"{what} not numbers in rows of equal length. Give an array of numbers",
@@ -364,11 +358,11 @@ def _check_both_sides(raw: Array, target: Array, names: Sequence[str | int]) -> 
     for what, array in (("source", raw), ("target", target)):
         for name, position in zip(names, array, strict=True):
             if not np.isfinite(position).all():
-                text = (
+                raise MarkerError(
                     f"{what} position of marker {name!r} is {position.tolist()}. Give finite "
-                    "numbers"
-                )
-                raise MarkerError(text, code="markers-not-finite", numbers={"label": name})
+                    "numbers",
+                    code="markers-not-finite", numbers={"label": name},
+                )  # fmt: skip
         largest = float(np.abs(array).max(initial=0.0))
         if largest > MAX_COORDINATE:
             text = f"{what} holds {largest:g}. Give numbers of at most {MAX_COORDINATE:g}"
@@ -390,7 +384,7 @@ def _spacing(pixel_spacing: float | PixelSpacing, dimension: int, model: ModelNa
             code="pixel-spacing-useless",
         )
     try:
-        spacing = np.broadcast_to(np.array(pixel_spacing, dtype=float), (2,)).copy()
+        spacing = np.broadcast_to(np.array(pixel_spacing, float), (2,)).copy()
     except (TypeError, ValueError):
         spacing = np.array([np.nan])
     if not (np.isfinite(spacing) & (spacing > 0)).all():
@@ -414,17 +408,17 @@ def _condition(centred: Array, positions: Array, what: str, rank: int) -> float:
     smallest = max(extent[0] / MAX_CONDITION, rounding)
     numbers = {"condition": float(extent[0] / max(extent[rank - 1], rounding))}
     if not extent[1] > smallest:
-        text = (
+        raise MarkerError(
             f"the markers lie on a line in the {what}: beside it they spread by less than "
-            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line"
-        )
-        raise MarkerError(text, code="markers-collinear", numbers=numbers)
+            f"1/{MAX_CONDITION:g} of their length. Add a marker off the line",
+            code="markers-collinear", numbers=numbers,
+        )  # fmt: skip
     if not extent[rank - 1] > smallest:
-        text = (
+        raise MarkerError(
             f"the markers lie in a plane in the {what}, which determines no affine map. Give "
-            "--model similarity or rigid"
-        )
-        raise MarkerError(text, code="markers-coplanar", numbers=numbers)
+            "--model similarity or rigid",
+            code="markers-coplanar", numbers=numbers,
+        )  # fmt: skip
     return float(extent[0] / extent[rank - 1])
 
 
@@ -529,7 +523,7 @@ class Fit:
 def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
     """Fit the markers that are `used` (N,), by default all of them."""
     if used is None:
-        used = np.ones(len(problem.s), dtype=bool)
+        used = np.ones(len(problem.s), bool)
     model, weights = problem.model, problem.weights
     m = model.solve(problem.s[used], problem.y[used], weights[used])
     vectors = problem.y - problem.x @ m.T
@@ -548,8 +542,7 @@ def fit_model(problem: Problem, used: Flags | None = None) -> Fit:
 
 def fit_similarity(problem: Problem, used: Flags) -> Fit:
     """Fit a similarity to the markers that are `used` (N,), whatever the problem's own model."""
-    similarity = Orthogonal(problem.model.dimension, None)
-    return fit_model(replace(problem, model=similarity), used)
+    return fit_model(replace(problem, model=Orthogonal(problem.model.dimension, None)), used)
 
 
 def most_off(rows: Array, errors: Array, floor: float) -> tuple[int, Array, float, float]:

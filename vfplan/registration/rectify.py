@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfplan.errors import CheckFailed, MarkerError
-from vfplan.geometry.lines import Array, row_lengths
+from vfplan.geometry.lines import Array, homogeneous, row_lengths
 from vfplan.images.read import PlannedImage
 from vfplan.markers.correspondences import Correspondences
 from vfplan.registration.checks import (
@@ -23,7 +23,7 @@ from vfplan.registration.checks import (
     mapped_by_homography,
     perspective_test,
 )
-from vfplan.registration.models import GOOD_SET_PROBABILITY, homogeneous, rms
+from vfplan.registration.models import GOOD_SET_PROBABILITY, rms
 from vfplan.registration.registration import fit_registration
 
 # Smallest over largest singular value of the equations of a homography that is determined. Markers
@@ -77,8 +77,7 @@ class Flattening:
     @property
     def told(self) -> str:
         """As `vfplan.images.read.flat_findings` takes it, and the flat PNG keeps it."""
-        residual_mm = 1e3 * self.residual_rms_m
-        return f"{residual_mm:.3g} {self.enlargement:.3g} {self.pixel_spacing_mm:g}"
+        return f"{1e3 * self.residual_rms_m:.3g} {self.enlargement:.3g} {self.pixel_spacing_mm:g}"
 
 
 def projected(homography: Array, places: Array) -> Array:
@@ -176,7 +175,7 @@ def flattening(
     first, last = first - reach, last + reach
     right_px, bottom_px = image.width_px - 0.5, image.height_px - 0.5
     corners = np.array([[-0.5, -0.5], [right_px, -0.5], [-0.5, bottom_px], [right_px, bottom_px]])
-    if (np.column_stack([corners, np.ones(4)]) @ denominator > 0).all():
+    if (homogeneous(corners) @ denominator > 0).all():
         shown = projected(to_sheet, corners)
         first, last = np.maximum(first, shown.min(axis=0)), np.minimum(last, shown.max(axis=0))
     width, height = np.ceil((last - first) / (1e-3 * spacing_mm)).astype(int).tolist()

@@ -49,7 +49,7 @@ from vfplan.errors import MarkerError, SettingError
 from vfplan.findings import Finding, doubt, note
 from vfplan.fixture import Frame, RegistrationRecord, Stroke
 from vfplan.geometry import ROWS_AT_ONCE, PixelSpacing
-from vfplan.geometry.lines import Array, Flags, row_lengths, unit_normal
+from vfplan.geometry.lines import Array, Flags, homogeneous, rms_length, row_lengths, unit_normal
 from vfplan.registration.models import (
     GOOD_SET_PROBABILITY,
     Fit,
@@ -59,12 +59,10 @@ from vfplan.registration.models import (
     f_exceeds,
     f_quantile,
     fit_model,
-    homogeneous,
     is_spread_out,
     make_problem,
     marker_rows,
     rms,
-    rms_length,
 )
 
 # Probability that an error stays within its bound, and that an interval holds the true value.
@@ -265,11 +263,11 @@ def consistent_markers(problem: Problem) -> Flags:
     n, minimal = len(problem.s), problem.model.minimal
     subset_count = comb(n, minimal)
     if subset_count > MAX_SUBSETS:
-        text = (
+        raise SettingError(
             f"a robust fit searches all {subset_count} subsets of {minimal} of {n} markers, and "
-            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out"
-        )
-        raise SettingError(text, code="robust-too-many", numbers={"subsets": subset_count})
+            f"at most {MAX_SUBSETS} are allowed. Give fewer markers, or leave --robust out",
+            code="robust-too-many", numbers={"subsets": subset_count},
+        )  # fmt: skip
     # As few markers as still leave a residual, and at least half of them.
     half = min(n, max((n + minimal + 1) // 2, problem.model.parameters // 3 + 1))
 
@@ -291,7 +289,7 @@ def consistent_markers(problem: Problem) -> Flags:
         if sums[candidate] < smallest_sum:
             smallest_sum, best_subset = float(sums[candidate]), index[candidate].tolist()
             best_squares = squares[candidate]
-    used = np.zeros(n, dtype=bool)
+    used = np.zeros(n, bool)
     used[best_subset] = True
     used[np.argsort(best_squares, kind="stable")[:half]] = True
 
@@ -458,7 +456,7 @@ class Registration(Fit):
     def normalised(self, points: ArrayLike) -> Array:
         """(M, k) source points in the fit's own coordinates: centred, of unit RMS radius."""
         try:
-            array = np.atleast_2d(np.asarray(points, dtype=np.float64))
+            array = np.atleast_2d(np.asarray(points, float))
         except (TypeError, ValueError):
             array = np.empty((0, 0))
         k = self.source.shape[1]
@@ -549,7 +547,7 @@ def fit_registration(
             code="mirrored",
         )
     names = tuple(range(len(problem.s)) if labels is None else labels)
-    source, target = np.array(source, dtype=np.float64), np.array(target, dtype=np.float64)
+    source, target = np.array(source, float), np.array(target, float)
     known_spacing = problem.normaliser.spacing if pixel_spacing is not None else None
     registration = Registration(
         **vars(fit), model=model, labels=names, source=source, target=target, robust=robust,
@@ -623,7 +621,7 @@ def registration_report(
     if registration.robust:
         report["robust"] = {"used": int(registration.used.sum())}
     rms_m = rms(error.rms_m)
-    place = np.atleast_2d(np.asarray(points, dtype=float))[error.worst]
+    place = np.atleast_2d(np.asarray(points, float))[error.worst]
     report["tre_rms_m"] = rms_m
     report["tre"] = {
         "rms_m": rms_m,
@@ -643,7 +641,7 @@ def direction_of(seen_from: ArrayLike | str) -> Array:
     if isinstance(seen_from, str):
         seen_from = SIDES.get(seen_from, seen_from)
     try:
-        direction = np.array(seen_from, dtype=np.float64)
+        direction = np.array(seen_from, float)
     except ValueError:
         direction = np.zeros(0)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():

@@ -16,14 +16,8 @@ from numpy.typing import NDArray
 
 from vfplan.errors import MarkerError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags, row_lengths
-from vfplan.registration.models import (
-    RARE_PROBABILITY,
-    Orthogonal,
-    homogeneous,
-    rms_length,
-    root_of_inverse,
-)
+from vfplan.geometry.lines import Array, Flags, Indices, homogeneous, rms_length, row_lengths
+from vfplan.registration.models import RARE_PROBABILITY, Orthogonal, root_of_inverse
 from vfplan.registration.registration import Registration
 
 
@@ -43,7 +37,7 @@ class NearestOnMesh:
         self._locator.SetDataSet(pyvista.PolyData.from_regular_faces(points, triangles))
         self._locator.BuildLocator()
 
-    def __call__(self, places: Array) -> tuple[Array, NDArray[np.intp]]:
+    def __call__(self, places: Array) -> tuple[Array, Indices]:
         """Nearest place (M, 3) on the mesh to each of (M, 3), and the triangle it lies in (M,)."""
         from vtkmodules.vtkCommonCore import reference
 
@@ -54,7 +48,7 @@ class NearestOnMesh:
             rows[k] = row
         return nearest, rows
 
-    def normals(self, rows: NDArray[np.intp]) -> Array:
+    def normals(self, rows: Indices) -> Array:
         """(M, 3) unit normals of triangles, to the side from which they turn anticlockwise."""
         a, b, c = np.moveaxis(self.points[self.triangles[rows]], 1, 0)
         normal = np.cross(b - a, c - a)
@@ -138,12 +132,12 @@ def refine_by_touch(
     before_m = patch.distances(m)
     start_m = float(np.median(np.abs(before_m)))
     if start_m > MAX_START_DISTANCE_M:
-        text = (
+        raise MarkerError(
             f"half of the touched points are more than {1e3 * start_m:.0f} mm from the surface "
             f"that the markers place; at most {1e3 * MAX_START_DISTANCE_M:.0f} mm is allowed. Look "
-            "for a wrong unit or frame"
-        )
-        raise MarkerError(text, code="touch-far", numbers={"median_distance_m": start_m})
+            "for a wrong unit or frame",
+            code="touch-far", numbers={"median_distance_m": start_m},
+        )  # fmt: skip
 
     # A robust fit finds which points lie on the surface.
     for _ in range(ROUNDS):
@@ -157,11 +151,11 @@ def refine_by_touch(
         limit = float(stdtrit(dof, 1 - RARE_PROBABILITY / 2)) * max(sigma_m, ROUNDING_M)
         used = np.abs(distances_m) <= limit
         if used.sum() < min_points:
-            text = (
+            raise MarkerError(
                 f"only {used.sum()} touched points lie on one surface, and {min_points} are "
-                "needed. Touch more points on the bone"
-            )
-            raise MarkerError(text, code="touch-no-surface", numbers={"points": int(used.sum())})
+                "needed. Touch more points on the bone",
+                code="touch-no-surface", numbers={"points": int(used.sum())},
+            )  # fmt: skip
         on_surface = replace(patch, tip_positions=tip_positions[used])
         m = on_surface.fit(m, model, "linear")
         distances_m = patch.distances(m)
@@ -255,10 +249,10 @@ def refuse_free_motion(normals: Array, places: Array) -> float:
         is_turn = np.linalg.norm(turn) > np.linalg.norm(shift)
         motion, axis = ("turning about", turn) if is_turn else ("sliding along", shift)
         x, y, z = axis / np.linalg.norm(axis)
-        text = (
+        raise MarkerError(
             f"the touched patch does not hold the bone: {motion} ({x:+z.2f}, {y:+z.2f}, {z:+z.2f}) "
             f"changes the distances by {constraint:.3f} of the motion, and at least "
-            f"{MIN_CONSTRAINT} is needed. Touch places that face another way"
-        )
-        raise MarkerError(text, code="touch-free-motion", numbers={"constraint": constraint})
+            f"{MIN_CONSTRAINT} is needed. Touch places that face another way",
+            code="touch-free-motion", numbers={"constraint": constraint},
+        )  # fmt: skip
     return constraint

@@ -25,9 +25,9 @@ from numpy.typing import ArrayLike
 from vfplan import fixture
 from vfplan.engine.parameters import Vector, check_stiffness
 from vfplan.engine.proxy import ProxyEngine, check_path
-from vfplan.geometry.lines import arc_lengths, interpolated, normals
+from vfplan.geometry.lines import arc_lengths, in_space, interpolated, normals
 from vfplan.scenes import god_object, outline
-from vfplan.scenes.outline import Run, Runs, Shape, Sides, Spheres, in_space
+from vfplan.scenes.outline import Run, Runs, Shape, Sides, Spheres
 
 # Corners (K, 3) [m] of scripted paths, by name.
 Routes = dict[str, Vector]

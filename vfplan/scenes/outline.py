@@ -21,7 +21,7 @@ import numpy as np
 from vfplan import fixture as curve
 from vfplan.engine.parameters import Vector
 from vfplan.geometry import ROUNDING
-from vfplan.geometry.lines import row_lengths
+from vfplan.geometry.lines import in_space, row_lengths
 
 
 class Look(NamedTuple):
@@ -179,7 +179,7 @@ class Run:
         """(N, 2) points at equal arc lengths, as close to `spacing` as both ends allow."""
         count = max(1, round(self.length / spacing))
         s = np.arange(count + (not self.closed)) * (self.length / count)
-        edges = np.concatenate([[0.0], np.cumsum([link.length for link in self.links])])
+        edges = np.append(0.0, np.cumsum([link.length for link in self.links]))
         which = np.clip(np.searchsorted(edges, s, side="right") - 1, 0, len(self.links) - 1)
         points = np.empty((len(s), 2))
         for i, link in enumerate(self.links):
@@ -237,11 +237,6 @@ def lines_and_arcs(runs: Runs) -> curve.Pieces:
 def unit_vectors(angle: Vector) -> Vector:
     """(..., 2) directions at angles [rad] from x."""
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-
-
-def in_space(flat: Vector) -> Vector:
-    """(K, 3) places (K, 2) in the plane z = 0."""
-    return np.pad(flat, ((0, 0), (0, 1)))
 
 
 def segment(a: Vector, b: Vector) -> Link:

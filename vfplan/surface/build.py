@@ -139,7 +139,7 @@ def surface(
         provenance=Provenance.now(contours.inputs, settings),
         mesh=triangles,
         rendering=Rendering(
-            stiffness=np.array(np.broadcast_to(settings.stiffness, 3), dtype=float),
+            stiffness=np.array(np.broadcast_to(settings.stiffness, 3), float),
             contact_radius=settings.contact_radius,
             band=mesh_band(points, triangles, radius),
             point_radius=settings.point_radius,
@@ -191,8 +191,7 @@ def is_thin(shape: Any, width: float) -> bool:
     if core.is_empty:
         return True
     missed = shape.difference(core.buffer(0.55 * width, quad_segs=4))
-    pieces = getattr(missed, "geoms", [missed])
-    return any(piece.length > LONG_MISS * width for piece in pieces)
+    return any(piece.length > LONG_MISS * width for piece in getattr(missed, "geoms", [missed]))
 
 
 def report_of(
@@ -200,9 +199,7 @@ def report_of(
 ) -> Report:  # fmt: skip
     """What `--json` says, but for the time it took."""
     gaps_mm = 1e3 * sliced.gaps_m
-    structures = [
-        asdict(one) | {"chosen": one.number == contours.chosen} for one in contours.structures
-    ]
+    held = [asdict(one) | {"chosen": one.number == contours.chosen} for one in contours.structures]
     points = fixture.points
     edges = open_edges(fixture.mesh)
     a, b, c = np.moveaxis((points - points.mean(axis=0))[fixture.mesh], 1, 0)
@@ -219,7 +216,7 @@ def report_of(
         "spacing_mm": float(np.median(gaps_mm)),
         "spacing_range_mm": [float(gaps_mm.min()), float(gaps_mm.max())],
         "normal": sliced.R_slice_patient[2],
-        "structures": structures,
+        "structures": held,
         "outlines": len(contours.rings),
         "points": len(points),
         "triangles": len(fixture.mesh),
@@ -265,8 +262,7 @@ def left_out_error(sliced: SlicedVolume) -> Report | None:
             checked = every_nth(np.concatenate(outlines[k].cut_rings), MAX_CHECKED_POINTS_OF_SLICE)
             corners = at_height(checked, outlines[k].z)
             value, gradient = others.signed(corners)
-            slope = np.maximum(row_lengths(gradient), MIN_SLOPE)
-            distances.append(np.abs(value) / slope)
+            distances.append(np.abs(value) / np.maximum(row_lengths(gradient), MIN_SLOPE))
             places.append(corners @ sliced.R_slice_patient)
     return summary_of(np.concatenate(distances), np.concatenate(places)) if distances else None
 

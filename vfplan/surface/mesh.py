@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 
 from vfplan.errors import CurveError, SettingError
 from vfplan.geometry import ROUNDING_M
-from vfplan.geometry.lines import Array, Flags, row_lengths
+from vfplan.geometry.lines import Array, Flags, Indices, row_lengths
 from vfplan.surface.outline import Outline, Stack
 
-Indices = NDArray[np.intp]
+# Along x, y and z.
+Axes = tuple[Array, Array, Array]
 Triangles = NDArray[np.int32]
 # Number of nodes along a side of a block. Far from the outline one distance serves all of them.
 BLOCK = 8
@@ -68,7 +69,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> tuple[Array, Tr
             code="structure-thin", numbers={"grid_mm": 1e3 * step, "thickness_mm": 1e3 * inner},
         )  # fmt: skip
     nodes, triangles, *_ = marching_cubes(values, 0.0, gradient_direction="descent")
-    nodes = nodes.astype(np.float64)
+    nodes = nodes.astype(float)
     places, in_plane, triangles = snapped(nodes, triangles, axes)
 
     ends = (axes[2][0], axes[2][-1])
@@ -77,7 +78,7 @@ def level_surface(stack: Stack, step: float, *, closed: bool) -> tuple[Array, Tr
     return points, without_wide_corners(points, triangles), distance_max
 
 
-def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Array]:
+def grid_axes(stack: Stack, step: float, closed: bool) -> Axes:
     """Coordinates of the grid's planes; with caps the outermost two fall together."""
     corners = np.concatenate([ring for outline in stack.outlines for ring in outline.rings])
     low = corners.min(axis=0) - 2 * step
@@ -100,11 +101,10 @@ def grid_axes(stack: Stack, step: float, closed: bool) -> tuple[Array, Array, Ar
         )  # fmt: skip
     gaps = zip(places, places[1:], pieces, strict=False)
     cuts = [np.linspace(first, last, count, endpoint=False) for first, last, count in gaps]
-    z = np.concatenate([*cuts, places[-1:]])
-    return x, y, np.pad(z, int(closed), "edge")
+    return x, y, np.pad(np.concatenate([*cuts, places[-1:]]), int(closed), "edge")
 
 
-def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> NDArray[np.float32]:
+def grid_values(stack: Stack, axes: Axes, step: float) -> NDArray[np.float32]:
     """The function at every node, exact where the surface may be near.
 
     Far from an outline its distance is carried on linearly from the middle of a block.
@@ -116,10 +116,9 @@ def grid_values(stack: Stack, axes: tuple[Array, Array, Array], step: float) -> 
 
     @lru_cache(maxsize=4)
     def distances(k: int) -> Array:
-        reach = 2 * step + gaps[max(0, k - 1) : k + 1].max()
-        return slice_values(stack.outlines[k], x, y, reach)
+        return slice_values(stack.outlines[k], x, y, 2 * step + gaps[max(0, k - 1) : k + 1].max())
 
-    values = np.empty((len(x), len(y), len(z)), dtype=np.float32)
+    values = np.empty((len(x), len(y), len(z)), np.float32)
     for plane in range(len(z)):
         total = 0.0
         for k in np.flatnonzero(weights[plane]):
@@ -144,13 +143,10 @@ def slice_values(outline: Outline, x: Array, y: Array, reach: float) -> Array:
 
 def block_middles(axis: Array) -> Array:
     """Coordinates of the middle node of each block along an axis."""
-    first = np.arange(0, len(axis), BLOCK)
-    return axis[np.minimum(first + BLOCK // 2, len(axis) - 1)]
+    return axis[np.minimum(np.arange(0, len(axis), BLOCK) + BLOCK // 2, len(axis) - 1)]
 
 
-def snapped(
-    nodes: Array, triangles: Triangles, axes: tuple[Array, Array, Array]
-) -> tuple[Array, Flags, Triangles]:
+def snapped(nodes: Array, triangles: Triangles, axes: Axes) -> tuple[Array, Flags, Triangles]:
     """Triangles of marching cubes with corners near one node as one.
 
     nodes: (N, 3) corners in units of the grid
@@ -230,7 +226,7 @@ def without_wide_corners(points: Array, triangles: Triangles) -> Triangles:
         wide = np.flatnonzero(smallest < np.cos(np.radians(WIDE_CORNER_DEG)))
         wide = wide[np.argsort(smallest[wide], kind="stable")]
         rows = around[wide]
-        at_wide_corner = np.zeros(len(points), dtype=bool)
+        at_wide_corner = np.zeros(len(points), bool)
         at_wide_corner[triangles[rows]] = True
         around = np.flatnonzero(at_wide_corner[triangles].any(axis=1))
         flips = possible_flips(triangles, around, rows, cosines[wide].argmin(axis=1))
@@ -270,7 +266,7 @@ def possible_flips(
 
 def flip_where_better(points: Array, triangles: Triangles, flips: list[tuple[int, ...]]) -> bool:
     """Flip where that makes the narrowest corner wider; whether any was."""
-    row, other_row, a, b, c, d = np.array(flips, dtype=np.int64).reshape(-1, 6).T
+    row, other_row, a, b, c, d = np.array(flips, np.int64).reshape(-1, 6).T
     before = triangles[np.stack([row, other_row])]
     after = np.stack([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
     narrowest_before = corner_cosines(points[before]).max(axis=2).max(axis=0)

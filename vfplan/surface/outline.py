@@ -128,7 +128,7 @@ def rings_of(parts: Any) -> tuple[Array, ...]:
 
 def to_complex(xy: Array) -> NDArray[np.complex128]:
     """(M,) points of the plane (M, 2) as complex numbers."""
-    return np.ascontiguousarray(xy, dtype=np.float64).view(np.complex128)[:, 0]
+    return np.ascontiguousarray(xy, float).view(np.complex128)[:, 0]
 
 
 def outline_of(rings: list[Array], z: float) -> tuple[Outline, int]:

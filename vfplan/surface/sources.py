@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from vfplan.errors import CurveError, ImageError, InputError
-from vfplan.geometry.lines import Array, unit_normal
+from vfplan.geometry.lines import Array, homogeneous, unit_normal
 from vfplan.images.dicom import (
     begins_like_dicom,
     group_value,
@@ -80,10 +80,8 @@ def read_contours(
             raise InputError(text, code="setting-without-effect")
         with opened_file(first) as file:
             head = file.read(HEAD_BYTES)
-        if head.startswith(b"NRRD"):
-            return volumes.read_label_map(first, "nrrd", structure)
-        if first.name.lower().endswith((".nii", ".nii.gz")):
-            return volumes.read_label_map(first, "nifti", structure)
+        if head.startswith(volumes.NRRD) or first.name.lower().endswith((".nii", ".nii.gz")):
+            return volumes.read_label_map(first, structure)
         if begins_like_dicom(head):
             return read_dicom_contours(first, structure)
         raise InputError(
@@ -170,7 +168,7 @@ def ring_of_contour(contour: Any) -> Array:
     value = contour.get_item("ContourData").value
     if isinstance(value, bytes):
         value = value.rstrip(b" \0").split(b"\\")
-    numbers = np.array([float(x) for x in value], dtype=np.float64)
+    numbers = np.array([float(x) for x in value])
     if numbers.size % 3 or not np.isfinite(numbers).all():
         raise InputError(
             "a contour is not made of triples of finite numbers. Export the structure again.",
@@ -338,8 +336,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                     f"a drawing of {stroke.length:.0f} px is open. Close the outline.",
                     where=where, code="outline-open", numbers={"length_px": stroke.length},
                 )  # fmt: skip
-            pixels = np.c_[stroke.points_px, np.ones(len(stroke.points_px))]
-            rings.append((pixels @ place.T)[:, :3])
+            rings.append((homogeneous(stroke.points_px) @ place.T)[:, :3])
     if not rings:
         raise CurveError(
             f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",

@@ -213,11 +213,11 @@ def library_errors(message: str) -> Iterator[None]:
         ) from None
 
 
-def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
-    """The outlines of a structure of a label map, "nrrd" or "nifti"; raises as its reader does."""
+def read_label_map(path: Path, structure: str | None) -> Contours:
+    """The outlines of a structure of a label map; raises as its reader does."""
     file = OpenedFile(path)
     job = "vfplan.surface.volumes:outlines"
-    answers = run_in_sandbox(job, kind, structure, file=file, where=str(path))
+    answers = run_in_sandbox(job, structure, file=file, where=str(path))
     structures, chosen, normal, empty, remarks = next(answers)
     return Contours(
         tuple(ring for (ring,) in answers), tuple(Structure(*each) for each in structures),
@@ -226,11 +226,9 @@ def read_label_map(path: Path, kind: str, structure: str | None) -> Contours:
     )  # fmt: skip
 
 
-def outlines(file: BinaryIO, kind: str, structure: str | None) -> Iterator[Any]:
+def outlines(file: BinaryIO, structure: str | None) -> Iterator[Any]:
     """What `read_label_map` returns, in the sandbox: a head with all but the rings, then these."""
-    raise_limits_for(file)
-    read = read_nrrd if kind == "nrrd" else read_nifti
-    found = contours_of_volume(read(file.read()), structure)
+    found = contours_of_volume(read_volume(file), structure)
     structures = [(each.number, each.name) for each in found.structures]
     yield [structures, found.chosen, found.normal.tolist(), found.empty.tolist(), found.remarks]
     for ring in found.rings:
@@ -244,10 +242,7 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     Yields how many there are, (4, 3) T_patient_image [m] and the range of the volume, then the
     (H, W) greys, uint16.
     """
-    raise_limits_for(file)
-    data = file.read()
-    read = read_nrrd if data.startswith(NRRD) else read_nifti
-    layers, _, place = read(data, has_labels=False)
+    layers, _, place = read_volume(file, has_labels=False)
     if len(layers) != 1:
         raise InputError("holds several volumes. Export one.", code="volume-unsupported")
     voxels = layers[0]
@@ -267,6 +262,13 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
     if number != 0:
         share = (voxels[:, :, index].T.astype(float) - low) / (high - low or 1.0)
         yield (np.rint(np.iinfo(np.uint16).max * share).astype("<u2"),)
+
+
+def read_volume(file: BinaryIO, *, has_labels: bool = True) -> LabelVolume:
+    """The volume in a file, whichever of the two kinds it is; raises as its reader does."""
+    raise_limits_for(file)
+    data = file.read()
+    return (read_nrrd if data.startswith(NRRD) else read_nifti)(data, has_labels=has_labels)
 
 
 def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
@@ -350,10 +352,10 @@ def nrrd_place(header: dict[str, Any]) -> NDArray:
     for column, (axis, sign) in enumerate(axes):
         lps_space[axis, column] = sign * METRES[units[column]]
     try:
-        directions = np.array(header["space directions"], dtype=float)[-3:]
+        directions = np.array(header["space directions"], float)[-3:]
         T_lps_voxel = np.eye(4)
         T_lps_voxel[:3, :3] = lps_space @ directions.T
-        T_lps_voxel[:3, 3] = lps_space @ np.array(header["space origin"], dtype=float)
+        T_lps_voxel[:3, 3] = lps_space @ np.array(header["space origin"], float)
     except (KeyError, ValueError, TypeError):
         raise InputError(
             "does not say where its voxels lie in the patient. Export it with its place.",
@@ -385,7 +387,7 @@ def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, t
     return places
 
 
-def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
+def read_nifti(data: bytes, *, has_labels: bool) -> LabelVolume:
     """A label map in a `.nii` or `.nii.gz` file; without labels a volume of greys.
 
     Raises
@@ -461,7 +463,7 @@ def nifti_place(image: Any) -> NDArray:
                 f"apart; {1e3 * PLACES_AGREE_M:g} mm is rounding. Remove the wrong one.",
                 code="volume-places-differ", numbers={"distance_mm": 1e3 * distance},
             )  # fmt: skip
-    T_lps_voxel = np.array(sform if sform_code else qform, dtype=float)
+    T_lps_voxel = np.array(sform if sform_code else qform, float)
     T_lps_voxel[:3] *= np.array([-metres, -metres, metres])[:, None]
     return checked_place(T_lps_voxel)
 

@@ -125,7 +125,7 @@ class VectorDrawing:
     def _parameters(self, counts: Any) -> Array:
         """Float numbers of points that cut each piece into so many parts, ends included."""
         pieces = len(self.points) - (not self.closed)
-        ends = np.concatenate([[0], np.cumsum(np.broadcast_to(counts, pieces))])
+        ends = np.append(0, np.cumsum(np.broadcast_to(counts, pieces)))
         return np.interp(np.arange(ends[-1] + 1), ends, np.arange(pieces + 1))
 
 
@@ -171,13 +171,11 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     """
     with memory_file(data) as file:
         job = "vfplan.vectors.curve:read_line"
-        drawn, (points,) = run_in_sandbox(
-            job, where, number, file=file, where=where, kind=CurveError
-        )
+        how, (points,) = run_in_sandbox(job, where, number, file=file, where=where, kind=CurveError)
     points, closed = without_repeated_end(points)
     curve = VectorDrawing(
-        distinct_points(points, closed), closed, drawn["joined"],
-        warnings=tuple(drawn["warnings"]), drawn_on=drawn["drawn_on"],
+        distinct_points(points, closed), closed, how["joined"],
+        warnings=tuple(how["warnings"]), drawn_on=how["drawn_on"],
     )  # fmt: skip
     if curve.joined == "straight":
         return curve
@@ -189,9 +187,7 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     return replace(curve, warnings=(*curve.warnings, warning))
 
 
-def read_line(
-    file: BinaryIO, where: str, number: int | None
-) -> Iterator[dict[str, Any] | tuple[NDArray]]:
+def read_line(file: BinaryIO, where: str, number: int | None) -> Iterator[Any]:
     """The chosen line, in the child process: how it was drawn, then its points [px or m]."""
     raise_limits_for(file)
     lines, others = [], []
@@ -199,7 +195,7 @@ def read_line(
         everything = (*graphics(dataset), *report_curves(dataset), *contours(dataset))
         for kind, name, drawn_on, values, width in everything:
             if kind in OPEN or kind in CLOSED:
-                points = np.array(values, np.float64).reshape(-1, width)
+                points = np.array(values, float).reshape(-1, width)
                 lines.append((kind, name, drawn_on, points))
             else:
                 others.append(name)

@@ -38,7 +38,7 @@ from vfplan.vectors.curve import (
     without_repeated_end,
 )  # fmt: skip
 
-PixelOrigin = Literal["centre", "corner"]
+Origin = Literal["centre", "corner"]
 CurveType = Literal["spline", "linear"]
 # Where ImageJ's zero may lie on the first pixel.
 ORIGINS = ("centre", "corner")
@@ -57,7 +57,7 @@ SLICER_SUFFIXES = (".json", ".fcsv")
 
 
 def read_vector_curve(
-    path: FilePath, origin: PixelOrigin | None = None, number: int | str | None = None,
+    path: FilePath, origin: Origin | None = None, number: int | str | None = None,
     curve_type: CurveType | None = None,
 ) -> VectorDrawing:  # fmt: skip
     """Read a Slicer `.mrk.json` with one Curve or ClosedCurve, a `.fcsv`, `.roi`, CSV or DICOM.
@@ -167,9 +167,7 @@ def onto_slice(
     return replace(curve, points=pixels.T.copy())
 
 
-def read_by_suffix(
-    data: bytes, suffix: str, origin: PixelOrigin | None, where: str
-) -> VectorDrawing:
+def read_by_suffix(data: bytes, suffix: str, origin: Origin | None, where: str) -> VectorDrawing:
     """A curve of any other file, by how its name ends."""
     if suffix == ".roi" or data.startswith(b"Iout"):
         points, closed, warnings = read_roi(data, origin, where)
@@ -195,8 +193,7 @@ def read_markups(text: str) -> VectorDrawing:
             f"holds {listed}. Give one Curve or ClosedCurve",
             code="vector-several", numbers={"curves": len(curves)},
         )  # fmt: skip
-    closed = SLICER_CURVES[curves[0]["type"]]
-    return slicer_curve(lps_points(curves[0]), closed)
+    return slicer_curve(lps_points(curves[0]), SLICER_CURVES[curves[0]["type"]])
 
 
 def slicer_curve(points: NDArray, closed: bool) -> VectorDrawing:
@@ -211,7 +208,7 @@ def read_control_points(text: str, where: str) -> VectorDrawing:
     return slicer_curve(*without_repeated_end(control_points))
 
 
-def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawing:
+def read_table(text: str, origin: Origin | None, where: str) -> VectorDrawing:
     """A CSV with the columns u_px,v_px, or with ImageJ's X,Y, with or without row numbers."""
     table = parse_table(text, where, MarkerError)
     columns = tuple(name for name in table.header if name)
@@ -242,9 +239,7 @@ def read_table(text: str, origin: PixelOrigin | None, where: str) -> VectorDrawi
     return VectorDrawing(_from_centres(points, origin), closed, "straight")
 
 
-def read_roi(
-    data: bytes, origin: PixelOrigin | None, where: str
-) -> tuple[Array, bool, tuple[str, ...]]:
+def read_roi(data: bytes, origin: Origin | None, where: str) -> tuple[Array, bool, tuple[str, ...]]:
     """The (M, 2) vertices (u, v) [px] of a `.roi`, whether it is closed, and warnings.
 
     Raises
@@ -294,11 +289,11 @@ def read_roi(
         ("corner", ()) if closed else origin_of_line(roi.version, origin, where)
     )
     with np.errstate(invalid="ignore"):  # What is not finite is refused with the other points.
-        points = np.asarray(coordinates, np.float64).reshape(-1, 2)
+        points = np.asarray(coordinates, float).reshape(-1, 2)
     return _from_centres(points, counted_from), closed, warnings
 
 
-def refuse_origin(origin: PixelOrigin | None, what: str) -> None:
+def refuse_origin(origin: Origin | None, what: str) -> None:
     """Raise `SettingError` where an origin is given for a file that leaves none open."""
     if origin is not None:
         raise SettingError(
@@ -313,8 +308,8 @@ def _from_centres(points: NDArray, origin: str) -> Array:
 
 
 def origin_of_line(
-    version: int, origin: PixelOrigin | None, where: str
-) -> tuple[PixelOrigin, tuple[str, ...]]:
+    version: int, origin: Origin | None, where: str
+) -> tuple[Origin, tuple[str, ...]]:
     """From where on a pixel a line of a format counts, with a warning where that is not sure."""
     if version > UNCLEAR_FORMAT:
         refuse_origin(origin, "a selection of this format")
