@@ -556,7 +556,7 @@ class NumberTable:
             one place and a decimal point in another
         """
         indices = [self.columns.index(column) for column in columns]
-        marks: set[bytes] = set()
+        marks = set()
         with self.open_stream() as stream:
             for _ in range(self.header_lines):
                 stream.readline(MAX_LINE_BYTES + 1)
