@@ -275,8 +275,7 @@ class Printer:
         for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
-            reason = " ".join(result.failed.split())
-            click.echo(printable(f"vfplan: failed: {reason}"), err=True)
+            click.echo(printable(f"vfplan: failed: {' '.join(result.failed.split())}"), err=True)
 
         # The result itself is the only thing on stdout.
         name = click.get_current_context().info_name

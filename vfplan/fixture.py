@@ -206,8 +206,7 @@ class StabilityVerdict:
 
     def as_dict(self) -> dict[str, str | float | bool]:
         """As a report holds it."""
-        derived = ("k_pass_n_per_m", "stable")
-        return asdict(self) | {name: getattr(self, name) for name in derived}
+        return asdict(self) | {"k_pass_n_per_m": self.k_pass_n_per_m, "stable": self.stable}
 
 
 FRAMES = get_args(Frame)

@@ -286,8 +286,7 @@ def rehearse(
     postures, unreached = reach_places(arm, session, ruler)
     if not unreached:
         # What has no bound is refused before the run, by the mass that is felt along the session.
-        mass_kg = min(arm.posture(q)[1] for q in postures)
-        exact_bound(replace(arm.robot, mass_kg=mass_kg))
+        exact_bound(replace(arm.robot, mass_kg=min(arm.posture(q)[1] for q in postures)))
 
     # The run.
     loop_started = time.perf_counter()

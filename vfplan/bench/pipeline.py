@@ -400,8 +400,7 @@ def plan_scenes(quick: bool) -> Scenes:
     """The runs with the shipped and with exact markers."""
     tolerances = [1e-4, 1e-5] if quick else [3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6]
     # Every fifth place of the true surface counts, 0.1 mm apart.
-    surface = planned_surface(TrueCurve("elbow", *Elbow().runs))[::5]
-    score = partial(score_plan, surface=surface)
+    score = partial(score_plan, surface=planned_surface(TrueCurve("elbow", *Elbow().runs))[::5])
     sample = Path(str(files("vfplan.samples")))
     source, touched = (sample / f"elbow_markers_{frame}.csv" for frame in ("image", "robot"))
     with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:

@@ -207,8 +207,7 @@ class Elbow(Drawn):
     @cached_property
     def runs(self) -> Any:
         """Half a millimetre a segment."""
-        runs = polyline(*elbow_truth()[0][:, :2])
-        return (Run(tuple(run.links[0] for run in runs)),)
+        return (Run(tuple(run.links[0] for run in polyline(*elbow_truth()[0][:, :2]))),)
 
     @property
     def routes(self) -> dict[str, Array]:

@@ -205,8 +205,7 @@ def joined_corners(points: Array, triangles: Rows, reach: float) -> Rows:
     rim = np.unique(rim_edges(triangles))
     corner = np.arange(len(points))
     if len(rim):
-        pairs = kd_tree(points[rim]).query_pairs(reach, output_type="ndarray")
-        parts = parts_of(len(rim), pairs)
+        parts = parts_of(len(rim), kd_tree(points[rim]).query_pairs(reach, output_type="ndarray"))
         _, first, part = np.unique(parts, return_index=True, return_inverse=True)
         corner[rim] = rim[first[part]]
     return corner

@@ -72,8 +72,7 @@ def registered() -> Fixture:
     T = np.array([[5e-4, 0, 0.25], [0, -5e-4, 0.31], [0, 0, 0.1]])
     source = np.array([[100.0, 100.0], [700.0, 100.0], [100.0, 700.0], [700.0, 700.0]])
     mapped = np.column_stack([source, np.ones(4)]) @ T.T
-    shift = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * 2.0**-12
-    target = mapped + shift
+    target = mapped + np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * 2.0**-12
     residuals = np.linalg.norm(target - mapped, axis=1)
     record = RegistrationRecord(
         "affine", "image", T, ("a", "b", "c", "d"), source, target, residuals,

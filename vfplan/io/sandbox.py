@@ -445,8 +445,7 @@ class Loopback:
 
     def has_token(self, query: dict[str, list[str]]) -> bool:
         """Whether the parts of an address, as `parse_qs` gives them, hold this run's token."""
-        given = query.get("token", [""])[0]
-        return hmac.compare_digest(given.encode(), self.token.encode())
+        return hmac.compare_digest(query.get("token", [""])[0].encode(), self.token.encode())
 
     @property
     def connections(self) -> set[Any]:

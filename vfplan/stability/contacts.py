@@ -168,8 +168,7 @@ def contacts_beside(
     """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
     axis = check_axis(ignore_axis)
     flat_points, flat_place = flattened(points, axis), flattened(place[None], axis)[0]
-    distance = row_lengths(flat_points - flat_place)
-    normal = cloud_normal(flat_points[distance < radius], axis)
+    normal = cloud_normal(flat_points[row_lengths(flat_points - flat_place) < radius], axis)
     for outward in (normal, -normal):
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
