@@ -119,8 +119,7 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
             message = " ".join(sorted(sentences, key=lambda text: general in text))
             error.message = message.removesuffix(".").replace(general, page)
         elif TO_RECTIFY in error.message:
-            here = rectify_command(*files, **options)
-            ways = f"on a page ({page}) or with two commands: {here}"
+            ways = f"on a page ({page}) or with two commands: {rectify_command(*files, **options)}"
             error.message = error.message.replace(TO_RECTIFY, ways)
         elif error.code in MENDED_ON_PAGE or error.numbers.get("arcs_m"):
             # The page can leave out the lines and arcs that were asked for.

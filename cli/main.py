@@ -13,7 +13,7 @@ from typing import Any, NoReturn
 import click
 
 # The groups of `vfplan --help`, and in each the commands with one line of help.
-GROUPS: dict[str, dict[str, str]] = {
+GROUPS = {
     "Plan": {
         "plan": "Make a fixture from a planned slice and its markers.",
         "extract": "Extract the drawn curve from a planned slice.",
@@ -96,13 +96,11 @@ class LazyGroup(click.Group):
         words = list(sys.argv[1:] if args is None else args) or ["--help"]
         if words[0] == "help":
             words = [*words[1:], "--help"]
-        extra["standalone_mode"] = False
-        exit_code = 0
         if sys.stderr is None:
             # It was closed: what would be said there goes nowhere, and into no file of the command.
             sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - open to the end
         try:
-            exit_code = super().main(words, *more, **extra)
+            exit_code = super().main(words, *more, **extra | {"standalone_mode": False})
         except click.ClickException as error:
             print_usage_error(error, "--json" in words)
             exit_code = error.exit_code

@@ -64,8 +64,7 @@ def refusal(path: Path, message: str, code: str) -> OutputError:
 
 def _refuse(paths: list[Path]) -> None:
     """Raise `OutputError` for the first path that cannot become an output of this call."""
-    context = click.get_current_context(silent=True)
-    values = list(getattr(context, "params", {}).values())
+    values = list(getattr(click.get_current_context(silent=True), "params", {}).values())
     # Some arguments are several files.
     values += [value for several in values if isinstance(several, tuple) for value in several]
     inputs = {

@@ -33,7 +33,7 @@ import click
 from vfplan.cli.options import FILE, option, options_in_order, settings_of_file
 from vfplan.cli.outputs import RAISE_IF_STOPPED, refuse_outputs
 
-from vfplan.display import Report
+from vfplan.display import Advance, Report
 from vfplan.errors import VfplanError
 from vfplan.findings import Finding
 from vfplan.io.files import now_utc, to_json_types
@@ -275,8 +275,7 @@ class Printer:
         for word, text in labelled:
             click.echo(printable(f"vfplan: {word}: {text}"), err=True)
         if result.exit_code:
-            reason = " ".join(result.failed.split())
-            click.echo(printable(f"vfplan: failed: {reason}"), err=True)
+            click.echo(printable(f"vfplan: failed: {' '.join(result.failed.split())}"), err=True)
 
         # The result itself is the only thing on stdout.
         name = click.get_current_context().info_name
@@ -477,7 +476,7 @@ def rough_ticks(session: Path) -> int:
 
 
 @contextmanager
-def progress(label: str, total: int) -> Iterator[Callable[[int], None]]:
+def progress(label: str, total: int) -> Iterator[Advance]:
     """A bar on stderr for long work: visible on a terminal, silent in a pipe.
 
     Yields a function that takes the number of steps just done.

@@ -6,7 +6,6 @@ seen from the tool's side, and how the force went.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +16,7 @@ from vfplan.cli.next_commands import file_beside, typed_options
 from vfplan.cli.options import CSV, PNG, DecimalNumber, option, options_in_order, output_option
 from vfplan.cli.outputs import outputs
 from vfplan.cli.run import CommandResult, command, progress
-from vfplan.display import MM, Report, command_of, micrometres, millimetres, wrote
+from vfplan.display import MM, Advance, Report, command_of, micrometres, millimetres, wrote
 from vfplan.engine.parameters import Vector
 from vfplan.engine.proxy import ProxyEngine, Status, sampled
 from vfplan.errors import SceneError, SettingError
@@ -214,7 +213,7 @@ class Burr:
 
 def burr(
     fixture: Fixture, session: Session, radius_m: float, *,
-    done: Callable[[int], None] = lambda ticks: None,
+    done: Advance = lambda ticks: None,
 ) -> Burred:  # fmt: skip
     """Let the session's hand burr a fixture with a ball of `radius_m` at the tip, and replay it.
 

@@ -9,12 +9,20 @@ import math
 import re
 import shlex
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 # What a command or a part of it found, by name, as `--json` prints it.
 Report = dict[str, Any]
+
+# Takes the number of steps just done.
+Advance = Callable[[int], None]
+
+# Shows how far a long work is: given its name and its number of steps, a `with` block that yields
+# what is called as they are done.
+Progress = Callable[[str, int], AbstractContextManager[Advance]]
 
 # Things of one kind that a text or a report lists one by one; of more, their number.
 MAX_LISTED = 20

@@ -23,6 +23,9 @@ from vfplan.settings import recorded
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 
+# Numbers of strokes, or of points.
+Indices = NDArray[np.int32]
+
 
 @dataclass(frozen=True)
 class SourceImage:
@@ -203,11 +206,10 @@ class StabilityVerdict:
 
     def as_dict(self) -> dict[str, str | float | bool]:
         """As a report holds it."""
-        derived = ("k_pass_n_per_m", "stable")
-        return asdict(self) | {name: getattr(self, name) for name in derived}
+        return asdict(self) | {"k_pass_n_per_m": self.k_pass_n_per_m, "stable": self.stable}
 
 
-FRAMES: tuple[Frame, ...] = get_args(Frame)
+FRAMES = get_args(Frame)
 # Usual smallest extent of a fixture [m]: a mark on a bone.
 MIN_EXTENT_M = 1e-3
 
@@ -241,7 +243,7 @@ class Pieces:
 
     vertices: Array
     bulges: Array
-    stroke: NDArray[np.int32]
+    stroke: Indices
     closed: Flags
     error: float = 0.0
 
@@ -363,7 +365,7 @@ class Curve:
         (N,) bool, points that were drawn or moved by hand; `None` when all were measured.
     """
 
-    stroke: NDArray[np.int32]
+    stroke: Indices
     closed: Flags
     bridged: Flags | None = None
     pieces: Pieces | None = None
@@ -459,7 +461,7 @@ class Fixture:
     rendering: Rendering | None = None
     registration: RegistrationRecord | None = None
     stability: StabilityVerdict | None = None
-    mesh: NDArray[np.int32] | None = None
+    mesh: Indices | None = None
     guidance: Guidance | None = None
     findings: Findings = ()
     reviewed: Review | None = None
@@ -499,7 +501,7 @@ class Fixture:
         return [None if values is None else values[rows] for values in known]
 
     @property
-    def guiding_lines(self) -> list[NDArray[np.float64]]:
+    def guiding_lines(self) -> list[Array]:
         """The strokes that guide, (n, 3) [m]; a closed one ends with its first point again.
 
         The fixture has `guidance`.

@@ -239,8 +239,7 @@ def tubes(lines: Iterable[Array], radius: float, is_capped: bool) -> Iterator[An
 
     sides = 24
     for line in lines:
-        centre = pyvista.lines_from_points(line)
-        yield centre.tube(radius=radius, n_sides=sides, capping=False)
+        yield pyvista.lines_from_points(line).tube(radius=radius, n_sides=sides, capping=False)
         if is_capped and (line[0] != line[-1]).any():
             for end, inner in (line[:2], line[:-3:-1]):
                 half = {"direction": end - inner, "end_phi": 90.0, "theta_resolution": sides}

@@ -36,8 +36,7 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
         axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
-    path = motion.tip[:: len(motion.tip) // MAX_DRAWN + 1]
-    axes.plot(*path.T, color=TIP, lw=1.0, label="tip")
+    axes.plot(*motion.tip[:: len(motion.tip) // MAX_DRAWN + 1].T, color=TIP, lw=1.0, label="tip")
     for stop in rehearsal.metrics["reflexes"][:1]:
         place = motion.tip[stop["tick"]]
         axes.plot(*place[:, None], "x", color=WALL, ms=9, mew=2, label=stop["kind"])
@@ -66,8 +65,7 @@ def draw_forces(rehearsal: Rehearsal) -> Figure:
     torque.set_ylabel("torque\n/ limit")
     torque.legend(ncols=arm.joints, title="joint")
 
-    to_limit = np.minimum(motion.q - arm.low, arm.high - motion.q)
-    joint_range.plot(time, to_limit, lw=0.8)
+    joint_range.plot(time, np.minimum(motion.q - arm.low, arm.high - motion.q), lw=0.8)
     joint_range.axhline(0.0, color=WALL, lw=1.0, ls="--")
     joint_range.set(ylabel="to the end of the\njoint's range [rad]", xlabel="time [s]")
     for stop in rehearsal.metrics["reflexes"][:1]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vfplan.arm.model import Arm, mujoco
-from vfplan.display import MAX_LISTED, millimetres
+from vfplan.display import MAX_LISTED, Advance, millimetres
 from vfplan.engine.governor import Governed, Governor
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import SceneError, SessionError
@@ -84,7 +83,7 @@ def run_loop(
     places: Array,
     start: Array,
     hand_stiffness: float,
-    done: Callable[[int], None] | None = None,
+    done: Advance | None = None,
 ) -> ArmMotion:
     """Run the loop over the places (T, 3) [m] that the hand wants, from posture `start` (n,) [rad].
 
@@ -175,7 +174,7 @@ def safety_stops(arm: Arm, motion: ArmMotion) -> list[SafetyStop]:
     """
     robot = arm.robot
     tip_speed = row_norms(np.diff(motion.tip, axis=0, append=motion.tip[-1:])) * robot.rate_hz
-    stops: list[SafetyStop] = []
+    stops = []
     for kind, sign, values, limits in (
         ("controller_torque_discontinuity", 1, torque_steps(motion), robot.torque_step_limit_nm),
         ("joint_torque", 1, np.abs(motion.torque), robot.torque_limit_nm),
@@ -252,7 +251,7 @@ def rehearse(
     *,
     governed: bool = True,
     hand_stiffness: float = 600.0,
-    done: Callable[[int], None] | None = None,
+    done: Advance | None = None,
 ) -> Rehearsal:
     """Let the session's hand move a simulated arm that renders the fixture.
 
@@ -287,8 +286,7 @@ def rehearse(
     postures, unreached = reach_places(arm, session, ruler)
     if not unreached:
         # What has no bound is refused before the run, by the mass that is felt along the session.
-        mass_kg = min(arm.posture(q)[1] for q in postures)
-        exact_bound(replace(arm.robot, mass_kg=mass_kg))
+        exact_bound(replace(arm.robot, mass_kg=min(arm.posture(q)[1] for q in postures)))
 
     # The run.
     loop_started = time.perf_counter()

@@ -99,7 +99,7 @@ def looks_of(results: Records) -> dict[str, Look]:
     """A colour and a marker for each method; a variant of a rule has the rule's colour."""
     spare = cycle((TUBE, FORCE, ERROR, WALL))
     colours = dict(RULES)
-    looks: dict[str, Look] = {}
+    looks = {}
     for method in dict.fromkeys(r["method"] for r in results if not r["chosen"]):
         rule = method.split(", ")[0]
         if rule not in colours:

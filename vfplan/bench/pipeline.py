@@ -30,8 +30,8 @@ import platform
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 from importlib.resources import files
@@ -49,11 +49,9 @@ from vfplan.bench.record import (
     FEWEST_REPEATS,
     LOOKS,
     TOLERANCE_M,
-    Advance,
     Array,
     BenchRun,
     Record,
-    Records,
     Scenes,
     Settings,
     errors_of,
@@ -63,7 +61,7 @@ from vfplan.bench.record import (
     timed,
     timed_ticks,
 )
-from vfplan.display import Report
+from vfplan.display import Progress, Report
 from vfplan.engine.proxy import ProxyEngine
 from vfplan.errors import CurveError
 from vfplan.fixture import Pieces
@@ -402,8 +400,7 @@ def plan_scenes(quick: bool) -> Scenes:
     """The runs with the shipped and with exact markers."""
     tolerances = [1e-4, 1e-5] if quick else [3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6]
     # Every fifth place of the true surface counts, 0.1 mm apart.
-    surface = planned_surface(TrueCurve("elbow", *Elbow().runs))[::5]
-    score = partial(score_plan, surface=surface)
+    score = partial(score_plan, surface=planned_surface(TrueCurve("elbow", *Elbow().runs))[::5])
     sample = Path(str(files("vfplan.samples")))
     source, touched = (sample / f"elbow_markers_{frame}.csv" for frame in ("image", "robot"))
     with tempfile.TemporaryDirectory(prefix="vfplan-bench-") as name:
@@ -428,7 +425,7 @@ def plan_methods(
     The default at every tolerance, and the others at the one that is chosen: they take seconds.
     """
     as_it_is, chosen = ExtractSettings(), FixtureSettings()
-    listed: Settings = {"tolerance_m": TOLERANCE_M}
+    listed = {"tolerance_m": TOLERANCE_M}
     for tolerance in tolerances:
         yield "ridge", {"tolerance_m": tolerance}, as_it_is, replace(chosen, tolerance_m=tolerance)
     yield "skeleton", listed, ExtractSettings(method="skeleton"), chosen
@@ -458,15 +455,13 @@ BUDGET_US = 1e6 / RATE_HZ
 # Number of timed rounds; the medians of seven spread by some percent.
 REPEATS = 7
 
-Bar = Callable[[str, int], AbstractContextManager[Advance]]
-
 
 def bench(
     stages: Sequence[str] = tuple(LOOKS),
     *,
     quick: bool = False,
     peers: Sequence[Peer] = (),
-    progress: Bar = lambda label, total: nullcontext(lambda n: None),
+    progress: Progress = lambda label, total: nullcontext(lambda n: None),
 ) -> Report:
     """Measure error against run time.
 
@@ -492,7 +487,7 @@ def bench(
     SettingError
         A peer that failed.
     """
-    scenes: dict[str, Callable[[bool], Iterable[list[BenchRun]]]] = {
+    scenes = {
         "extract": extract_scenes, "sample": sample_scenes, "register": register_scenes,
         "proxy": partial(proxy_scenes, peers=peers), "plan": plan_scenes,
     }  # fmt: skip
@@ -500,8 +495,7 @@ def bench(
         peer.check()
     repeats = FEWEST_REPEATS if quick else REPEATS
     started = time.perf_counter()
-    records: Records = []
-    refused: Records = []
+    records, refused = [], []
     for stage in stages:
         for runs in scenes[stage](quick):
             with progress(f"{stage}: {runs[0].scene}", 1 + repeats) as advance:

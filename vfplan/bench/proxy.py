@@ -27,10 +27,9 @@ from itertools import product
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from vfplan.bench.peers import Peer
+from vfplan.bench.peers import Mesh, Peer
 from vfplan.bench.record import (
     TOLERANCE_M,
     Array,
@@ -54,7 +53,6 @@ from vfplan.stability.contacts import RADIUS as R
 from vfplan.stability.study import DEFAULT_STIFFNESS
 from vfplan.vectors.curve import FINE_M
 
-Triangles = NDArray[np.int32]
 # Into how many stretches each edge of an octahedron is cut: 5000 triangles on a ball of 30 mm.
 FACE_CUTS = 25
 
@@ -70,7 +68,7 @@ class Meshed(Scene):
         return refined(*self.mesh, self.spacing)[0]
 
 
-def convex_mesh(corners: Array) -> tuple[Array, Triangles]:
+def convex_mesh(corners: Array) -> Mesh:
     """The corners (N, 3) of a convex body around the origin, and its triangles (K, 3)."""
     triangles = ConvexHull(corners).simplices.astype(np.int32)
     one, two, three = np.moveaxis(corners[triangles], 1, 0)
@@ -83,7 +81,7 @@ class BallMesh(Meshed, Sphere):
     """A ball of 30 mm as triangles of about 2 mm."""
 
     @cached_property
-    def mesh(self) -> tuple[Array, Triangles]:
+    def mesh(self) -> Mesh:
         """An octahedron's faces, cut and pushed outwards."""
         places = np.array(list(product(range(-FACE_CUTS, FACE_CUTS + 1), repeat=3)), float)
         places = places[np.abs(places).sum(axis=1) == FACE_CUTS]
@@ -104,7 +102,7 @@ class BoxMesh(Meshed, Walls):
         return corners, np.tile(sides[[1, 2, 0]], (2, 1)), np.tile(sides[[2, 0, 1]], (2, 1))
 
     @cached_property
-    def mesh(self) -> tuple[Array, Triangles]:
+    def mesh(self) -> Mesh:
         """Its corners, and two triangles a face."""
         return convex_mesh(np.array(list(product((-1, 1), repeat=3))) * self.half)
 
@@ -209,8 +207,7 @@ class Elbow(Drawn):
     @cached_property
     def runs(self) -> Any:
         """Half a millimetre a segment."""
-        runs = polyline(*elbow_truth()[0][:, :2])
-        return (Run(tuple(run.links[0] for run in runs)),)
+        return (Run(tuple(run.links[0] for run in polyline(*elbow_truth()[0][:, :2]))),)
 
     @property
     def routes(self) -> dict[str, Array]:
@@ -264,7 +261,7 @@ def engine_on_points(scene: Scene, **settings: Any) -> ProxyEngine:
     return ProxyEngine(scene.points, ignore_axis=axis, stiffness=DEFAULT_STIFFNESS, **settings)
 
 
-def exact_engine(scene: Scene) -> tuple[ProxyEngine, dict[str, Any]]:
+def exact_engine(scene: Scene) -> tuple[ProxyEngine, Record]:
     """Rule "exact" on a mesh's triangles, or on lines and arcs through the cloud of a drawing."""
     if isinstance(scene, Meshed):
         corners, triangles = scene.mesh
@@ -290,7 +287,7 @@ def proxy_scenes(quick: bool, peers: Sequence[Peer]) -> Scenes:
 
 
 # The settings of the engines on points that are compared, by the name of the method.
-ON_POINTS: dict[str, dict[str, Any]] = {
+ON_POINTS = {
     "robust": {}, "robust, 1 iteration": {"max_iterations": 1},
     "robust, 4 iterations": {"max_iterations": 4}, "paper": {"rule": "paper"},
 }  # fmt: skip
@@ -325,7 +322,7 @@ def chosen_run(case: Case) -> BenchRun:
     """
     scene = case.scene
     choice = choose(TOLERANCE_M, R, planar=scene.ignore_axis is not None)
-    settings: Settings = {"tolerance_m": choice.tolerance_m}
+    settings = {"tolerance_m": choice.tolerance_m}
     if isinstance(scene, Drawn):
         settings["arcs_m"] = DEFAULT_ARCS_M
         engine, figures = exact_engine(replace(scene, spacing=FINE_M))
@@ -349,7 +346,7 @@ def engine_run(
     name: str,
     settings: Settings,
     engine: ProxyEngine,
-    figures: dict[str, Any],
+    figures: Record,
     chosen: bool = False,
 ) -> BenchRun:
     """An engine on the path of a case."""

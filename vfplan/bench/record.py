@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vfplan.display import Report, duration, length, three_digits
+from vfplan.display import Advance, Report, duration, length, three_digits
 from vfplan.engine.proxy import ProxyEngine, Trace
 from vfplan.errors import InputError
 from vfplan.geometry import ROUNDING_M
@@ -29,7 +29,6 @@ Setting = str | float | int | bool | None
 Record = dict[str, Any]
 Records = list[Record]
 Settings = dict[str, Setting]
-Advance = Callable[[int], None]
 
 # How far the chosen settings may move the surface [m].
 TOLERANCE_M = FixtureSettings.tolerance_m
@@ -94,7 +93,7 @@ def mark_pareto(records: Records) -> None:
 
 def grouped(records: Records, *names: str) -> dict[Any, Records]:
     """The records by what they have under some names, in order."""
-    groups: dict[Any, Records] = {}
+    groups = {}
     for record in records:
         groups.setdefault(itemgetter(*names)(record), []).append(record)
     return groups
@@ -141,8 +140,7 @@ def measure_runs(
         Called with 1 after each of the 1 + `repeats` rounds.
     """
     rng = np.random.default_rng(0)
-    measured: list[tuple[BenchRun, Record, list[Array]]] = []
-    refused: Records = []
+    measured, refused = [], []
     for bench_run in runs:
         record = {name: getattr(bench_run, name) for name in LISTED} | {"stage": stage}
         try:

@@ -191,9 +191,9 @@ PARTS = {
 
 def to_content(fixture: Fixture) -> Content:
     """Every value that a bundle of this fixture holds, but for those that the format computes."""
-    content: Content = {}
+    content = {}
     for path, field in FIELDS.items():
-        value: Any = fixture
+        value = fixture
         for name in field.split("."):
             # A part that the fixture does not have has no path.
             value = getattr(value, name, None)
@@ -221,13 +221,13 @@ def as_content(value: Any, row: Row) -> Any:
     if row.kind == "dataset":
         is_text = row.type == "text"
         return tuple(map(str, value)) if is_text else np.ascontiguousarray(value, f"<{row.type}")
-    types: dict[str, type] = {"text": str, "f8": float}
+    types = {"text": str, "f8": float}
     return types.get(row.type, int)(value)
 
 
 def content_of_findings(findings: Findings) -> Content:
     """The group `/findings`."""
-    content: Content = {
+    content = {
         f"/findings/{name}": tuple(getattr(finding, name) for finding in findings)
         for name in FINDING_TEXTS
     }
@@ -325,7 +325,7 @@ def rendered_values(fixture: Fixture) -> Content:
 
 def from_content(content: Content) -> Fixture:
     """The fixture that a checked content describes."""
-    parts: dict[str, dict[str, Any]] = {}
+    parts = {}
     for path, field in FIELDS.items():
         if path in content:
             value = content[path]
@@ -336,9 +336,9 @@ def from_content(content: Content) -> Fixture:
     if "pieces" in parts:
         parts["pieces"]["closed"] = parts["curve"]["closed"]
         parts["curve"]["pieces"] = Pieces(**parts.pop("pieces"))
-    if "pixel_spacing_mm" in parts.get("image", {}):
-        spacing = parts["image"]["pixel_spacing_mm"]
-        parts["image"]["pixel_spacing_mm"] = tuple(spacing.tolist())
+    image = parts.get("image", {})
+    if "pixel_spacing_mm" in image:
+        image["pixel_spacing_mm"] = tuple(image["pixel_spacing_mm"].tolist())
     values = parts.pop("")
     if "/rendering@robot" in content:
         numbers = dict(zip(STABILITY_FIELDS, content["/rendering/stability"].tolist(), strict=True))

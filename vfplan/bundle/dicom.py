@@ -12,15 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vfplan.bundle.leak import open_edges
+from vfplan.bundle.leak import Rows, open_edges
 from vfplan.errors import InputError, SettingError
 from vfplan.fixture import Fixture
+from vfplan.geometry.lines import Array, Flags
 from vfplan.images.dicom import open_dataset, pixel_axes, refuse_costly
 from vfplan.io.files import FilePath, naming_place, now_utc, read_bytes
 
-Vector = NDArray[np.float64]
 RTSTRUCT = "1.2.840.10008.5.1.4.1.1.481.3"
 SEG = "1.2.840.10008.5.1.4.1.1.66.4"
 # What is the same in all objects of a study.
@@ -32,7 +31,7 @@ OF_STUDY = (
 MAX_VOXELS = 1 << 30
 
 
-def in_patient(fixture: Fixture, points: Vector) -> tuple[Vector, str]:
+def in_patient(fixture: Fixture, points: Array) -> tuple[Array, str]:
     """Points in the patient's frame where the registration tells it, and their frame's name."""
     record = fixture.registration
     if record is None or record.source_frame != "patient_lps":
@@ -62,7 +61,7 @@ def study_slice(study: FilePath | None) -> tuple[Any, str]:
             return dataset, digest
 
 
-def slice_axes(source: Any) -> tuple[Vector, Vector]:
+def slice_axes(source: Any) -> tuple[Array, Array]:
     """(3, 2) steps along a row and along a column of a slice, and its first pixel [m]."""
     row_mm, column_mm = map(float, source.get("PixelSpacing") or (0, 0))
     axes = pixel_axes(source.get("ImageOrientationPatient"), (column_mm, row_mm))
@@ -72,7 +71,7 @@ def slice_axes(source: Any) -> tuple[Vector, Vector]:
     return axes, 1e-3 * np.array(source.ImagePositionPatient, float)
 
 
-def points_in_study(fixture: Fixture, points: Vector, source: Any, digest: str) -> Vector:
+def points_in_study(fixture: Fixture, points: Array, source: Any, digest: str) -> Array:
     """Points in the patient's frame, by the registration or the slice that was planned on [m].
 
     Raises InputError: nothing ties them to the patient
@@ -242,9 +241,7 @@ def segmentation(fixture: Fixture, study: FilePath | None) -> bytes:
     return written(made, source, SEG, fixture)
 
 
-def section(
-    places: Vector, triangles: NDArray[np.int32], height: float, shape: tuple[int, int]
-) -> NDArray[np.bool_]:
+def section(places: Array, triangles: Rows, height: float, shape: tuple[int, int]) -> Flags:
     """(rows, columns) whether each pixel's centre of a plane lies within a closed mesh."""
     # Corners are never quite on a plane or a row: those at it count as above.
     outline = crossings(places[triangles], 2, height)
@@ -256,7 +253,7 @@ def section(
     return np.cumsum(mask, axis=1)[:, :-1] % 2 == 1
 
 
-def crossings(corners: Vector, axis: int, value: float) -> Vector:
+def crossings(corners: Array, axis: int, value: float) -> Array:
     """(n, 2, 3) where the sides of triangles or segments cross a plane, two places of each.
 
     corners: (K, 3, 3) or (K, 2, 3)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import struct
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -169,7 +168,7 @@ def dxf(fixture: Fixture) -> bytes:
     x = np.cross([0.0, 1.0, 0.0] if is_upright else [0.0, 0.0, 1.0], axis)
     x /= np.linalg.norm(x)
     frame = np.stack([x, np.cross(axis, x), axis])
-    rows: list[tuple[int, object]] = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
+    rows = [(0, "SECTION"), (2, "HEADER"), (9, "$ACADVER")]
     rows += [(1, "AC1009"), (0, "ENDSEC"), (0, "SECTION"), (2, "ENTITIES")]
     for number, is_closed in enumerate(pieces.closed):
         in_stroke = pieces.stroke == number
@@ -185,7 +184,7 @@ def dxf(fixture: Fixture) -> bytes:
 
 
 # Ending -> what makes such a file, and the parts of a fixture that it holds besides the points.
-FORMS: dict[str, tuple[Callable[..., bytes], tuple[str, ...]]] = {
+FORMS = {
     ".rtstruct.dcm": (dicom.rtstruct, ("curve",)),
     ".seg.dcm": (dicom.segmentation, ("mesh",)),
     ".ply": (ply, ("mesh",)),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vfplan import _core
 from vfplan.bundle.content import Content
-from vfplan.geometry.lines import Array, flattened, row_lengths
+from vfplan.geometry.lines import Array, Flags, flattened, row_lengths
 
 # Of points or strokes, or (K, 3) of the corners of triangles.
 Rows = NDArray[np.integer]
@@ -47,7 +47,7 @@ def certificate(content: Content) -> Content:
         triangles=content.get("/mesh/triangles"),
         sample_radius=content.get("/mesh@sample_radius_m"),
     )
-    leak: Content = {"/leak@kind": kind}
+    leak = {"/leak@kind": kind}
     if kind == "cloud":
         # How the points of a bare cloud connect is not known, so there is no limit.
         largest, row = loneliest(flattened(corners, axis))
@@ -103,7 +103,7 @@ def parts_of(count: int, pairs: Rows) -> Rows:
     return connected_components(graph, directed=False)[1]
 
 
-def turned_facets(triangles: Rows) -> NDArray[np.bool_]:
+def turned_facets(triangles: Rows) -> Flags:
     """(K,) the facets to turn over so that all that share an edge agree; as few as possible."""
     runs_up = (triangles < np.roll(triangles, -1, axis=1)).ravel()
     key = sides_of(triangles)
@@ -205,8 +205,7 @@ def joined_corners(points: Array, triangles: Rows, reach: float) -> Rows:
     rim = np.unique(rim_edges(triangles))
     corner = np.arange(len(points))
     if len(rim):
-        pairs = kd_tree(points[rim]).query_pairs(reach, output_type="ndarray")
-        parts = parts_of(len(rim), pairs)
+        parts = parts_of(len(rim), kd_tree(points[rim]).query_pairs(reach, output_type="ndarray"))
         _, first, part = np.unique(parts, return_index=True, return_inverse=True)
         corner[rim] = rim[first[part]]
     return corner
@@ -293,13 +292,13 @@ def open_ends(content: Content) -> Content:
     ends = np.column_stack([first, last])[~is_closed].ravel()
     if len(ends) == 0:
         return {}
-    leak: Content = {"/leak/open_ends": np.ascontiguousarray(content["/points"][ends])}
+    leak = {"/leak/open_ends": content["/points"][ends]}
     if len(is_closed) > 1:
         points = flattened(content["/points"], content.get("/rendering/ignore_axis"))
         distance = distance_to_other_strokes(points, stroke, ends)
         farthest = int(np.argmax(distance))
         leak["/leak@between_m"] = float(distance[farthest])
-        leak["/leak/between_place"] = np.ascontiguousarray(content["/points"][ends[farthest]])
+        leak["/leak/between_place"] = content["/points"][ends[farthest]]
     return leak
 
 

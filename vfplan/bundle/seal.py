@@ -74,7 +74,7 @@ DESPITE_FINDINGS = 2
 
 def describe(sealed: Sealed) -> Report:
     """A seal as `vfplan info --json` shows it: what is not there is absent."""
-    data: Report = {
+    data = {
         "ok": True,
         "signed": sealed.signed,
         "key_id": sealed.key_id.hex() if sealed.signed else None,

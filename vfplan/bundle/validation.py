@@ -166,7 +166,7 @@ def describe(path: FilePath, *, work: bool = False) -> Report:
     Raises as `read_fixture` does.
     """
     content, seal = read_bundle(path)
-    described: Report = {
+    described = {
         "format": content["/@format"],
         "version": content["/@version"],
         "frame": content["/@frame"],
@@ -223,7 +223,7 @@ def diff(a: FilePath, b: FilePath) -> list[Report]:
     Raises as `read_fixture` does.
     """
     content_a, content_b = read_bundle(a)[0], read_bundle(b)[0]
-    differences: list[Report] = []
+    differences = []
     for path in [row.path for row in table() if row.path in content_a or row.path in content_b]:
         if path not in content_b:
             differences.append({"path": path, "what": "only in A"})

@@ -100,8 +100,7 @@ def to_payload(content: Content) -> bytes:
     with h5py.File(h5f.create(b"bundle", h5f.ACC_TRUNC, fcpl=creation, fapl=access)) as file:
         for row in rows_of(content):
             if row.kind == "group":
-                properties = group_properties(h5p.GROUP_CREATE)
-                h5g.create(file.id, row.path.encode(), gcpl=properties)
+                h5g.create(file.id, row.path.encode(), gcpl=group_properties(h5p.GROUP_CREATE))
             else:
                 put_value(file[row.parent], row, content)
         file.flush()

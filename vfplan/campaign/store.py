@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor, as_completed
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from vfplan.bundle import review_digest
 from vfplan.campaign.trial import BLOCK, CampaignSettings, Trials
-from vfplan.display import Report
+from vfplan.display import Advance, Report
 from vfplan.errors import CheckFailed, InputError, OutputError, requires_extra
 from vfplan.fixture import Fixture
 from vfplan.geometry.lines import Array
@@ -109,8 +109,8 @@ def open_folder(folder: Path, question: Question) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except FileExistsError:
-        text, where = "is a file. Name a folder", str(folder)
-        raise OutputError(text, where=where, code="folder-is-a-file") from None
+        text = "is a file. Name a folder"
+        raise OutputError(text, where=folder, code="folder-is-a-file") from None
     except OSError as error:
         text = f"cannot be made: {error.strerror or error}. Name another folder"
         raise OutputError(text, where=folder, code="folder-not-made") from None
@@ -161,7 +161,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
         No campaign, a damaged block, or fewer trials than are wanted.
     """
     question = read_question(folder)
-    columns: dict[str, list[NDArray]] = {}
+    columns = {}
     count = block = 0
     while (trials is None or count < trials) and (path := block_path(folder, block)).exists():
         for name, values in read_block(path, block).items():
@@ -173,8 +173,7 @@ def read_campaign(folder: Path, trials: int | None = None) -> tuple[dict, dict[s
             f"holds {count} trials of {trials or 'any'}. Make more with vfplan campaign",
             where=folder, code="too-few-trials", numbers={"trials": count, "wanted": trials},
         )  # fmt: skip
-    joined = {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
-    return question, joined
+    return question, {name: np.concatenate(parts)[:trials] for name, parts in columns.items()}
 
 
 def read_question(folder: Path) -> Question:
@@ -227,7 +226,7 @@ def run_campaign(
     *,
     workers: int = 1,
     scheduler: str | None = None,
-    done: Callable[[int], None] = lambda trials: None,
+    done: Advance = lambda trials: None,
 ) -> int:
     """Make the trials that `folder` does not hold yet; returns how many were made.
 

@@ -150,9 +150,8 @@ class Trials:
         k = T.shape[0] - 1
         curve = np.linalg.lstsq(T[:3, :k], (fixture.points - T[:3, k]).T, rcond=None)[0].T
 
-        spacing_m = None
-        if fixture.image is not None and fixture.image.pixel_spacing_mm is not None:
-            spacing_m = tuple(1e-3 * mm for mm in fixture.image.pixel_spacing_mm)
+        spacing_mm = getattr(fixture.image, "pixel_spacing_mm", None)
+        spacing_m = spacing_mm and tuple(1e-3 * mm for mm in spacing_mm)
         self._markers = make_problem(record.source, target, record.model, spacing_m, None, None)
         self._along = homogeneous(self._markers.normaliser(curve))
 

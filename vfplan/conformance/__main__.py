@@ -21,8 +21,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+# What a reader printed, and the values that it read, by path.
+Values = dict[str, object]
+
 # Takes a file, gives its values by path, or `None` when it refuses the file.
-Reader = Callable[[Path], "dict[str, object] | None"]
+Reader = Callable[[Path], Values | None]
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ def command_reader(
 ) -> Reader:
     """A reader that is a program: `CMD FILE MORE`; `refused` are exit codes that refuse a file."""
 
-    def read(path: Path) -> dict[str, object] | None:
+    def read(path: Path) -> Values | None:
         words = [*command, str(path), *more]
         done = subprocess.run(words, capture_output=True, check=False, timeout=60)
         if done.returncode in refused:
@@ -85,7 +88,7 @@ def command_reader(
     return read
 
 
-def values_of(printed: dict[str, object]) -> dict[str, object]:
+def values_of(printed: Values) -> Values:
     """The values of the format's paths in what a reader printed."""
     return {
         path: value["values"] if isinstance(value, dict) else value
@@ -94,7 +97,7 @@ def values_of(printed: dict[str, object]) -> dict[str, object]:
     }
 
 
-def problem_of(values: dict[str, object] | None, stated: dict[str, dict[str, object]]) -> str:
+def problem_of(values: Values | None, stated: dict[str, Values]) -> str:
     """What is wrong with the values that were read, or the refusal; empty if nothing is."""
     if "values" not in stated:
         return "" if values is None else "reads what it must refuse"

@@ -72,8 +72,7 @@ def registered() -> Fixture:
     T = np.array([[5e-4, 0, 0.25], [0, -5e-4, 0.31], [0, 0, 0.1]])
     source = np.array([[100.0, 100.0], [700.0, 100.0], [100.0, 700.0], [700.0, 700.0]])
     mapped = np.column_stack([source, np.ones(4)]) @ T.T
-    shift = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * 2.0**-12
-    target = mapped + shift
+    target = mapped + np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]]) * 2.0**-12
     residuals = np.linalg.norm(target - mapped, axis=1)
     record = RegistrationRecord(
         "affine", "image", T, ("a", "b", "c", "d"), source, target, residuals,
@@ -290,25 +289,21 @@ def to_payload(items: Items) -> bytes:
     headers, data, at = {}, {}, 48
     for path, item in items.items():
         headers[path] = at
-        at = aligned(at + len(header_of(item, dict.fromkeys(items, 0), 0)))
+        at += len(padded(header_of(item, dict.fromkeys(items, 0), 0)))
     for path, item in items.items():
         data[path] = at if item.data else UNDEFINED
-        at = aligned(at + len(item.data or b""))
-    payload = bytearray(at)
+        at += len(padded(item.data or b""))
     head = b"\x89HDF\r\n\x1a\n", 2, 8, 8, 0, 0, UNDEFINED, at, headers["/"]
-    struct.pack_into("<8sBBBBQQQQ", payload, 0, *head)
+    payload = padded(struct.pack("<8sBBBBQQQQ", *head))
     for path, item in items.items():
         stated = item.data_at or path
-        header = header_of(item, headers, data.get(stated, stated))
-        payload[headers[path] : headers[path] + len(header)] = header
-        if item.data:
-            payload[data[path] : data[path] + len(item.data)] = item.data
-    return checked(bytes(payload))
+        payload += padded(header_of(item, headers, data.get(stated, stated)))
+    return checked(payload + b"".join(padded(item.data or b"") for item in items.values()))
 
 
-def aligned(at: int) -> int:
-    """The next multiple of 8."""
-    return at + -at % 8
+def padded(data: bytes) -> bytes:
+    """The bytes, up to a multiple of 8."""
+    return data + bytes(-len(data) % 8)
 
 
 def checked(payload: bytes) -> bytes:
@@ -335,7 +330,6 @@ def attribute(name: bytes, datatype: bytes, dataspace: bytes, value: bytes) -> b
 
 def header_of(item: Item, addresses: dict[str, int], data_at: int) -> bytes:
     """The object header of an item whose data lie at `data_at`."""
-    messages: list[tuple[int, int, bytes]]
     if item.data is None:
         links = struct.pack("<BBQQ", 0, 0, UNDEFINED, UNDEFINED)
         messages = [(MessageType.LINK_INFO, 0, links), (MessageType.GROUP_INFO, 0, b"\0\0")]

@@ -43,16 +43,15 @@ STEPS = np.linspace(0.0, 1.0, 60)[:, None]
 
 def write_kit(folder: Path) -> int:
     """Write the kit into a folder; returns the number of files."""
-    files = [(f"valid/{name}", data, None) for name, data in valid_files()]
+    files = [(f"valid/{name}", data, {}) for name, data in valid_files()]
     for kind, broken in (("invalid", vectors.VECTORS), ("signed", vectors.UNTRUSTED)):
         for rule, name, why, make, *words in broken:
             files.append((f"{kind}/{name}", make(*words), {"rule": rule, "why": why}))
     files.append(("signed/trusted", vectors.signed("reviewed", False), {"rule": "S7"}))
     for kind in ("valid", "invalid", "signed", "render"):
         (folder / kind).mkdir(parents=True, exist_ok=True)
-    for name, data, stated in files:
+    for name, data, about in files:
         (folder / f"{name}.h5").write_bytes(data)
-        about = dict(stated or {})
         if "why" not in about:
             content = read_bundle(data)[0]
             about["review_digest"] = review_digest(from_content(content))

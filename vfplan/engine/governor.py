@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntFlag
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -135,7 +134,7 @@ class Governor:
         SettingError
             A robot file without the limits, or limits that are not passive with this stiffness.
         """
-        limits: dict[str, Any] = {}
+        limits = {}
         for quantity, unit in (("force", "n"), ("torque", "nm"))[: 1 + torques]:
             names = f"{quantity}_limit_{unit}", f"{quantity}_step_limit_{unit}"
             largest, step = (getattr(robot, name) for name in names)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,8 +32,8 @@ from vfplan.fixture import Fixture, Pieces
 Ends = Literal["stop", "open"]
 Hold = Literal["at_once", "on_entry"]
 
-ENDS: tuple[Ends, ...] = get_args(Ends)
-HOLDS: tuple[Hold, ...] = get_args(Hold)
+ENDS = get_args(Ends)
+HOLDS = get_args(Hold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +163,7 @@ class Guide:
                     "Name the axis, or give points."
                 )
             self.closed = tuple(points.closed.tolist())
-            self.curves: tuple[Any, ...] = check_pieces(points)
+            self.curves = check_pieces(points)
         else:
             strokes = check_strokes(points)
             closings = check_closed(closed, len(strokes))
@@ -180,7 +180,7 @@ class Guide:
                 kind = SettingError if "radius" in str(error) else SceneError
                 raise kind(str(error).removeprefix("vfplan: ")) from None
         # Length of each curve [m].
-        self.lengths_m: list[float] = self.native.lengths
+        self.lengths_m = self.native.lengths
         if self.tight_bend is not None:
             warnings.warn(self.tight_bend, stacklevel=2)
 
@@ -204,7 +204,7 @@ class Guide:
         numbers = np.arange(len(fixture.curve.closed))
         is_guide = numbers >= 0 if guidance.stroke is None else numbers == guidance.stroke
         if fixture.pieces is not None and fixture.ignore_axis is not None:
-            curves: Any = fixture.pieces.of(is_guide)
+            curves = fixture.pieces.of(is_guide)
         else:
             curves = [fixture.strokes[number].points for number in np.flatnonzero(is_guide)]
         return cls(

@@ -551,8 +551,7 @@ class ProxyEngine:
             )
         # The core refuses the number that no point has.
         removed = np.where((removed < 0) | (removed >= 2**32), 2**32 - 1, removed)
-        is_empty = add is None or np.size(add) == 0
-        added = np.empty((0, 3)) if is_empty else check_points(add)
+        added = np.empty((0, 3)) if add is None or np.size(add) == 0 else check_points(add)
         self.make_editable()
         with core_errors(SceneError):
             is_taken = self.native.edit(removed.astype(np.uint32), added)

@@ -405,8 +405,7 @@ class Table:
             for mark in ",."
         ]
         if self.separator != "," and all(with_mark):
-            line = max(lines[0] for lines in with_mark)
-            place = f"{self.where}, line {line}"
+            place = f"{self.where}, line {max(lines[0] for lines in with_mark)}"
             raise self.kind(MIXED_DECIMALS, where=place, code="decimal-ambiguous")
 
 
@@ -507,8 +506,7 @@ def split_rows(
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         text = f"is no CSV: {error}. Save the table again as CSV"
-        place = f"{where}, line {reader.line_num}"
-        raise kind(text, where=place, code="table-broken") from None
+        raise kind(text, where=f"{where}, line {reader.line_num}", code="table-broken") from None
 
 
 def parse_number(value: object, what: str, where: str | None, kind: ErrorKind) -> float:
@@ -556,7 +554,7 @@ class NumberTable:
             one place and a decimal point in another
         """
         indices = [self.columns.index(column) for column in columns]
-        marks: set[bytes] = set()
+        marks = set()
         with self.open_stream() as stream:
             for _ in range(self.header_lines):
                 stream.readline(MAX_LINE_BYTES + 1)

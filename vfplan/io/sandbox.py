@@ -171,10 +171,9 @@ def isolated_python(code: str, *args: str) -> list[str]:
     With -I neither the current folder nor PYTHON variables count. The folders that this process
     imports from are named instead, without the current one.
     """
-    current = os.path.realpath(os.curdir)
     package_folder = str(Path(__file__).resolve().parents[2])
-    others = [folder for folder in sys.path if os.path.isabs(folder)]
-    others = [one for one in others if os.path.realpath(one) not in (current, package_folder)]
+    apart = os.path.realpath(os.curdir), package_folder
+    others = [one for one in filter(os.path.isabs, sys.path) if os.path.realpath(one) not in apart]
     folders = [*others, package_folder]
     return [sys.executable, "-I", "-c", f"import sys; sys.path[:] = {folders!r}; {code}", *args]
 
@@ -446,8 +445,7 @@ class Loopback:
 
     def has_token(self, query: dict[str, list[str]]) -> bool:
         """Whether the parts of an address, as `parse_qs` gives them, hold this run's token."""
-        given = query.get("token", [""])[0]
-        return hmac.compare_digest(given.encode(), self.token.encode())
+        return hmac.compare_digest(query.get("token", [""])[0].encode(), self.token.encode())
 
     @property
     def connections(self) -> set[Any]:

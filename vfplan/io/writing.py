@@ -108,8 +108,7 @@ def whole_file(path: Path, *, overwrite: bool, mode: int = 0o666) -> Iterator[Bi
     """
     try:
         if path.is_dir():
-            text = "is a directory. Name a file"
-            raise OutputError(text, where=path, code="output-is-folder")
+            raise OutputError("is a directory. Name a file", where=path, code="output-is-folder")
         if path.exists() and not overwrite:
             raise OutputError(EXISTS, where=path, code="output-exists")
         with unfinished(path, mode) as (temporary, file):

@@ -78,7 +78,7 @@ def vfplan_live(
     ticks = stream_of(source, seal["sha256"])
 
     feed = PositionStream(rate)
-    servers: list[Any] = []
+    servers = []
     writer = receiver = poses_file = None
     with ExitStack() as stack:
         parts = {path: started_part(stack, path) for path in (mcap, poses_out) if path is not None}
@@ -92,7 +92,7 @@ def vfplan_live(
 
             servers.append(stack.enter_context(closing(Web(scene, fixture.name, web, feed))))
             click.echo(f"vfplan: page at http://127.0.0.1:{servers[-1].port}/", err=True)
-        sources: dict[str, Any] = {"tick": feed}
+        sources = {"tick": feed}
         if poses_from is not None:
             from vfplan.live.server import POSE_HEADER, PoseReceiver, pose_rows
 
@@ -186,7 +186,7 @@ def pass_on(
     """
     data = {"ticks": 0, "dropped": 0, "lost_datagrams": 0, "bad_datagrams": 0,
             "first_bad_datagram": ""}  # fmt: skip
-    told: list[str] = []
+    told = []
     started, end = time.monotonic(), "to the end"
     with noted_signals() as stopped:
         for portion, counts in ticks:

@@ -83,8 +83,7 @@ def crc64(data: bytes) -> int:
 def message(kind: str, device: str, time_s: float, body: bytes) -> bytes:
     """Header and body; `time_s` since 1970."""
     stamp = (int(time_s) << 32) | int((time_s % 1.0) * 2**32)
-    head = HEADER.pack(1, kind.encode(), device.encode(), stamp, len(body), crc64(body))
-    return head + body
+    return HEADER.pack(1, kind.encode(), device.encode(), stamp, len(body), crc64(body)) + body
 
 
 # Factors of each coordinate from m to Slicer's mm in RAS. Points of the robot's frame are taken for
@@ -290,9 +289,9 @@ class PoseReceiver:
         # Each with its time, and the time of its receipt.
         self.poses: list[tuple[float, float, Array]] = []
         # How many transforms of the device were not taken, by reason.
-        self.left_out: Counter[str] = Counter()
+        self.left_out = Counter()
         # Names of other transforms that came, and how the connection fared.
-        self.other_devices: set[str] = set()
+        self.other_devices = set()
         self.has_ended, self.reconnected = False, 0
         self._server, self._closing, self._received = (host, port), threading.Event(), 0.0
         # How many poses `new_rows` gave, and when the last one came, by `time.monotonic`.

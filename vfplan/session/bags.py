@@ -156,12 +156,11 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
     counts = np.bincount(which)
     is_used = np.isin(which, [senders[sender] for sender in chosen])
     times = np.reshape(stamps, (-1, 2))[is_used]
-    stamped = bool((times[:, 0] > 0).all())
-    if ros.time == "header" and not stamped:
+    unstamped = int(np.count_nonzero(times[:, 0] <= 0))
+    if ros.time == "header" and unstamped:
         message = f"not every message of {topic!r} has a time of its own. Give --time log"
         raise SessionError(message, code="no-header-time")
-    column = int(ros.time == "log" or not stamped)
-    unstamped = int(np.count_nonzero(times[:, 0] <= 0))
+    column = int(ros.time == "log" or unstamped > 0)
     times, numbers = times[:, column], np.array(which)[is_used]
     check_senders(topic, list(senders), {s: times[numbers == senders[s]] for s in chosen})
     for sender in chosen:
@@ -310,13 +309,13 @@ def _type_name(value: Any) -> str:
 
 def _value_at(message: Any, field: str) -> Any:
     """What a message holds at a dotted path; raises `SessionError` where it has none."""
-    for name in field.split("."):
+    for name in filter(None, field.split(".")):
         if name.isdecimal() and isinstance(message, list) and int(name) < len(message):
             message = message[int(name)]
-        elif name and not hasattr(message, name):
+        elif not hasattr(message, name):
             text = f"a message of {_type_name(message)} has no {name!r}. Choose another field"
             raise SessionError(text, code="field-missing")
-        elif name:
+        else:
             message = getattr(message, name)
     return message
 

@@ -32,7 +32,7 @@ RESULT_VERSION = "1.0"
 ADVICE = "Give a result of vfplan replay"
 
 # Dataset -> (shape of a row, type, unit)
-TABLE: dict[str, tuple[tuple[int, ...], str, str]] = {
+TABLE = {
     "time": ((), "<f8", "s"),
     "hip": ((3,), "<f8", "m"),
     "proxy": ((3,), "<f8", "m"),

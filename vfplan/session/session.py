@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan.display import MAX_LISTED, Report
 from vfplan.engine.parameters import MAX_COORDINATE
 from vfplan.errors import SessionError, SettingError
-from vfplan.geometry.lines import Array, interpolated, row_lengths
+from vfplan.geometry.lines import Array, Flags, interpolated, row_lengths
 from vfplan.io.files import METRES
 
 # The frames in which a robot's positions can be.
@@ -58,7 +57,7 @@ class LongestRun:
     def __init__(self) -> None:
         self.length = self.tick = self._open = 0
 
-    def update(self, flags: NDArray[np.bool_], first_tick: int) -> None:
+    def update(self, flags: Flags, first_tick: int) -> None:
         """Take in the flags of the next ticks (n,), of which the first is `first_tick`."""
         edges = np.concatenate(([-1 - self._open], np.flatnonzero(~flags), [len(flags)]))
         lengths = np.diff(edges) - 1
@@ -226,7 +225,7 @@ class Session:
     frame: str = "robot_base"
     name: str = "session"
     sha256: str | None = None
-    notes: dict[str, object] = field(default_factory=dict)
+    notes: Report = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         time = np.ascontiguousarray(self.time, dtype=np.float64)
@@ -259,7 +258,7 @@ class SessionStream:
     name: str
     frame: str = "robot_base"
     sha256: str | None = None
-    notes: dict[str, object] = field(default_factory=dict)
+    notes: Report = field(default_factory=dict)
 
     def blocks(self, size: int = BLOCK) -> Blocks:
         """Blocks of `size` ticks (the last one shorter), checked.

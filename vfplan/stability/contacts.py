@@ -5,18 +5,18 @@ Also the result of one case: what was expected, and what was measured.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vfplan import scenes
+from vfplan.display import Report
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
-from vfplan.fixture import Fixture, Pieces
+from vfplan.fixture import Fixture, Indices, Pieces
 from vfplan.geometry.lines import flattened, row_lengths
 
 # R = r_c of the scenes [m], as in the paper's experiments.
@@ -29,6 +29,9 @@ ROUNDING_M = 1e-12
 HAND_SHARE = 0.2
 
 X, Y, Z = np.eye(3)
+
+# What rule "exact" renders, where that is known: lines and arcs, or triangles.
+ExactShape = Pieces | Indices | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,7 @@ class Contact:
     radius: float = RADIUS
     hand_share: float = 0.0
     start_distance: float = 0.2
-    exact_shape: Pieces | NDArray[np.int32] | None = None
+    exact_shape: ExactShape = None
 
     @property
     def inward(self) -> Vector:
@@ -112,7 +115,7 @@ def omega() -> Iterator[Contact]:
 # Every scene of contact by its name: a flat sheet, the outside of a cylinder of radius 30 mm,
 # concave corners, a channel 5 µm wider than the proxy, a single point, two sheets 4 mm apart, and
 # the paper's Ω.
-SCENES: dict[str, Callable[[], Iterator[Contact]]] = {
+SCENES = {
     "flat": partial(beside, scenes.Sheet(), scenes.Sheet.centre + RADIUS * Y, Y),
     "convex": partial(beside, scenes.Circle(radius=0.03, extrude=0.06), (0.03 + RADIUS) * X, X,
                       hand_share=HAND_SHARE),
@@ -160,13 +163,12 @@ def contacts_along(fixture: Fixture, count: int) -> Iterator[Contact]:
 
 def contacts_beside(
     points: Vector, place: Vector, ignore_axis: str | Vector | None, radius: float,
-    exact_shape: Pieces | NDArray[np.int32] | None,
+    exact_shape: ExactShape,
 ) -> Iterator[Contact]:  # fmt: skip
     """The contacts of a ball of `radius` [m] on both sides of the cloud at `place` (3,) [m]."""
     axis = check_axis(ignore_axis)
     flat_points, flat_place = flattened(points, axis), flattened(place[None], axis)[0]
-    distance = row_lengths(flat_points - flat_place)
-    normal = cloud_normal(flat_points[distance < radius], axis)
+    normal = cloud_normal(flat_points[row_lengths(flat_points - flat_place) < radius], axis)
     for outward in (normal, -normal):
         touch = first_touch(flat_points, flat_place + 1.5 * radius * outward, -outward, radius)
         if touch is not None:
@@ -238,9 +240,9 @@ class CaseResult:
     limit: float | None = None
     measured: float | None = None
     unit: str = ""
-    values: dict[str, Any] = field(default_factory=dict)
+    values: Report = field(default_factory=dict)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> Report:
         """The result as `vfplan stability --json` reports it."""
         figures = dict(vars(self))
         values = figures.pop("values")

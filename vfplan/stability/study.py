@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterable
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import call
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from vfplan.display import Report, count
+from vfplan.display import Progress, Report, count
 from vfplan.engine.parameters import RULES, number
 from vfplan.engine.proxy import best_rule, check_renderable
 from vfplan.errors import CheckFailed, SceneError
@@ -170,8 +170,6 @@ DEFAULT_STIFFNESS = 1000.0
 
 # The parts of the study by name, in the order of the report.
 PARTS = ("closed-loop", "passivity", "extremes")
-
-Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
 
 
 @dataclass(frozen=True)
