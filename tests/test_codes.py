@@ -267,7 +267,7 @@ def test_what_a_replay_of_a_run_and_of_changes_remarks():
 
 
 @pytest.mark.parametrize(
-    ("fixture", "code"), [(SMALL, "leak.uncertified"), (bundles.sheet(), "leak.open_edges")]
+    "fixture, code", [(SMALL, "leak.uncertified"), (bundles.sheet(), "leak.open_edges")]
 )
 def test_what_validate_remarks(fixture, code, tmp_path):
     assert code in [issue.code for issue in validate(stored(tmp_path, fixture))]

@@ -189,7 +189,7 @@ def test_a_reset_beyond_the_wall_says_so_and_stops(controller, tmp_path):
         assert not controller.step(same).status & Status.CROSSED
 
 
-@pytest.mark.parametrize(("name", "value"), [
+@pytest.mark.parametrize("name, value", [
     *product(("max_hip_step", "max_stiffness_n_per_m"), (-1.0, np.inf, np.nan)),
     ("max_hip_step", 1e9),
 ])  # fmt: skip

@@ -5,7 +5,7 @@ import pytest
 from vfplan.display import duration, length, three_digits
 
 
-@pytest.mark.parametrize(("said", "value", "text"), [
+@pytest.mark.parametrize("said, value, text", [
     (length, 0.0, "0 nm"), (length, 3e-13, "< 1 nm"), (length, -3e-10, "> -1 nm"),
     (length, 2.5e-9, "2.50 nm"), (length, -4.02e-6, "-4.02 µm"), (length, 1.354e-3, "1.35 mm"),
     (length, 0.96356, "964 mm"), (length, 12.0, "12.0 m"),

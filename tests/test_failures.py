@@ -4,7 +4,7 @@ import failures
 import pytest
 
 
-@pytest.mark.parametrize(("scene", "settings", "what", "fails", "holds"), failures.CASES)
+@pytest.mark.parametrize("scene, settings, what, fails, holds", failures.CASES)
 def test_paper_fails_and_robust_holds(scene, settings, what, fails, holds):
     assert scene("paper", *settings)[what] >= fails
     assert scene("robust", *settings)[what] <= holds

@@ -36,7 +36,7 @@ def test_every_error_stands_in_the_drawing_and_with_a_code_of_its_own_on_the_pag
     assert row in PAGE.read_text()
 
 
-@pytest.mark.parametrize(("name", "code"), CODES.items())
+@pytest.mark.parametrize("name, code", CODES.items())
 def test_exit_code_holds_for_the_whole_branch(name, code):
     base = getattr(errors, name)
     assert all(c.exit_code == code for c in tree() if issubclass(c, base))

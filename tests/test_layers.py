@@ -79,7 +79,7 @@ def ours(nodes):
 MODULES = [source for source in sources() if source[0] not in ("__init__", "__main__")]
 
 
-@pytest.mark.parametrize(("module", "path", "tree"), MODULES, ids=[row[0] for row in MODULES])
+@pytest.mark.parametrize("module, path, tree", MODULES, ids=[row[0] for row in MODULES])
 def test_module_keeps_to_its_layer(module, path, tree):
     owner = layer(module)
     assert owner, f"{path}: name its layer in LAYERS"

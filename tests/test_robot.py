@@ -77,7 +77,7 @@ LINES = [
 ]
 
 
-@pytest.mark.parametrize(("line", "code"), LINES, ids=[line[:60] for line, _ in LINES])
+@pytest.mark.parametrize("line, code", LINES, ids=[line[:60] for line, _ in LINES])
 def test_what_the_schema_does_not_allow(tmp_path, line, code):
     key = line.split()[0]
     lines = [kept for kept in GOOD.splitlines() if not kept.startswith(f"{key} ")]

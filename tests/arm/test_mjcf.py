@@ -47,7 +47,7 @@ def test_an_arm_of_ones_own(tmp_path):
         Arm(written(tmp_path, TWO), read_robot("franka"))
 
 
-@pytest.mark.parametrize(("was", "becomes", "message"), [
+@pytest.mark.parametrize("was, becomes, message", [
     ("<worldbody>", '<include file="/etc/passwd"/><worldbody>', "<include> is not allowed"),
     ("<worldbody>", '<asset><mesh file="a.stl"/></asset><worldbody>', "<asset> is not"),
     ("<worldbody>", '<extension><plugin plugin="a"/></extension><worldbody>', "<extension>"),

@@ -111,7 +111,7 @@ def test_force_error_is_the_stiffness_times_that_of_the_proxy():
     assert errors["force_rms_n"] == pytest.approx(1e-2)
 
 
-@pytest.mark.parametrize(("lift", "kept"), [
+@pytest.mark.parametrize("lift, kept", [
     (0.0, True), (0.9e-5, True), (1.1e-5, False), (-1.1e-5, False)])  # fmt: skip
 def test_a_surface_is_judged_by_the_tolerance_on_either_side(lift, kept):
     scene = SCENES["sheet"]()
@@ -203,7 +203,7 @@ def test_peer_gets_the_scene_and_answers(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("body", "says"),
+    "body, says",
     [("sys.exit('out of paper')", "exit status 1. out of paper"), ("pass", "proxies.csv"),
      (WRITES % "float('nan')", "finite"),
      (WRITES.replace("in rows", "in rows[1:]") % "0", "(19, 4)")],

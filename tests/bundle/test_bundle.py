@@ -104,7 +104,7 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("change", "where"), WRONG.values(), ids=WRONG)
+@pytest.mark.parametrize("change, where", WRONG.values(), ids=WRONG)
 def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, where, tmp_path):
     with pytest.raises(InputError) as raised:
         vfplan.write_fixture(change(bundles.whole()), tmp_path / "a.h5")
@@ -113,7 +113,7 @@ def test_a_fixture_that_breaks_a_rule_is_refused_and_nothing_is_left(change, whe
 
 
 @pytest.mark.parametrize(
-    ("value", "says"),
+    "value, says",
     [
         (float("nan"), "the value nan"),
         (None, "the value None"),
@@ -163,7 +163,7 @@ def test_every_field_of_a_fixture_has_a_path():
     assert inner - fields == {"pieces.closed"}  # as of the curve
 
 
-@pytest.mark.parametrize(("first", "count"), [
+@pytest.mark.parametrize("first, count", [
     (0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)])  # fmt: skip
 def test_mutants_under_a_good_seal_are_refused_or_read_as_h5py_reads_them(first, count):
     """The verdicts of two readers that share no code."""

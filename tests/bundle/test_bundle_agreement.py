@@ -127,7 +127,7 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("make", "part"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize("make, part", CASES.values(), ids=CASES)
 def test_parts_that_do_not_agree_are_not_written_and_not_read(make, part, tmp_path):
     code = f"unsafe.{part}"
     with refuses(SettingError, code):

@@ -93,7 +93,7 @@ def test_constants_and_documentation_are_those_of_the_schema():
 
 
 @pytest.mark.parametrize(
-    ("components", "target"), [("", "headers"), ("COMPONENTS hdf5", "hdf5"), ("", "vfplan")]
+    "components, target", [("", "headers"), ("COMPONENTS hdf5", "hdf5"), ("", "vfplan")]
 )
 def test_a_program_reads_bundles_without_a_library(components, target, tmp_path):
     """By the reader's earlier names too, from when it needed libhdf5."""
@@ -150,7 +150,7 @@ DEMANDED = ["case 17", "R-0042", 10**10]
 
 
 @pytest.mark.parametrize(
-    ("for_whom", "code"),
+    "for_whom, code",
     [({"case": "17"}, "signature.robot"), ({"robot_serial": "R7"}, "signature.case")],
 )
 def test_a_bundle_for_nobody_in_particular_is_refused_in_cpp_too(

@@ -44,7 +44,7 @@ UNANSWERED = ("findings-unanswered", ["end-other-colour", "tick-too-long"])
 OPEN = [(bundles.doubtful, *UNANSWERED), (bundles.whole, "not-reviewed", None)]
 
 
-@pytest.mark.parametrize(("make", "code", "codes"), OPEN)
+@pytest.mark.parametrize("make, code, codes", OPEN)
 def test_what_is_open_or_not_reviewed_is_signed_only_when_told(make, code, codes, key, tmp_path):
     vfplan.write_fixture(make(), tmp_path / "a.h5")
     with refuses(CheckFailed, code) as raised:

@@ -33,7 +33,7 @@ def test_the_fuzz_target_runs_under_atheris(tmp_path):
     assert "Done 60" in done.stderr
 
 
-@pytest.mark.parametrize(("first", "count"), [
+@pytest.mark.parametrize("first, count", [
     (0, 400), pytest.param(400, 100_000, marks=pytest.mark.full)])  # fmt: skip
 def test_mutants_meet_no_fault_that_a_sanitizer_sees(first, count, tmp_path):
     """The reader in C++ with the sanitizers of addresses and undefined behaviour."""

@@ -126,7 +126,7 @@ def sweep(data, cases):
     return text
 
 
-@pytest.mark.parametrize(("name", "step"), [("whole", 1), ("large", 40_009)])
+@pytest.mark.parametrize("name, step", [("whole", 1), ("large", 40_009)])
 def test_a_flipped_bit_is_refused_by_the_seal(name, step, sealed_bytes):
     data = sealed_bytes(name)
     cases = (damage.flipped(data, i, False) for i in range(0, len(data), step))
@@ -134,7 +134,7 @@ def test_a_flipped_bit_is_refused_by_the_seal(name, step, sealed_bytes):
 
 
 @pytest.mark.parametrize(
-    ("name", "step"),
+    "name, step",
     [("small", 1), ("whole", 13), ("large", 40_009),
      pytest.param("whole", 1, marks=pytest.mark.full)],
 )  # fmt: skip

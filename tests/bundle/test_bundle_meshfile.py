@@ -97,7 +97,7 @@ WRONG_PLY = {
 }
 
 
-@pytest.mark.parametrize(("data", "reason"), WRONG_PLY.values(), ids=WRONG_PLY)
+@pytest.mark.parametrize("data, reason", WRONG_PLY.values(), ids=WRONG_PLY)
 def test_a_ply_file_that_is_not_what_it_says_is_refused(data, reason):
     with pytest.raises(InputError, match=reason):
         read_mesh(data, ".ply")
@@ -206,7 +206,7 @@ def test_the_patients_axes_that_a_mesh_names_are_obeyed(kind, tmp_path):
             imported(text, frame)
 
 
-@pytest.mark.parametrize(("text", "units", "frame", "wanted"), [
+@pytest.mark.parametrize("text, units, frame, wanted", [
     (b"frame image, unit px", "mm", None, "units-differ"),
     (b"frame image", "mm", None, "units-differ"), (b"frame robot_base, unit m", "mm", None,
     "units-differ"), (b"Exported with units: MM\r", "m", None, "units-differ"),
@@ -377,7 +377,7 @@ CLOUDS = {
 }
 
 
-@pytest.mark.parametrize(("points", "pieces", "doubles"), CLOUDS.values(), ids=CLOUDS)
+@pytest.mark.parametrize("points, pieces, doubles", CLOUDS.values(), ids=CLOUDS)
 def test_a_cloud_through_which_the_proxy_goes_is_in_pieces(points, pieces, doubles, tmp_path):
     np.save(tmp_path / "c.npy", points)
     fixture = import_cloud(tmp_path / "c.npy", units="mm")

@@ -47,7 +47,7 @@ ROWS = np.random.default_rng(8).uniform((6, 14, 0), (14, 80, 8), (54, 3)).tolist
 CASES = FEW + [pytest.param(*row, marks=pytest.mark.slow) for row in ROWS]
 
 
-@pytest.mark.parametrize(("width", "length", "wave"), CASES)
+@pytest.mark.parametrize("width, length, wave", CASES)
 def test_an_opening_that_the_proxy_fits_through_is_told(tmp_path, width, length, wave):
     points, faces = plate(width, length, wave)
     turn = Rotation.random(random_state=int(100 * width))

@@ -142,7 +142,7 @@ def test_a_refused_frame_says_why_and_shows_no_wall(page, code):
         assert np.array_equal(frame[30:], before[30:])
 
 
-@pytest.mark.parametrize(("measured_mm", "is_red"), [(None, True), (100.0, False)])
+@pytest.mark.parametrize("measured_mm, is_red", [(None, True), (100.0, False)])
 def test_a_frame_says_that_nobody_measured_the_scale_which_no_camera_sees(
     page, measured_mm, is_red
 ):

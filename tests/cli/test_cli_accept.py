@@ -38,7 +38,7 @@ def test_accepted_bundle_is_signed_without_despite_findings(vfplan_cli, sheet, t
     assert "A. Surgeon" in again.json["verdict"]
 
 
-@pytest.mark.parametrize(("words", "code", "error"), [
+@pytest.mark.parametrize("words, code, error", [
     (("--digest", "0" * 64, "--by", "A", "--answer-all"), 1, "digest-other"),
     (("--by", "A"), 1, "findings-unanswered"),
     (("--by", "A", "--answer", "ink-lost"), 2, "answer-unknown"),

@@ -42,7 +42,7 @@ def test_report_picture_and_going_on(vfplan_cli, planned, tmp_path):
     assert added["largest_m"] > 1e-3, "the session presses millimetres beyond the curve"
 
 
-@pytest.mark.parametrize(("more", "says"), [
+@pytest.mark.parametrize("more, says", [
     (("--fle-robot", "nan"), "'nan' is no number"),
     (("--margin-for", "2"), "2 is no probability"),
     (("--scheduler", "tcp://127.0.0.1:9", "--workers", "2"), "exclude each other"),

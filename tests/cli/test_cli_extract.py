@@ -71,7 +71,7 @@ def test_what_a_person_says_of_the_line_and_the_account_of_the_ink(vfplan_cli, t
     assert 0 < entry["share"] < 0.5
 
 
-@pytest.mark.parametrize(("spacing", "noted"), [("1,5", True), ("1,2", False), ("0.5", False)])
+@pytest.mark.parametrize("spacing, noted", [("1,5", True), ("1,2", False), ("0.5", False)])
 def test_a_decimal_comma_in_a_pixel_spacing_is_noted(spacing, noted, vfplan_cli, image, tmp_path):
     words = "--pixel-spacing", spacing, "--json"
     done = vfplan_cli("extract", image, "-o", tmp_path / "c.h5", *words)

@@ -73,7 +73,7 @@ def test_a_plan_takes_the_fields_of_its_settings_in_their_units(vfplan_cli, tmp_
     assert not [row for row in differing if not row["path"].startswith("/provenance")]
 
 
-@pytest.mark.parametrize(("text", "code"), [
+@pytest.mark.parametrize("text, code", [
     ('{"colour": "red", "no_such": 1}', "unknown-setting"),
     ('{"output": "x.h5"}', "unknown-setting"),
     ('{"method": "magic"}', "unknown-choice"),

@@ -33,7 +33,7 @@ def stl(tmp_path):
     return path
 
 
-@pytest.mark.parametrize(("options", "spacing"), [((), 5e-4), (("--spacing", "2"), 2e-3)])
+@pytest.mark.parametrize("options, spacing", [((), 5e-4), (("--spacing", "2"), 2e-3)])
 def test_a_mesh_is_kept_as_drawn_certified_and_in_metres(options, spacing, stl, vfplan_cli,
                                                          tmp_path):  # fmt: skip
     run = vfplan_cli("import", stl, "--units", "mm", *options, "-o", tmp_path / "a.h5",
@@ -148,7 +148,7 @@ def test_what_cannot_be_read_is_code_3_in_one_line(name, vfplan_cli, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("points", "says"),
+    "points, says",
     [(np.zeros((0, 3)), "0 points"), (np.array([[1, 2, 3], [4, np.nan, 6.0]]), "point 1")],
 )
 def test_points_are_refused_by_their_row_not_by_numbers_in_metres(points, says, tmp_path):
@@ -183,7 +183,7 @@ def test_pixels_are_no_metres(vfplan_cli, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "says"),
+    "rows, says",
     [("0,0,0\n", "a single point"), ("0,0,0\n3,0,0\n", "no point further than 3.000 mm from the")],
 )
 def test_of_a_bare_cloud_no_opening_is_told(rows, says, vfplan_cli, tmp_path):
@@ -193,7 +193,7 @@ def test_of_a_bare_cloud_no_opening_is_told(rows, says, vfplan_cli, tmp_path):
     assert says in run.stdout
 
 
-@pytest.mark.parametrize(("contact_radius_mm", "is_coarse"), [(1.5, True), (8, False)])
+@pytest.mark.parametrize("contact_radius_mm, is_coarse", [(1.5, True), (8, False)])
 def test_facets_that_are_felt_are_a_finding(contact_radius_mm, is_coarse, vfplan_cli, tmp_path):
     """Facets of 3.3 to 3.7 mm leave a ball of 6 mm by up to 0.38 mm: R / 20 is 0.075 or 0.4 mm."""
     pytest.importorskip("trimesh").creation.icosphere(1, radius=6.0).export(tmp_path / "ball.stl")

@@ -16,7 +16,7 @@ def test_without_a_command_the_help_is_shown(vfplan_cli):
 
 
 @pytest.mark.parametrize(
-    ("word", "hint"),
+    "word, hint",
     [("registr", "Did you mean 'register'?"), ("xyzzy", "Choose one of plan, extract, register")],
 )
 def test_an_unknown_command_is_answered_with_what_there_is(vfplan_cli, word, hint):

@@ -35,7 +35,7 @@ def test_a_file_that_begins_like_an_option_gets_its_folder():
     assert verify_command(DASH, Path("-k.pub"), {}) == "vfplan verify ./-dash.h5 --keys ./-k.pub"
 
 
-@pytest.mark.parametrize(("printed", "known"), [
+@pytest.mark.parametrize("printed, known", [
     (register_command(ODD, Path("my slice.png")), {"image": "my slice.png"}),
     (review_command(ODD, Path("my slice.png")), {"slice_path": "my slice.png"}),
     (page_command(ODD, None, Path("b 2.csv"), output=ODD), {"markers": "b 2.csv"}),

@@ -111,7 +111,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize(("option", "message"), [
+@pytest.mark.parametrize("option, message", [
     (("--mask-out", "m.jpg"), "has suffix '.jpg'. End the name in .png"),
     (("-o", "curve.csv"), "End the name in .h5 or .hdf5"), (("-o", "-"), "has no suffix"),
     (("--pixel-spacing", "0.5,1e-300"), "Give 1e-05 to 1000 mm"),
@@ -134,7 +134,7 @@ def test_settings_out_of_range_are_usage(vfplan_cli, tmp_path, option, message):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(("name", "value", "says"), [
+@pytest.mark.parametrize("name, value, says", [
     ("--stroke", 9, ""), ("--start", "5,5", "--start 5,5 lies"), ("--settings", '{"stroke": 9}', "")
 ])  # fmt: skip
 def test_the_page_of_a_refusal_opens_without_what_was(vfplan_cli, tmp_path, name, value, says):
@@ -173,7 +173,7 @@ def test_the_wrong_order_is_named_with_the_right_one(command, files, vfplan_cli,
     assert "IMAGE MARKERS" in run.json["error"]["message"]
 
 
-@pytest.mark.parametrize(("name", "error"), [
+@pytest.mark.parametrize("name, error", [
     ("none.png", "file-missing"), ("fifo", "not-a-file"), ("curve.csv", None)])  # fmt: skip
 def test_what_is_no_wrong_order_is_not_called_one(name, error, vfplan_cli, tmp_path):
     (tmp_path / "curve.csv").write_text("u_px,v_px\n100,100\n200,200\n")

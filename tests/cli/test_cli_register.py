@@ -45,7 +45,7 @@ def scaled(folder, factor):
     return write(folder / "bad.csv", head, lines)
 
 
-@pytest.mark.parametrize(("spacing", "severity"), [
+@pytest.mark.parametrize("spacing, severity", [
     ((), "doubt"), (("--pixel-spacing", 0.5), "note")])  # fmt: skip
 def test_a_concluded_unit_is_a_doubt_where_no_scale_checks_it(
     vfplan_cli, tmp_path, spacing, severity
@@ -56,7 +56,7 @@ def test_a_concluded_unit_is_a_doubt_where_no_scale_checks_it(
     assert {f["code"]: f["severity"] for f in found}["unit-concluded"] == severity
 
 
-@pytest.mark.parametrize(("name", "severity"), [("label", "note"), ("Counter", "doubt")])
+@pytest.mark.parametrize("name, severity", [("label", "note"), ("Counter", "doubt")])
 @pytest.mark.parametrize("height", [300, 400])
 def test_a_symmetric_pattern_is_a_doubt_where_the_program_numbered_the_points(
     vfplan_cli, curve, tmp_path, name, severity, height

@@ -136,7 +136,7 @@ def test_depth_on_the_planned_slice(vfplan_cli, root, tmp_path):
     assert not list(tmp_path.glob("two*"))
 
 
-@pytest.mark.parametrize(("limits", "code", "verdict"), [
+@pytest.mark.parametrize("limits, code, verdict", [
     ([], 0, "not-tested"),
     (["--at-most", "force_max_n=1000"], 0, "pass"),
     (["--at-most", "force_max_n=1e-6"], 1, "fail"),

@@ -102,7 +102,7 @@ def test_a_picture_of_another_size_is_refused_for_registration(vfplan_cli, folde
 
 
 @pytest.mark.parametrize("option", [("--margin", "tre95"), ("--contact-radius", 8)])
-@pytest.mark.parametrize(("output", "name"), [("--sheet-out", "s.png"), ("-o", "o.h5")])
+@pytest.mark.parametrize("output, name", [("--sheet-out", "s.png"), ("-o", "o.h5")])
 def test_options_of_planning_are_refused_for_a_fixture(
     output, name, option, vfplan_cli, folder, tmp_path
 ):

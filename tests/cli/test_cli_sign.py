@@ -66,7 +66,7 @@ def test_verify_names_the_key(desk, at_desk):
     assert run.json["renders"].endswith("approved by nobody")
 
 
-@pytest.mark.parametrize(("words", "names"), [
+@pytest.mark.parametrize("words, names", [
     ((), ["case", "robot_serial"]), (("--case", "C1"), ["robot_serial"]),
     (("--robot-serial", "R7"), ["case"]), (("--case", "C1", "--robot-serial", "R7"), []),
 ])  # fmt: skip
@@ -75,7 +75,7 @@ def test_what_was_compared_with_nothing_is_said(words, names, at_desk):
     assert (run.json["not_compared"], len(run.json.get("warnings", []))) == (names, len(names))
 
 
-@pytest.mark.parametrize(("file", "keys", "words", "kind", "reason"), [
+@pytest.mark.parametrize("file, keys, words, kind, reason", [
     ("a.h5", "alice.pub", [], "SignatureError", "not signed"),
     ("s.h5", "alice.pub", ["--case", "C2"], "SignatureError", "C1"),
     ("s.h5", "alice.pub", ["--robot-serial", "R8"], "SignatureError", "R7"),
@@ -124,7 +124,7 @@ def test_what_cannot_be_signed_is_refused_and_nothing_written(words, desk, at_de
     assert not (desk / "none.h5").exists()
 
 
-@pytest.mark.parametrize(("given", "says"), [
+@pytest.mark.parametrize("given, says", [
     *(({"keys": {}, "max_age": age}, "maximum age") for age in (float("nan"), float("inf"), -1.0)),
     *(({"keys": keys}, "read_keys") for keys in ("alice.pub", [], None, {"alice": 1})),
 ])  # fmt: skip

@@ -81,7 +81,7 @@ def test_options_win_over_the_robot(vfplan_cli, dot):
 
 
 @pytest.mark.parametrize(
-    ("filter_hz", "damping", "least_hz"),
+    "filter_hz, damping, least_hz",
     [(1e-12, 5, 0.5), (1e-6, 5, 0.5), (0.1, 5, 0.5), (5, 1000, 100)],
 )
 def test_a_filter_behind_which_a_hand_bears_every_stiffness_is_refused(

@@ -43,7 +43,7 @@ def test_a_file_that_is_no_bundle_is_invalid_and_a_missing_one_bad_input(vfplan_
     assert vfplan_cli("validate", tmp_path / "none.h5").code == 3
 
 
-@pytest.mark.parametrize(("across_m", "moved_m", "doubtful"), [
+@pytest.mark.parametrize("across_m, moved_m, doubtful", [
     (0.05, 0.4, False), (2.5, 1, False), (50, 0, True), (5e-5, 0.4, True), (0.05, 50, True),
 ])  # fmt: skip
 def test_a_size_that_a_wrong_unit_gives_is_warned_of(across_m, moved_m, doubtful, vfplan_cli,
@@ -56,7 +56,7 @@ def test_a_size_that_a_wrong_unit_gives_is_warned_of(across_m, moved_m, doubtful
     assert ("points.size" in {i["code"] for i in run.json["issues"]}) is doubtful
 
 
-@pytest.mark.parametrize(("change", "says"), [
+@pytest.mark.parametrize("change, says", [
     ({"contact_radius": 5e-10, "band": 1e-11}, "contact_radius is 5e-10 m"),
     ({"band": 4e-11}, "band is 4e-11 m"),
     ({"stiffness": np.array([1000.0, 0.0, 1000.0])}, "stiffness"),

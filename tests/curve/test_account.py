@@ -48,7 +48,7 @@ def test_all_other_ink_is_listed_the_largest_first():
     assert first.share == pytest.approx(first.pixels / np.count_nonzero(extraction.mask), rel=0.1)
 
 
-@pytest.mark.parametrize(("gap", "way", "found"), [
+@pytest.mark.parametrize("gap, way, found", [
     (25, (10, 0), ["ink-at-end"]), (48, (10, 0), ["ink-joins"]), (48, (0, 10), []),
     (70, (10, 0), []), (25, (1, 0), [])])  # fmt: skip
 def test_ink_ahead_of_an_end_is_asked_about_unless_it_is_a_dot_or_far(gap, way, found):
@@ -75,7 +75,7 @@ ALONG_BORDER = np.vstack([CURVE, [[330, 150], [336, 152], [336, 260]]])
 
 
 @pytest.mark.parametrize(
-    ("image", "found", "place", "within"),
+    "image, found, place, within",
     [
         (painted((CURVE[:450], 3.0), (CURVE[560:], 3.0)), ["ink-at-end"], CURVE[560], 4),
         (BOXED, ["ink-at-end"], (231, 169), 3),
@@ -118,7 +118,7 @@ def test_a_line_off_the_direction_of_an_end_and_a_frame_around_all_are_listed_on
         assert (codes(extraction), len(extraction.account)) == ([], 1)
 
 
-@pytest.mark.parametrize(("width", "code"), [(8, ["bridge"]), (30, ["stretch-hidden"])])
+@pytest.mark.parametrize("width, code", [(8, ["bridge"]), (30, ["stretch-hidden"])])
 def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_noted(width, code):
     image = picture()
     u, v = CURVE[300]
@@ -133,7 +133,7 @@ def test_a_long_hidden_stretch_is_asked_about_and_a_short_one_is_noted(width, co
 
 
 @pytest.mark.parametrize(
-    ("middle", "gap", "code"),
+    "middle, gap, code",
     [(300, 10, "bridge"), (300, 32, "bridge-long"), (500, 10, "bridge-near-end"),
      (420, 10, "bridge-near-end")],
 )  # fmt: skip
@@ -165,7 +165,7 @@ def test_faint_ink_that_is_listed_is_asked_about_once():
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"),
+    "kind, seed",
     [("linear light", 13), ("thin", 14), ("taper", 19), ("leader", 7),
      ("window frame", 15), ("leader", 3), ("leader", 16)],
 )  # fmt: skip
@@ -175,7 +175,7 @@ def test_what_the_picture_explains_is_not_asked_about(kind, seed):
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed", "code"),
+    "kind, seed, code",
     [*(("double run", seed, "width-changes") for seed in (271839, 314160, 314178)),
      *(("letter at an end", seed, "corner-near-end") for seed in (5058, 5080, 5109, 5138)),
      ("letter at an end", 13705, "width-changes")],
@@ -184,7 +184,7 @@ def test_a_second_run_in_jpeg_and_a_letter_are_asked_about(kind, seed, code):
     assert code in codes(extract_curve(extraction_kinds.draw(kind, seed).image))
 
 
-@pytest.mark.parametrize(("grey", "asked"), [(90, True), (None, False)])
+@pytest.mark.parametrize("grey, asked", [(90, True), (None, False)])
 def test_an_even_grey_at_an_end_is_asked_about(grey, asked):
     rough = np.random.default_rng(3).normal(0, 6, SHAPE)
     image = to_uint8(blend(flat(SHAPE) + rough[..., None], coverage(SHAPE, CURVE, 3.0), RED))
@@ -204,7 +204,7 @@ def test_strokes_on_both_sides_of_the_line_are_asked_about():
     assert [finding.code for finding in found] == ["ink-joins"] * 2
 
 
-@pytest.mark.parametrize(("length", "code"), [(10, "ink-touches"), (16, "width-changes")])
+@pytest.mark.parametrize("length, code", [(10, "ink-touches"), (16, "width-changes")])
 def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies(length, code):
     end = CURVE[-1]
     stroke = [end, np.add(end, (0.08 * length, length))]
@@ -213,7 +213,7 @@ def test_a_thin_stroke_at_the_end_of_a_broad_line_is_asked_about_where_it_lies(l
     assert np.hypot(*(stroke[1] - extraction.findings[0].place_px)) < 10
 
 
-@pytest.mark.parametrize(("turn_deg", "found"), [(0, []), (40, ["corner-near-end"]),
+@pytest.mark.parametrize("turn_deg, found", [(0, []), (40, ["corner-near-end"]),
                                                  (90, ["corner-near-end"])])  # fmt: skip
 def test_a_leader_line_that_leaves_the_end_at_a_corner_is_asked_about_there(turn_deg, found):
     end, before = CURVE[[-1, -2]]
@@ -225,7 +225,7 @@ def test_a_leader_line_that_leaves_the_end_at_a_corner_is_asked_about_there(turn
     assert codes(extract_curve(image, end=tuple(end))) == []
 
 
-@pytest.mark.parametrize(("gap_px", "found"), [(26.0, [("ink-at-end", True)]), (60.0, [])])
+@pytest.mark.parametrize("gap_px, found", [(26.0, [("ink-at-end", True)]), (60.0, [])])
 def test_ends_that_face_each_other_over_a_gap_are_asked_about(gap_px, found):
     angle = np.linspace(0, 2 * np.pi, 801) + (gap_px + 3.0) / 160 * np.linspace(1, -1, 801)
     ring = np.column_stack([170 + 80 * np.cos(angle), 150 + 80 * np.sin(angle)])
@@ -267,7 +267,7 @@ def test_a_fourth_piece_at_the_line_and_a_curve_that_runs_back_are_asked_about()
     assert [found.code for found in fold_findings([spur])] == ["curve-folds"]
 
 
-@pytest.mark.parametrize(("image", "marks"), [(picture(), 0), (picture(), 9), (HIDDEN, 0)])
+@pytest.mark.parametrize("image, marks", [(picture(), 0), (picture(), 9), (HIDDEN, 0)])
 def test_markers_and_words_of_other_colours_are_no_account(image, marks):
     for k in range(marks):
         place = 20 + 35 * k, 40

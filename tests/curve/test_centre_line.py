@@ -86,7 +86,7 @@ def test_a_straight_line_of_any_slope(slope, turned):
     assert not stroke.closed
 
 
-@pytest.mark.parametrize(("quality", "limit_px"), [
+@pytest.mark.parametrize("quality, limit_px", [
     (None, 0.02), (90, 0.05), (75, 0.08), (60, 0.12)])  # fmt: skip
 def test_a_hands_curve_over_bones(quality, limit_px):
     errors, ratios = [], []
@@ -123,7 +123,7 @@ def test_a_translucent_pen(opacity):
 
 
 @pytest.mark.parametrize("colour", [(0, 255, 255), (40, 60, 220), (0, 200, 60), (255, 0, 255)])
-@pytest.mark.parametrize(("quality", "limit_px"), [(None, 0.06), (90, 0.3)])
+@pytest.mark.parametrize("quality, limit_px", [(None, 0.06), (90, 0.3)])
 def test_a_line_of_another_colour_along_one_edge_moves_no_centre(colour, quality, limit_px):
     for width, gap, angle in ((1.5, 0.5, 0.3), (2.0, 0.2, 4.4), (3.0, 0.0, 1.2), (5.0, 1.5, 2.1)):
         way = unit_vectors(angle)
@@ -164,7 +164,7 @@ def test_a_turned_or_mirrored_picture_has_the_turned_or_mirrored_curve(change, c
 
 
 @pytest.mark.parametrize(
-    ("width", "cap"),
+    "width, cap",
     [(width, "round") for width in (1.0, 2.0, 3.0, 4.0, 7.0, 10.0)]
     + [(width, "butt") for width in (2.0, 3.0, 4.0, 5.0, 7.0, 10.0)],
 )

@@ -46,7 +46,7 @@ def off_the_ring(pen: float, size: int = 700) -> float:
     return float(np.sqrt((away * away).mean()))
 
 
-@pytest.mark.parametrize(("pen", "limit_px"), [(0.5, 0.2), (3.0, 0.05), (60.0, 0.5)])
+@pytest.mark.parametrize("pen, limit_px", [(0.5, 0.2), (3.0, 0.05), (60.0, 0.5)])
 def test_pens_of_any_width_are_right_or_refused(pen, limit_px):
     try:
         assert off_the_ring(pen) < limit_px

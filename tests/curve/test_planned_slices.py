@@ -21,7 +21,7 @@ SLICES = [
 ]
 
 
-@pytest.mark.parametrize(("name", "limit_px", "lifts", "end_limit_px"), SLICES)
+@pytest.mark.parametrize("name, limit_px, lifts, end_limit_px", SLICES)
 def test_a_real_slice_is_measured_right(shared_data, name, limit_px, lifts, end_limit_px):
     closed = end_limit_px is None
     folder = shared_data / "planned"

@@ -102,7 +102,7 @@ def test_a_paler_line_behind_a_gap_is_another_pens(strength):
     assert refusal(image).code == "several-candidates"
 
 
-@pytest.mark.parametrize(("second", "max_gap", "advised"), [
+@pytest.mark.parametrize("second, max_gap, advised", [
     (line(160, 100, 290, 100), 10.0, True),
     (line(160, 100, 170, 230), 60.0, False),  # the directions differ
     (line(240, 100, 330, 100), 20.0, False),  # the gap is longer than a line
@@ -138,7 +138,7 @@ def test_runs_side_by_side():
     assert len(extract_curve(image, accept_width=True).strokes) == 1
 
 
-@pytest.mark.parametrize(("widths", "asked"), [
+@pytest.mark.parametrize("widths, asked", [
     ((2.2, 4.8), True), ((6.0, 3.0), True), ((6.5, 2.0), True), ((2.0, 7.0, 2.0, 7.0), True),
     ((3, 3, 6, 6, 3, 3, 3), True), ((3.0, 3.6, 3.0), False)])  # fmt: skip
 def test_a_pressed_pen_is_measured_and_asked_about_where_it_is_wide(widths, asked):
@@ -187,7 +187,7 @@ def test_a_frame_along_the_border_is_no_curve():
     assert extract_curve(only, stroke=1).strokes[0].closed
 
 
-@pytest.mark.parametrize(("options", "code"), [
+@pytest.mark.parametrize("options, code", [
     ({"method": "magic"}, "method-unknown"),
     ({"stroke": 0}, "stroke-unknown"),
     ({"stroke": True}, "stroke-unknown"),

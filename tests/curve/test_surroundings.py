@@ -7,7 +7,7 @@ from surroundings import table
 
 
 @pytest.mark.parametrize(
-    ("share", "least_right"), [(0.1, 0.9), pytest.param(1.0, 0.95, marks=pytest.mark.slow)]
+    "share, least_right", [(0.1, 0.9), pytest.param(1.0, 0.95, marks=pytest.mark.slow)]
 )
 def test_no_bar_scale_box_or_icon_is_a_silent_curve_and_lines_are_right(share, least_right):
     counts = table(500, share)

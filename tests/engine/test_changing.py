@@ -76,7 +76,7 @@ def test_a_hole_that_opens_lets_the_force_go_slowly():
     assert changing == pytest.approx(90, abs=3), "the force is gone within 0.1 s"
 
 
-@pytest.mark.parametrize(("k", "other"), [(3000, 100), (1000, 1), (1, 1000), (1000, 1e6)])
+@pytest.mark.parametrize("k, other", [(3000, 100), (1000, 1), (1, 1000), (1000, 1e6)])
 def test_whatever_the_stiffnesses_the_force_goes_in_small_steps_and_ends_in_free_space(k, other):
     e, h = pressed()
     e.exchange(engine(sheet(), stiffness=k))

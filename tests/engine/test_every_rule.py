@@ -104,7 +104,7 @@ def used_curves(rng):
     return lambda: ProxyEngine.along(curve, R), hips[::-1], hips[0] + [1, 0, 0], hips
 
 
-@pytest.mark.parametrize(("used_before", "cases"),
+@pytest.mark.parametrize("used_before, cases",
     [(used_clouds, 60), (used_closely, 80), (used_curves, 3)])  # fmt: skip
 def test_nothing_survives_a_reset_to_the_bit(used_before, cases):
     """A used engine after reset answers as a fresh one, wherever its HIP was and stays."""
@@ -130,7 +130,7 @@ def starts():
     yield "in a filled ball", np.random.default_rng(1).normal(size=(3000, 3)) * 4e-3, [0, 0, 0]
 
 
-@pytest.mark.parametrize(("name", "points", "start"), [*starts()], ids=[s[0] for s in starts()])
+@pytest.mark.parametrize("name, points, start", [*starts()], ids=[s[0] for s in starts()])
 def test_a_start_inside_is_told_and_left_without_a_force_jump(name, points, start):
     """A resting hand: out in a second at most, the status says so, and then all is still."""
     engine = ProxyEngine(points)

@@ -55,7 +55,7 @@ def case(seed, tally, rooms=False):
             tally["stuck"] += int(curves.way_left(parts, x[-1], hips[-1, :2]) > 0.05)
 
 
-@pytest.mark.parametrize(("seeds", "ticks"),
+@pytest.mark.parametrize("seeds, ticks",
     [(range(40), 2.5e4), pytest.param(range(100, 15000), 1e7, marks=pytest.mark.full)])  # fmt: skip
 def test_never_inside_never_grows_and_rests(seeds, ticks):
     tally = Counter()

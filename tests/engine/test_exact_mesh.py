@@ -53,7 +53,7 @@ def case(seed, tally, mesh=meshes.mesh):
                 tally["stuck"] += int(meshes.way_left(rng, corners, x[-1], hips[-1]) > 0.05)
 
 
-@pytest.mark.parametrize(("seeds", "mesh", "ticks"), [
+@pytest.mark.parametrize("seeds, mesh, ticks", [
     (range(12), meshes.mesh, 2e3 / 0.3), (range(4), meshes.facets, 0),
     pytest.param(range(60), meshes.facets, 0, marks=pytest.mark.full),
     pytest.param(range(100, 1800), meshes.mesh, 1e6, marks=pytest.mark.full)])  # fmt: skip
@@ -308,7 +308,7 @@ def test_rules_that_render_points_take_samples_of_a_drawn_mesh(rule):
     assert engine.step(way[-1]).proxy == pytest.approx(way[-1], abs=1e-9)
 
 
-@pytest.mark.parametrize(("triangles", "said"), [
+@pytest.mark.parametrize("triangles, said", [
     ([[0, 1]], r"\(K, 3\)"), ([[0, 1, 3]], "0 to 2"), ([[0, -1, 2]], "0 to 2"),
     ([[0.0, 1, 2]], r"\(K, 3\)"), (np.empty((0, 3), int), r"\(K, 3\)")])  # fmt: skip
 def test_what_is_no_mesh_is_refused(triangles, said):

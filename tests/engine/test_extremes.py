@@ -64,7 +64,7 @@ def engines(outline, scale, offset, noise, stiffness):
         yield ProxyEngine.on(mesh, faces, **settings), Contact(mesh, away, UP, exact_shape=faces)
 
 
-@pytest.mark.parametrize(("scale", "offset"), [(1, 0), (1, 1), (1, 999_999), (1e-6, 0), (1e3, 0)])
+@pytest.mark.parametrize("scale, offset", [(1, 0), (1, 1), (1, 999_999), (1e-6, 0), (1e3, 0)])
 @pytest.mark.parametrize("noise", [0, 0.2])
 @pytest.mark.parametrize("outline", OUTLINES)
 def test_every_rule_keeps_its_promises_on_extreme_geometry(outline, noise, scale, offset):

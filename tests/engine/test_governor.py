@@ -111,7 +111,7 @@ def test_what_is_no_number_fades_out_and_is_said():
     assert force == pytest.approx([9.4, 0, 0])
 
 
-@pytest.mark.parametrize(("settings", "numbers"), [
+@pytest.mark.parametrize("settings, numbers", [
     *(({name: value}, {name: value}) for name, value in (
         ("force_step_n", 0.0), ("force_step_n", np.inf), ("force_step_n", 40.1), ("mass_kg", 0.0),
         ("force_max_n", -1.0),

@@ -82,7 +82,7 @@ def test_a_crossing_is_gone_through_straight_on():
     assert trace.force == pytest.approx(np.broadcast_to([0, 0, -1.0], (4000, 3)), abs=1e-6)
 
 
-@pytest.mark.parametrize(("points", "closed", "radius", "fits", "why"), [
+@pytest.mark.parametrize("points, closed, radius, fits, why", [
     (circle(2e-3), True, 2.1e-3, 2e-3, "turns round"),
     (hairpin(), False, 5.2e-3, 4.95e-3, "beside each other|turns round"),
     (hairpin(apart=4e-3), False, 6e-3, 2e-3, "beside each other|turns round")])  # fmt: skip
@@ -223,7 +223,7 @@ def test_a_bad_hip_changes_nothing():
     assert guide.step([0.03, 3e-3, 0]).force == pytest.approx(good.force)
 
 
-@pytest.mark.parametrize(("error", "message", "change"), [
+@pytest.mark.parametrize("error, message, change", [
     (SettingError, "radius .*-1 m", {"radius": -1}),
     (SettingError, "stiffness .*0 N/m", {"stiffness": 0}),
     (SettingError, "ends .*'wrap'.*stop, open", {"ends": "wrap"}),

@@ -248,7 +248,7 @@ def test_a_controllers_bits_are_pythons(program, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("exchanges", "edits"), [(60, 4000), pytest.param(10_000, 1_000_000, marks=pytest.mark.full)]
+    "exchanges, edits", [(60, 4000), pytest.param(10_000, 1_000_000, marks=pytest.mark.full)]
 )
 def test_exchanges_and_edits_under_load_race_with_nothing(program, exchanges, edits):
     for word, done, count in (("exchange", "exchanged", exchanges), ("edit", "edited", edits)):

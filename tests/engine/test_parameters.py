@@ -42,7 +42,7 @@ BANDS = {
 }
 
 
-@pytest.mark.parametrize(("points", "settings", "band"), BANDS.values(), ids=BANDS)
+@pytest.mark.parametrize("points, settings, band", BANDS.values(), ids=BANDS)
 def test_a_band_left_open_keeps_its_bounds(points, settings, band):
     assert MAKE(points, **settings).band == band
 
@@ -55,7 +55,7 @@ OUT_OF_RANGE = {"contact_radius": [-5e-3, 0, np.nan, 1e-300, 0.999e-9, 1.01e6, 1
     "ignore_axis": [[0, 0, 0], [0, np.nan, 1]]}  # fmt: skip
 
 
-@pytest.mark.parametrize(("setting", "name"), [
+@pytest.mark.parametrize("setting, name", [
     *(({name: value}, name) for name, values in OUT_OF_RANGE.items() for value in values),
     ({"band": 1e-8, "point_radius": 2.0}, "band"),
     ({"band": 5e-3}, "outer_radius"),  # 2 r_c is no longer beyond r2
@@ -87,7 +87,7 @@ def test_a_band_that_the_coordinates_do_not_resolve_is_refused():
     ProxyEngine(far)
 
 
-@pytest.mark.parametrize(("points", "says"), [
+@pytest.mark.parametrize("points, says", [
     (np.empty((0, 3)), "at least one point"), ([], "shape (0,)"), ([0.0, 0.0, 0.0], "shape (3,)"),
     ([[0.0, 0.0]], "shape (1, 2)"),
     ([[0.0, 0.0, 0.0], [0.0, np.nan, 0.0]], "point 1 is [0.0, nan, 0.0]"),

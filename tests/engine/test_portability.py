@@ -19,7 +19,7 @@ def compiled(tmp_path, *flags, band="1e-5", compiler="g++"):
 
 
 # Told that there is no NaN, without vector extensions, or with the rules compiled apart.
-@pytest.mark.parametrize(("flag", "reason"), [
+@pytest.mark.parametrize("flag, reason", [
     *((f"-f{word}", "a NaN would become a force") for word in ("fast-math", "finite-math-only")),
     ("-Ofast", "a NaN would become a force"), ("-U__GNUC__", "build with g++, clang or MinGW"),
     ("-DVFPLAN_COMPILED", "make_impl")])  # fmt: skip

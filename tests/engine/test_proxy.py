@@ -79,7 +79,7 @@ def filled(dims, half, spacing):
     return np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
 
 
-@pytest.mark.parametrize(("dims", "half"), [(2, 0.12), (2, 0.012), (3, 0.012)])
+@pytest.mark.parametrize("dims, half", [(2, 0.12), (2, 0.012), (3, 0.012)])
 def test_a_start_deep_in_a_thick_fixture_is_taken_out(dims, half):
     """Up to 120 R thick: the spring grows no longer than the way out, and the status ends."""
     radius = 1e-3

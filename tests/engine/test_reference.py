@@ -23,7 +23,7 @@ def tick(proxy, hip, points=ORIGIN, **settings):
     return engine.step(hip)
 
 
-@pytest.mark.parametrize(("distance", "state"), [
+@pytest.mark.parametrize("distance, state", [
     (4.9899e-3, 2), (RC - BAND, 1), (RC, 1), (RC + BAND, 1), (5.0101e-3, 0), (9.9999e-3, 0),
     (2 * RC, -1), (10.01e-3, -1)])  # fmt: skip
 @pytest.mark.parametrize("rv", [0.0, 2e-3])
@@ -60,7 +60,7 @@ TICKS = {
 }
 
 
-@pytest.mark.parametrize(("proxy", "hip", "settings", "state", "moved"), TICKS.values(), ids=TICKS)
+@pytest.mark.parametrize("proxy, hip, settings, state, moved", TICKS.values(), ids=TICKS)
 def test_a_tick_has_its_closed_form(proxy, hip, settings, state, moved):
     step = tick(proxy, hip, **settings)
     assert step.state == state
@@ -86,7 +86,7 @@ LINE = np.arange(-60, 61)[:, None] * 0.25e-3 * np.array([[1.0, 0, 0]])
 
 
 # φ uses r, not r - r_v: with r_v >= r3 - r1 nothing weighs anything on contact.
-@pytest.mark.parametrize(("points", "rv", "proxy", "normal", "within"), [
+@pytest.mark.parametrize("points, rv, proxy, normal, within", [
     *((sheet(), 0, [0.1e-3, 0.2e-3, z], [0, 0, np.sign(z)], 2e-2) for z in (RC, 3e-3, -RC)),
     (sheet(), 0, [0, 0, RC], [0, 0, 1], 1e-12), (LINE, 0, [0, 3e-3, 4e-3], [0, 0.6, 0.8], 1e-12),
     (sheet(), 6e-3, [0, 0, 11e-3], [0, 0, 0], 0),

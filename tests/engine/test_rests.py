@@ -126,7 +126,7 @@ def rests(points, kind, rng):
         yield gain / band, row_lengths(held[-100:] - held[-1]).max()
 
 
-@pytest.mark.parametrize(("kind", "make", "cases"),
+@pytest.mark.parametrize("kind, make, cases",
     [("thick line", thick_line, 40), ("hollow", hollow, 40), ("groove", groove, 12)])  # fmt: skip
 def test_where_it_rests_there_is_no_way_on(kind, make, cases):
     """Within 4.2 bands of a local minimum (most within 2), and it moves no more."""

@@ -68,7 +68,7 @@ FOLLOWED = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("make", "route", "speed", "bands"), FOLLOWED)
+@pytest.mark.parametrize("make, route, speed, bands", FOLLOWED)
 def test_narrow_ways_are_followed_at_any_speed(make, route, speed, bands):
     scene = make()
     hips = scene.path(route, speed=speed)
@@ -219,7 +219,7 @@ def test_force_steps_stay_within_what_an_arm_takes(name):
     assert steps.max() < 1.2  # N a tick
 
 
-@pytest.mark.parametrize(("wide", "um"), [(1.4, 1.0), (2.0, 0.5)])
+@pytest.mark.parametrize("wide, um", [(1.4, 1.0), (2.0, 0.5)])
 def test_a_hollow_hardly_wider_than_the_proxy_is_followed(wide, um):
     """Round inside a circle of 1.4 R and 2 R, 1 to 7 mm deep: the circle's own offset, in time."""
     circle = scenes.Circle(radius=wide * R, spacing=0.25e-3)

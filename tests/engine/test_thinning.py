@@ -50,7 +50,7 @@ def test_a_tick_over_a_dense_sheet_fits_into_a_loop_where_one_over_all_points_do
     assert _core.tick_time_bound(dense, all_points) > 2 * _core.max_tick_time
 
 
-@pytest.mark.parametrize(("make", "axis"), [(wavy, None), (stairs, None), (pen, "y")])
+@pytest.mark.parametrize("make, axis", [(wavy, None), (stairs, None), (pen, "y")])
 def test_the_proxy_is_off_every_point_and_where_all_points_would_have_it(make, axis):
     points, t = make(np.random.default_rng(3)), np.arange(0, 3, 2e-3)
     middle, top = points.mean(axis=0), points[:, 2].max()

@@ -107,7 +107,7 @@ def test_meshes_of_needles_keep_to_the_work_of_a_tick(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("make", "options", "code", "says"), [
+@pytest.mark.parametrize("make, options, code, says", [
     (bundles.small, [], 0, ""), (bundles.sheet, [], 0, "by its triangles"),
     (crowded, [], 2, "a tick may take"), (crowded, ["offline"], 0, ""),
     (bundles.minimal, [], 2, "without rendering parameters")])  # fmt: skip

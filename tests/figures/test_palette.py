@@ -44,7 +44,7 @@ def test_every_pair_stays_apart(theme, eye):
     assert apart.min() >= APART, (list(colours)[one], list(colours)[other])
 
 
-@pytest.mark.parametrize(("theme", "ground"), [("LIGHT", "#ffffff"), ("DARK", "#14181d")])
+@pytest.mark.parametrize("theme, ground", [("LIGHT", "#ffffff"), ("DARK", "#14181d")])
 def test_every_colour_stands_out_from_the_ground(theme, ground):
     """Contrast of at least 3, as WCAG 2.1 (1.4.11) wants it of graphics."""
     light = linear([*getattr(palette, theme).values(), ground]) @ [0.2126, 0.7152, 0.0722] + 0.05

@@ -54,7 +54,7 @@ def test_screenshot_without_a_screen(vfplan_cli, files, tmp_path):
     assert share(png, rgb(PROXY)) > 1e-4  # the proxy and its path
 
 
-@pytest.mark.parametrize(("ends", "beyond"), [("stop", 1e-3), ("open", 0.0)])
+@pytest.mark.parametrize("ends, beyond", [("stop", 1e-3), ("open", 0.0)])
 def test_half_spheres_close_a_guide_whose_ends_stop_and_no_other(ends, beyond):
     guide = replace(fixture_of(line()), guidance=Guidance(1e-3, 1000.0, ends=ends))
     parts = view3d.tubes(guide.guiding_lines, 1e-3, ends == "stop")

@@ -35,7 +35,7 @@ def wave(noise=0.0):
 
 
 @pytest.mark.parametrize(
-    ("points", "closed", "most"),
+    "points, closed, most",
     [(ellipse(), True, 64), (wave(), False, 70), (wave(5e-6), False, 320)],
 )
 def test_smooth_curves_are_followed_without_a_kink(points, closed, most):

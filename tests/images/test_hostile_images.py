@@ -264,7 +264,7 @@ print({PEAK_KIB} >> 10, time.process_time())
 
 
 @pytest.mark.parametrize(
-    ("side", "said"),
+    "side, said",
     [(9000, "image-too-large"), pytest.param(7999, "read", marks=pytest.mark.full)],
 )
 def test_the_worst_picture_is_refused_or_stays_within_memory(tmp_path, side, said):

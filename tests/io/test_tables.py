@@ -73,7 +73,7 @@ FREE_CELLS = (
 )
 
 
-@pytest.mark.parametrize(("header", "form", "code"), FREE_CELLS)
+@pytest.mark.parametrize("header, form, code", FREE_CELLS)
 def test_columns_that_are_not_used_may_hold_anything(tmp_path, header, form, code):
     wanted = [[0, 1, 2, 3], [0.5, 1, 2.25, 3], [1, 1, 2, -3]]
     text = "\n".join([header, *(form.format(*row) for row in wanted), "# end"])

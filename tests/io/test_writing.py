@@ -134,7 +134,7 @@ READERS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("read", "suffix", "kind"), READERS)
+@pytest.mark.parametrize("read, suffix, kind", READERS)
 def test_no_reader_waits_for_a_pipe_or_reads_a_device_without_end(tmp_path, read, suffix, kind):
     pipe, device = tmp_path / f"pipe{suffix}", tmp_path / f"device{suffix}"
     os.mkfifo(pipe)

@@ -91,7 +91,7 @@ def with_tick(name, value):
     return datagram(ticks)
 
 
-@pytest.mark.parametrize(("data", "code"), [
+@pytest.mark.parametrize("data, code", [
     (datagram(made(2))[:20], "datagram-short"),
     (datagram(made(2))[:-1], "datagram-size"),
     (datagram(made(2)) + b"\0", "datagram-size"),

@@ -56,7 +56,7 @@ WHITE, BLACK = (255, 255, 255), (0, 0, 0)
 @pytest.mark.parametrize("centre", [(40.3125, 39.75), (39.5, 40.5)])
 @pytest.mark.parametrize("colour", [CYAN, RED, YELLOW, WHITE, BLACK])
 @pytest.mark.parametrize(
-    ("shape", "make"),
+    "shape, make",
     [
         ("cross", cross), ("cross", lambda u, v: cross(u, v, arm=9, half=1.5)),
         ("cross", lambda u, v: cross(u, v, angle=np.pi / 4)),

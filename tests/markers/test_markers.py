@@ -50,7 +50,7 @@ def test_column_order_and_notes_do_not_matter(write):
 
 
 @pytest.mark.parametrize(
-    ("header", "rows"),
+    "header, rows",
     [
         ("x_m,y_m,z_m,sigma", "x3,3,0,0,0.003\nx1,1,0,0,0.001\nx2,2,0,0,0.002\n"),
         ("x_m,y_m,z_m,sigma_m", "x3,3,0,0,0.003\nx1,1,0,0,0.001\nx2,2,0,0,0.002\n"),
@@ -66,7 +66,7 @@ def test_sigma_follows_its_label_and_unit(write, header, rows):
 
 
 @pytest.mark.parametrize(
-    ("units", "factor"), [("mm", 1), ("um", 1e3), (["mm", "UCUM", "millimeter"], 1), ("m", 1e-3)]
+    "units, factor", [("mm", 1), ("um", 1e3), (["mm", "UCUM", "millimeter"], 1), ("m", 1e-3)]
 )
 @pytest.mark.parametrize("system", [None, "LPS", "RAS"])
 def test_mrk_json_units_and_frames(write, units, factor, system):
@@ -86,7 +86,7 @@ def test_mrk_json_leaves_undefined_points_out(write):
     assert found.labels == ("x1", "x2", "x3")
 
 
-@pytest.mark.parametrize(("system", "sign"), [("0", -1), ("RAS", -1), ("1", 1), ("LPS", 1)])
+@pytest.mark.parametrize("system, sign", [("0", -1), ("RAS", -1), ("1", 1), ("LPS", 1)])
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_fcsv_of_slicer_4(write, system, sign, ending):
     lines = [
@@ -159,7 +159,7 @@ BAD_TABLES = {
 
 
 @pytest.mark.parametrize(
-    ("code", "text"), [(code, text) for code, texts in BAD_TABLES.items() for text in texts]
+    "code, text", [(code, text) for code, texts in BAD_TABLES.items() for text in texts]
 )
 def test_bad_tables_are_refused(write, code, text):
     path = write("i.csv", text)
@@ -170,7 +170,7 @@ def test_bad_tables_are_refused(write, code, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "line"),
+    "text, line",
     [
         ("label,u_px,v_px\nx1,1,1\n\nx2,nan,1\n", 4), ("label,u_px,v_px\nx1,1,1\nx2,1\n", 3),
         ("\nlabel;u_px,v_px\nx1;1,2\n", 2), ("x1;0.4;0.1;0.02\n", 1),
@@ -281,7 +281,7 @@ BAD_SLICER_FILES = [
 ]
 
 
-@pytest.mark.parametrize(("suffix", "message", "text"), BAD_SLICER_FILES)
+@pytest.mark.parametrize("suffix, message, text", BAD_SLICER_FILES)
 def test_other_bad_files_are_refused_by_name(write, suffix, message, text):
     with pytest.raises(MarkerError, match=message):
         read_markers(write(f"p.{suffix}", text), write("r.csv", ROBOT))

@@ -70,7 +70,7 @@ MISREAD = {
 
 @pytest.mark.parametrize("how", MISREAD)
 @pytest.mark.parametrize(
-    ("colour", "shape"), [("cyan", "cross"), ("green", "dot"), ("cyan", "ring"), ("white", "cross")]
+    "colour, shape", [("cyan", "cross"), ("green", "dot"), ("cyan", "ring"), ("white", "cross")]
 )
 def test_a_misreading_is_refused(how, colour, shape):
     image = drawn(1, colour, shape, contrast=5 if colour == "white" else 18)
@@ -193,7 +193,7 @@ def test_plan_compares_without_an_option(vfplan_cli, tmp_path):
     assert {"markers-meet-no-marks", "faces-down"} <= found
 
 
-@pytest.mark.parametrize(("label", "shift", "size"), [("3", (6, 3), 0.4), ("M3", (2, 10), 0.35)])
+@pytest.mark.parametrize("label, shift, size", [("3", (6, 3), 0.4), ("M3", (2, 10), 0.35)])
 def test_a_label_that_touches_a_mark_does_not_move_it(label, shift, size):
     image = drawn(1, "cyan", "cross")
     foot = (PLACES[3] + shift).astype(int).tolist()

@@ -88,7 +88,7 @@ def test_a_bend_tighter_than_the_tube_is_refused_unless_it_may_be_cut():
     assert "guide-tight-bend" in [finding.code for finding in record.findings]
 
 
-@pytest.mark.parametrize(("change", "says"), [
+@pytest.mark.parametrize("change, says", [
     ({"guide_m": 0.05}, "radius 50 mm: at most .* fit"),
     ({"guide_stroke": 2}, "guide stroke 2 "),
     ({"guide_stroke": -1}, "guide stroke -1 "),

@@ -130,7 +130,7 @@ def test_a_registered_fixture_is_not_registered_twice():
         vfplan.register(fixture, SAMPLES / "elbow_markers_image.csv")
 
 
-@pytest.mark.parametrize(("given", "code"), [
+@pytest.mark.parametrize("given, code", [
     ({"stiffness": (1.0, 2.0)}, "stiffness-count"),
     ({"guide_m": 1e-3, "guide_pull": (1.0, 0.02, 5.0)}, "guide-pull"),
     ({"guide_m": 1e-3, "guide_pull": (2.0, 0.0)}, "guide-pull"),

@@ -50,7 +50,7 @@ def test_iterations_are_as_many_as_the_lag_needs(lag):
     assert n == 1 or slide(n - 1) > lag
 
 
-@pytest.mark.parametrize(("given", "says"), [
+@pytest.mark.parametrize("given, says", [
     ({"tolerance_m": 0.0}, "tolerance .*0 m"),
     ({"tolerance_m": float("nan")}, "tolerance .*nan m"),
     ({"tolerance_m": 1e-5, "radius_m": -1.0}, "radius .*-1 m"),

@@ -39,7 +39,7 @@ def test_good_markers_are_flagged_once_in_a_hundred_sets(model):
     assert 0.003 < np.mean(flagged) < 0.02
 
 
-@pytest.mark.parametrize(("size", "least"), [(2e-3, 0.3), (3e-3, 0.8), (5e-3, 0.98)])
+@pytest.mark.parametrize("size, least", [(2e-3, 0.3), (3e-3, 0.8), (5e-3, 0.98)])
 def test_one_outlier_is_named_with_its_place(size, least):
     rng, named = np.random.default_rng(1), 0
     for _ in range(200):
@@ -215,7 +215,7 @@ def test_good_markers_show_perspective_seldom():
 
 
 @pytest.mark.parametrize("sets", [100, pytest.param(600, marks=pytest.mark.full)])
-@pytest.mark.parametrize(("tilt_deg", "expected"), [(2, 0.95), (5, 0.98)])
+@pytest.mark.parametrize("tilt_deg, expected", [(2, 0.95), (5, 0.98)])
 def test_a_photograph_has_a_finding_or_its_bound_holds(tilt_deg, expected, sets):
     """6 to 12 markers with an FLE of 0.1 to 0.5 mm."""
     safe = 0

@@ -97,7 +97,7 @@ def test_exchanged_labels_are_named(model):
         assert error.exit_code == 1
 
 
-@pytest.mark.parametrize(("order", "action"), [
+@pytest.mark.parametrize("order, action", [
     (np.arange(9)[::-1], "reversed"),
     (np.roll(np.arange(9), 1), "shifted"),
     (np.arange(9).reshape(3, 3).T.ravel(), "transposed"),
@@ -149,7 +149,7 @@ def test_a_tie_or_an_exact_fit_is_never_refused():
             refuse_wrong_markers(fit(source, planar(source, noise, seed)), 1e-3)
 
 
-@pytest.mark.parametrize(("name", "cause", "advice"), [
+@pytest.mark.parametrize("name, cause, advice", [
     ("bridged", "bridge", "gap that the curve bridges there"),
     ("edited", "by-hand", "Draw that part with the pen"),
     ("other", "crossing", "Erase what does not belong"),

@@ -71,9 +71,7 @@ def test_published_rigid_registration(shared_data):
     assert_allclose(r.T_target_source, published, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("view", "similarity_mm", "affine_mm"), [(0, 0.344, 0.330), (3, 1.941, 1.520)]
-)
+@pytest.mark.parametrize("view, similarity_mm, affine_mm", [(0, 0.344, 0.330), (3, 1.941, 1.520)])
 def test_photographs_of_a_board(shared_data, view, similarity_mm, affine_mm):
     pixels, board_mm = photograph(shared_data, view)
     for model, rms_mm in (("similarity", similarity_mm), ("affine", affine_mm)):
@@ -123,7 +121,7 @@ def code_of(error, *args, **kwargs):
 
 
 @every_model
-@pytest.mark.parametrize(("code", "source", "target"), REFUSED)
+@pytest.mark.parametrize("code, source, target", REFUSED)
 def test_degenerate_markers_are_refused(code, source, target, model):
     assert code_of(MarkerError, source, target, model=model, pixel_spacing=PX) == code
 
@@ -138,7 +136,7 @@ def test_affine_needs_a_residual_and_a_solid_one_depth():
     assert code_of(SettingError, *solid(), pixel_spacing=1e-3) == "pixel-spacing-useless"
 
 
-@pytest.mark.parametrize(("settings", "code"), [
+@pytest.mark.parametrize("settings, code", [
     ({"model": "homography"}, "model-unknown"),
     ({"model": "rigid"}, "pixel-spacing-missing"),
     ({"pixel_spacing": 0.0}, "pixel-spacing-range"),

@@ -51,7 +51,7 @@ def judged(source, targets, noises, **how):
     return np.sqrt(np.mean(predicted) / np.mean(true)), np.mean(covered)
 
 
-@pytest.mark.parametrize(("model", "layout", "noise"), CASES)
+@pytest.mark.parametrize("model, layout, noise", CASES)
 def test_predicted_tre_is_the_true_one(model, layout, noise):
     source, targets, spacing = SOLID, SOLID_TARGETS, None
     if layout != "solid":

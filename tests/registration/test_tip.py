@@ -39,7 +39,7 @@ def test_exact_poses_give_the_tip_and_the_pivot():
     assert max(tip.error95_m, tip.residual_rms_m) < 1e-12
 
 
-@pytest.mark.parametrize(("noise_m", "noise_deg"), [(3e-4, 0), (1e-4, 0.2), (3e-4, 0.3)])
+@pytest.mark.parametrize("noise_m, noise_deg", [(3e-4, 0), (1e-4, 0.2), (3e-4, 0.3)])
 def test_the_error_holds_in_95_of_100_sets(noise_m, noise_deg):
     rng = np.random.default_rng(7)
     inside = []
@@ -74,7 +74,7 @@ LAYOUTS = {
 }
 
 
-@pytest.mark.parametrize(("rows", "header", "words"), LAYOUTS.values(), ids=LAYOUTS)
+@pytest.mark.parametrize("rows, header, words", LAYOUTS.values(), ids=LAYOUTS)
 def test_every_layout_gives_the_same_tip(rows, header, words, vfplan_cli, tmp_path):
     poses = pivoted(np.random.default_rng(3), 20, 40, 1e-4)
     poses[:, :3, 3] *= 1e3
@@ -103,7 +103,7 @@ def test_a_bundle_names_the_tool_that_touched_its_markers(vfplan_cli, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("row", "code"),
+    "row, code",
     [("1,2,3,0,0,0,2", "pose-invalid"), ("1,2,3,1", "pose-columns"),
      (5 * "1,2,3,1,0,0,0\n", "tip-few-poses"), (6 * "1,2,3,1,0,0,0\n", "tip-not-determined")],
 )  # fmt: skip
@@ -113,7 +113,7 @@ def test_what_is_no_pose_is_refused(row, code, vfplan_cli, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "spoil", "code"),
+    "words, spoil, code",
     [((), lambda rows: rows * [1e3, 1e3, 1e3, 1, 1, 1, 1], "tip-unit"),
      (("--units", "mm"), lambda rows: rows, "tip-unit"),
      ((), lambda rows: rows[:, [0, 1, 2, 4, 5, 6, 3]], "tip-error-large"),

@@ -83,7 +83,7 @@ WEAK = replace(vfplan.read_robot("franka"), force_step_limit_n=0.4, force_limit_
 
 
 @pytest.mark.parametrize(
-    ("moves", "changes", "robot"),
+    "moves, changes, robot",
     [(False, True, None), (True, False, None), (True, True, None), (True, True, WEAK)],
 )  # fmt: skip
 def test_a_log_replays_to_the_bit(moves, changes, robot, tmp_path):

@@ -207,7 +207,7 @@ def test_a_table_whose_last_line_is_open_is_told_of(tmp_path, whole):
 
 
 @pytest.mark.parametrize("rule", ["exact", "robust"])
-@pytest.mark.parametrize(("opens", "ends_mm", "is_within"), [
+@pytest.mark.parametrize("opens, ends_mm, is_within", [
     (True, (50, -27), True), (True, (-50, -33), False), (False, (50, 28), False),
 ])  # fmt: skip
 def test_a_pass_says_that_the_tool_pressed_from_within_an_open_mesh(

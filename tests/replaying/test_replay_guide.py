@@ -99,7 +99,7 @@ def test_forces_of_region_and_guide_add_and_both_are_reported(pieces):
     assert np.abs(paper.ticks.force - found.ticks.force).max() < 0.05
 
 
-@pytest.mark.parametrize(("far", "told"), [
+@pytest.mark.parametrize("far, told", [
     (0.0, "tube of 1.000 mm: up to 3.000 mm from"), (9.0, "never had hold of the tip\n"),
 ])  # fmt: skip
 def test_the_command_reports_it(vfplan_cli, tmp_path, far, told):

@@ -26,7 +26,7 @@ SCRIPTED = (
 )
 
 
-@pytest.mark.parametrize(("name", "route"), [pair.split("-") for pair in SCRIPTED.split()])
+@pytest.mark.parametrize("name, route", [pair.split("-") for pair in SCRIPTED.split()])
 def test_forces_are_those_of_the_closed_form(name, route):
     scene = SCENES[name]()
     hips = scene.path(route, speed=0.2)

@@ -47,7 +47,7 @@ def test_a_drawn_path_moves_onto_its_ink_and_says_how_well(kind, seed):
     assert ratio < 1.5
 
 
-@pytest.mark.parametrize(("quality", "at_most"), [(None, 1.0), (90, 1.4), (75, 1.6), (60, 2.2)])
+@pytest.mark.parametrize("quality, at_most", [(None, 1.0), (90, 1.4), (75, 1.6), (60, 2.2)])
 def test_the_stated_deviation_is_honest_also_in_jpeg(quality, at_most):
     """True errors over stated deviations: about 1 in the middle of 12 lines, never far above."""
     ratios = []
@@ -104,7 +104,7 @@ def pointed(seed):
 BENT = np.column_stack([np.linspace(40, 320, 600), 140 + 20 * np.sin(np.linspace(0, 3, 600))])
 
 
-@pytest.mark.parametrize(("kind", "usual"), [(crossing, 0.3), (straight, 0.3), (pointed, 0.05)])
+@pytest.mark.parametrize("kind, usual", [(crossing, 0.3), (straight, 0.3), (pointed, 0.05)])
 def test_a_line_that_other_ink_joins_lies_within_a_bound_that_is_not_far_off(kind, usual):
     shares = []
     for seed in range(12):

@@ -163,7 +163,7 @@ def test_other_markers_are_planned_by_the_recipe_unless_told(planned, files, tmp
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    "name, value",
     [("max_residual_m", None), ("FixtureSettings.unset", None), ("robust", "no"),
      ("model", "kriging"), ("guide_m", "wide"), ("stiffness", "x"), ("stiffness", "1,2"),
      ("robot_rate_hz", True), ("robot_safety_factor", "1"), ("Robot.unset", None),

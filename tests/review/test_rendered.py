@@ -126,7 +126,7 @@ def test_each_rendered_value_shows_on_the_sheet(name, has_slice, made):
             assert rendered_in_json(after) != rendered_in_json(fixture), change
 
 
-@pytest.mark.parametrize(("name", "reach"), [("curve", 5e-3), ("guide", 2e-3)])
+@pytest.mark.parametrize("name, reach", [("curve", 5e-3), ("guide", 2e-3)])
 def test_the_outline_lies_where_the_engine_pushes(name, reach, made):
     fixture = made[name]
     T = fixture.registration.T_robot_image

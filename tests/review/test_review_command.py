@@ -201,7 +201,7 @@ WRONG_CALLS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("words", "code"), WRONG_CALLS)
+@pytest.mark.parametrize("words, code", WRONG_CALLS)
 def test_wrong_calls_end_before_any_page(words, code, vfplan_cli, tmp_path, monkeypatch):
     """Also where the folder takes no file, and where the output exists."""
     monkeypatch.chdir(tmp_path)

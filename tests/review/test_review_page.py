@@ -192,7 +192,7 @@ def test_a_refusal_names_only_what_the_page_has(browser, opened, tmp_path):
     browser.until("review.state.image.is_flat && review.state.refusal === null", seconds=60)
 
 
-@pytest.mark.parametrize(("arcs", "offers"), [
+@pytest.mark.parametrize("arcs, offers", [
     ((), ""), (("--arcs", 0.05), "Take finer lines and arcs")])  # fmt: skip
 def test_finer_arcs_are_offered_in_place_of_typed_ones_only(arcs, offers, browser, opened):
     opened(SLICE, *MARKERS, "--guide", 0.015, *arcs)
@@ -303,7 +303,7 @@ def test_greys_between_black_and_white_keep_the_depth_of_16_bits(browser, opened
     browser.until("document.getElementById('slice').src.includes('low=0&high=65535')")
 
 
-@pytest.mark.parametrize(("button", "window"), [("bone", (-500, 1500)), ("soft", (-160, 240))])
+@pytest.mark.parametrize("button, window", [("bone", (-500, 1500)), ("soft", (-160, 240))])
 def test_presets_set_the_window_of_a_ct(button, window, browser, opened, tmp_path):
     stored = np.linspace(0, 4000, 120_000).reshape(300, 400, 1).astype(np.uint16)
     scale = {"Modality": "CT", "RescaleIntercept": -1000, "RescaleSlope": 1}

@@ -99,7 +99,7 @@ def test_no_step_without_the_token(served, token):
 NO_MESSAGE = [(text, 1008) for text in ("", "{", "3", "[]", '"x"', "[" * 30000, b"\x00\xff")]
 
 
-@pytest.mark.parametrize(("text", "code"), [*NO_MESSAGE, ("x" * (MAX_MESSAGE_BYTES + 1), 1009)])
+@pytest.mark.parametrize("text, code", [*NO_MESSAGE, ("x" * (MAX_MESSAGE_BYTES + 1), 1009)])
 def test_what_is_no_message_or_too_large_ends_the_connection(served, text, code):
     with Tab(served) as client:
         assert client.ends_by(text) == code
@@ -171,7 +171,7 @@ REFUSED = [(wish, "stale-approval") for wish in STALE]
 REFUSED += [({"by": name}, "name-missing") for name in NAMES] + [({"by": "B"}, "not-approvable")]
 
 
-@pytest.mark.parametrize(("wish", "code"), REFUSED)
+@pytest.mark.parametrize("wish, code", REFUSED)
 def test_an_approval_names_its_state_and_a_person_who_looked_at_it(wish, code, served):
     with Tab(served) as client:
         client.approvable()
@@ -207,7 +207,7 @@ def test_what_somebody_looked_at_counts_for_that_name_and_that_session(begun, se
     assert draft.take_up(begun).why_not("A. Planner")
 
 
-@pytest.mark.parametrize(("choice", "steps"), [("resume", 1), ("anew", 0)])
+@pytest.mark.parametrize("choice, steps", [("resume", 1), ("anew", 0)])
 def test_a_draft_is_announced_and_is_gone_on_with_or_not(choice, steps, begun, draft):
     draft.keep(begun.apply(REVERSE["step"]), "A. Planner")
     served = ReviewServer(draft.take_up(begun), draft)

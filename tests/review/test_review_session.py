@@ -141,7 +141,7 @@ def test_a_refused_slice_is_settled_by_choosing(kind, tmp_path):
     assert min(misses) < 0.3
 
 
-@pytest.mark.parametrize(("kind", "count"), [(review_slices.several, 1), (double, 2)])
+@pytest.mark.parametrize("kind, count", [(review_slices.several, 1), (double, 2)])
 def test_a_candidate_is_the_line_of_its_number_in_the_terminal(kind, count, tmp_path):
     session, *_ = opened(kind, tmp_path)
     state = session.state()
@@ -176,7 +176,7 @@ KINDS += [(as_people_draw, kind) for kind in as_people_draw.KINDS]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("family", "kind"), KINDS)
+@pytest.mark.parametrize("family, kind", KINDS)
 def test_a_line_that_is_clicked_has_the_findings_of_extraction(family, kind, tmp_path):
     """Each line that extraction takes by its number, once it is clicked."""
     path = tmp_path / "slice.png"
@@ -502,7 +502,7 @@ def test_a_bundle_is_reviewed_with_and_without_its_slice(sample, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("other", "off", "code"), [("x2", 5, "one-mark-two-markers"), ("x1", 40, "no-mark-near")]
+    "other, off, code", [("x2", 5, "one-mark-two-markers"), ("x1", 40, "no-mark-near")]
 )
 def test_marks_are_found_one_for_each_marker_or_none(sample, other, off, code):
     places = {row["label"]: row["place_px"] for row in sample.state()["markers"]}
@@ -746,7 +746,7 @@ def test_slices_of_a_folder_lie_in_the_order_of_the_patient(tmp_path):
     assert [one.frame for one in several.source.stack] == [1, 2, 3, 4]
 
 
-@pytest.mark.parametrize(("name", "sign"), [("v.nrrd", 1), ("v.nii.gz", -1), ("v.nii", 1)])
+@pytest.mark.parametrize("name, sign", [("v.nrrd", 1), ("v.nii.gz", -1), ("v.nii", 1)])
 def test_a_slice_of_a_volume_lies_as_a_radiologist_looks_at_it(tmp_path, name, sign):
     nrrd, nibabel = pytest.importorskip("nrrd"), pytest.importorskip("nibabel")
     voxels = np.random.default_rng(0).integers(-1000, 2000, (40, 30, 12)).astype(np.int16)

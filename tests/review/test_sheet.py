@@ -223,7 +223,7 @@ def planned_sheet():
     )
 
 
-@pytest.mark.parametrize(("count", "pages"), [(0, 1), (1, 1), (6, 2)])
+@pytest.mark.parametrize("count, pages", [(0, 1), (1, 1), (6, 2)])
 def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
     text = "Number {}. Look at the place, and accept it or cut the curve there."
     findings = [doubt("ink-touches", "plan", text.format(k), place_px=(300.0 + 90 * k, 300.0))
@@ -243,7 +243,7 @@ def test_a_sheet_without_findings_is_one_page(count, pages, planned_sheet):
         assert is_near or after.style == HEADING or after.words.endswith("continued"), after.words
 
 
-@pytest.mark.parametrize(("count", "pieces"), [(0, 0), (4, 11), (5, 9), (8, 3), (9, 0)])
+@pytest.mark.parametrize("count, pieces", [(0, 0), (4, 11), (5, 9), (8, 3), (9, 0)])
 def test_no_line_stands_alone_on_a_page(count, pieces):
     finding = doubt("width-changes", "extract", "Is all of it the curve?", place_px=(300.0, 300.0))
     ink = tuple(AccountEntry(k + 1, 200.0, 296.0, 12, 0.1, 30.0, "ink") for k in range(pieces))

@@ -133,7 +133,7 @@ RUNS = [(scene, rule, form) for scene, rule in [*SCENES, ("planned", "exact")] f
 BONE = [("bone", rule, FORMS[0]) for rule in ("robust", None)]
 
 
-@pytest.mark.parametrize(("scene", "rule", "form"), RUNS + BONE)
+@pytest.mark.parametrize("scene, rule, form", RUNS + BONE)
 def test_replay_reproduces_the_log_bit_for_bit(scene, form, rule, repeated, request):
     seconds = 5 if scene == "planned" else 2  # its hand has further to go
     # The surface of the bone comes with a doubt about its ends, which nobody has answered here.
@@ -148,7 +148,7 @@ def test_replay_reproduces_the_log_bit_for_bit(scene, form, rule, repeated, requ
     assert np.array_equal(log["time"], np.arange(1000 * seconds) * 1e-3)
 
 
-@pytest.mark.parametrize(("stroke", "arcs"), [(None, False), (1, False), (None, True), (0, True)])
+@pytest.mark.parametrize("stroke, arcs", [(None, False), (1, False), (None, True), (0, True)])
 def test_a_guide_replays_bit_for_bit(stroke, arcs, repeated, tmp_path):
     x = np.arange(0, 0.08, 1e-3)
     wave = np.column_stack([x, 2e-3 * np.sin(80 * x), 0 * x])
@@ -169,9 +169,7 @@ def test_a_guide_replays_bit_for_bit(stroke, arcs, repeated, tmp_path):
     assert report["force_max_n"] > 0.1
 
 
-@pytest.mark.parametrize(
-    ("scene", "form"), [*(("drawn", form) for form in FORMS), ("sheet", FORMS[0])]
-)
+@pytest.mark.parametrize("scene, form", [*(("drawn", form) for form in FORMS), ("sheet", FORMS[0])])
 def test_a_governed_log_replays_bit_for_bit(scene, form, repeated, request):
     loop = (request.getfixturevalue(scene), "--form", form, "--seconds", 2, SIMULATED)
     said, report, log, _ = repeated(*loop, both=("--governor", "0.5,12"))
@@ -211,7 +209,7 @@ def happens(folder):
     return {name: (f"--{name}", folder / f"{name}.csv") for name in ("poses", "events")}
 
 
-@pytest.mark.parametrize(("which", "settings"), [
+@pytest.mark.parametrize("which, settings", [
     (("poses",), ("--pivot", "0,0,0.3", "--pose-limits", "0.05,0.1,0.5")),
     (("events",), ("--rule", "paper")),
     (("poses", "events"), ("--governor", "0.6,9")),
@@ -248,7 +246,7 @@ STRAY = {"too far": (1, [500.0] * 3), "late": (0, [-0.5] * 3), "doubled": (0, [0
 
 
 @pytest.mark.parametrize("first", [0, 30, 57])
-@pytest.mark.parametrize(("column", "shifts"), STRAY.values(), ids=STRAY)
+@pytest.mark.parametrize("column, shifts", STRAY.values(), ids=STRAY)
 def test_poses_that_the_loop_refuses_replay_bit_for_bit(column, shifts, first, repeated, tmp_path):
     given = happens(tmp_path)["poses"]
     poses = np.loadtxt(given[1], delimiter=",", skiprows=1)
@@ -282,7 +280,7 @@ HOSTILE = [
 ]
 
 
-@pytest.mark.parametrize(("option", "text", "says"), HOSTILE)
+@pytest.mark.parametrize("option, text, says", HOSTILE)
 @pytest.mark.parametrize("clock", [(), ("--simulated-time",)])
 def test_files_of_poses_and_events_are_read_strictly(
     option, text, says, clock, controller, drawn, tmp_path

@@ -471,7 +471,7 @@ def loop_in_cpp(tmp_path_factory):
     return [program, wall]
 
 
-@pytest.mark.parametrize(("options", "code", "says"), [
+@pytest.mark.parametrize("options, code, says", [
     ("signal --unsigned", 130, "enforce torque 40 force 40 cutoff 1000 tick 50"),
     ("signal --unsigned --collision-force 25 --no-real-time", 130, "ignore torque 40 force 25 "),
     ("nan --unsigned", 1, "stopped by itself: bits 1"), ("press --unsigned", 1, "the arm stopped"),

@@ -52,7 +52,7 @@ def test_both_print_the_same(name, tmp_path):
         assert "rendering" in refuse(3, *program, bare)
 
 
-@pytest.mark.parametrize(("name", "was", "becomes"), [
+@pytest.mark.parametrize("name, was, becomes", [
     ("01_press.cpp", "{{800, 800, 800}}", "{{800, -800, 800}}"),
     ("01_press.py", "stiffness=800", "stiffness=-800"),
     ("03_govern.cpp", "force_step = 0.5", "force_step = 0.05"),

@@ -102,7 +102,7 @@ CLOSED = {(name, route): form for name, forms in FORMS.items() for routes, form 
           for route in routes.split()}  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "route"), CLOSED)
+@pytest.mark.parametrize("name, route", CLOSED)
 @pytest.mark.filterwarnings("ignore:invalid value")
 def test_truth_is_the_closed_form(name, route):
     scene = make(name)
@@ -126,7 +126,7 @@ def test_corner_of_any_angle_is_the_projection_onto_its_cone(angle):
         assert proxy[:2] == pytest.approx(apex + best, abs=1e-12)
 
 
-@pytest.mark.parametrize(("name", "route"),
+@pytest.mark.parametrize("name, route",
     [(n, r) for n in ("omega", "teapot", "wedge", "channel") for r in make(n).routes])  # fmt: skip
 def test_truth_is_free_and_nothing_near_it_is_better(name, route):
     """Slow reference: a dense cloud (1 µm) and random positions around the proxy."""

@@ -85,7 +85,7 @@ BAD_CSV = {
 }
 
 
-@pytest.mark.parametrize(("text", "code"), BAD_CSV.values(), ids=BAD_CSV)
+@pytest.mark.parametrize("text, code", BAD_CSV.values(), ids=BAD_CSV)
 def test_bad_csv_is_refused(tmp_path, text, code):
     path = tmp_path / "s.csv"
     path.write_text(text)
@@ -118,7 +118,7 @@ DISORDER = {
 }
 
 
-@pytest.mark.parametrize(("order", "counts"), DISORDER.values(), ids=DISORDER)
+@pytest.mark.parametrize("order, counts", DISORDER.values(), ids=DISORDER)
 def test_few_samples_out_of_order_are_mended_and_counted(tmp_path, order, counts):
     time, hip = recording(max(order) + 1)
     for path in write_all(tmp_path, time[order], hip[order]):
@@ -167,7 +167,7 @@ BAD_ARRAYS = [
 ]
 
 
-@pytest.mark.parametrize(("arrays", "code"), BAD_ARRAYS)
+@pytest.mark.parametrize("arrays, code", BAD_ARRAYS)
 def test_bad_arrays_are_refused(tmp_path, arrays, code):
     np.savez(tmp_path / "s.npz", **arrays)
     with refuses(SessionError, code):
@@ -217,7 +217,7 @@ ODD_HDF5 = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("items", "where", "attributes", "code"), ODD_HDF5.values(), ids=ODD_HDF5)
+@pytest.mark.parametrize("items, where, attributes, code", ODD_HDF5.values(), ids=ODD_HDF5)
 def test_an_odd_hdf5_is_refused_also_where_it_states_other_units(
     tmp_path, items, where, attributes, code
 ):
@@ -265,7 +265,7 @@ def test_missing_file_directory_and_unknown_unit(tmp_path):
         read_session(tmp_path / "s.csv", units="inch")
 
 
-@pytest.mark.parametrize(("columns", "code"), [(2, "shape-wrong"), (3, "time-not-increasing")])
+@pytest.mark.parametrize("columns, code", [(2, "shape-wrong"), (3, "time-not-increasing")])
 def test_session_checks_its_arrays(columns, code):
     with refuses(SessionError, code):
         Session(np.zeros(3), np.zeros((3, columns)))
@@ -332,7 +332,7 @@ SPOILED = {
 }
 
 
-@pytest.mark.parametrize(("name", "row", "value", "code"), SPOILED.values(), ids=SPOILED)
+@pytest.mark.parametrize("name, row, value, code", SPOILED.values(), ids=SPOILED)
 def test_a_result_that_no_replay_gives_is_refused(result, name, row, value, code):
     read_result(result)
     with h5py.File(result, "a") as file:

@@ -294,7 +294,7 @@ def test_several_topics_need_a_choice(tmp_path):
             read_session(tmp_path / "bag", ros=ros)
 
 
-@pytest.mark.parametrize(("kind", "field", "code"), [
+@pytest.mark.parametrize("kind, field, code", [
     ("sensor_msgs/msg/JointState", None, "no-position"),
     ("sensor_msgs/msg/JointState", "position", "no-position"),
     ("geometry_msgs/msg/Vector3Stamped", None, "field-missing"),

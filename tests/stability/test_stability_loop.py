@@ -131,7 +131,7 @@ ROBOTS = [
 
 
 @pytest.mark.parametrize("rule", ["robust", "paper"])
-@pytest.mark.parametrize(("damping", "rate", "delay"), ROBOTS)
+@pytest.mark.parametrize("damping, rate, delay", ROBOTS)
 def test_flat_wall_meets_the_exact_bound_within_two_percent(rule, damping, rate, delay):
     robot = Robot("any", 1.0, damping, rate, delay)
     measured, exact = largest_stiffness(patch(), robot, engine_for(patch(), rule))

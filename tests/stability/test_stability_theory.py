@@ -35,7 +35,7 @@ def test_transition_is_exact(plant):
     np.testing.assert_allclose(moved, exact_transition(*plant), rtol=1e-14)
 
 
-@pytest.mark.parametrize(("damping", "delay", "bound"), [
+@pytest.mark.parametrize("damping, delay, bound", [
     (5, 0, 10_008), (5, 1, 3_338), (20, 0, 40_134), (20, 1, 13_407), (1, 0, 2_000),
     (1, 1, 667)])  # fmt: skip
 def test_bounds_known_from_the_literature(damping, delay, bound):

@@ -38,7 +38,7 @@ LONG += [pytest.param(bone, 2, marks=pytest.mark.full) for bone in (TUNNEL, BRAN
 CASES = [*LONG, (BENT, 5), (TUNNEL, 5), (BRANCHES, 5)]
 
 
-@pytest.mark.parametrize(("bone", "gap"), CASES)
+@pytest.mark.parametrize("bone, gap", CASES)
 def test_polygons_give_the_bone(bone, gap, tmp_path):
     path = bones.write_rtstruct(tmp_path / "s.dcm", bones.outlines(bone, gap))
     made = surface(path, settings=SurfaceSettings(tolerance_m=5e-4))

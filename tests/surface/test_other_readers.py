@@ -14,7 +14,7 @@ TURNS = [*Rotation.create_group("O").as_matrix(), *Rotation.random(6, random_sta
 
 
 @pytest.mark.parametrize(
-    ("suffix", "form"),
+    "suffix, form",
     [("stl", "stl"), ("stl", "stl_ascii"), ("ply", "ply"), ("ply", "ascii"), ("obj", "obj")],
 )
 def test_a_mesh_of_trimesh_is_read_as_it_is_and_ours_by_trimesh(tmp_path, suffix, form):

@@ -168,7 +168,7 @@ def test_an_empty_slice_parts_a_label_map_in_two(tmp_path):
     assert made.report["open_edges"] == 0
 
 
-@pytest.mark.parametrize(("ends", "beyond"), [("capped", 2.5), ("open", 0)])
+@pytest.mark.parametrize("ends, beyond", [("capped", 2.5), ("open", 0)])
 def test_ends_are_capped_half_a_slice_beyond_or_left_open(ends, beyond, tmp_path):
     settings = SurfaceSettings(tolerance_m=1e-3, keep_open=ends == "open")
     made = surface(struct(tmp_path, rings()), settings=settings)

@@ -47,7 +47,7 @@ def test_polyline_open_and_closed(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("points", "told"),
+    "points, told",
     [
         ([(10, 10), (60, 10), (10, 11)], ["curve-folds"]), ([(10, 10), (60, 10), (20, 25)], []),
         ([(10, 40), (60, 40), (60, 10), (30, 10), (30, 70)], ["curve-crosses"]),
@@ -126,7 +126,7 @@ BROKEN = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("suffix", "text"), [(s, t) for s, texts in BROKEN.items() for t in texts])
+@pytest.mark.parametrize("suffix, text", [(s, t) for s, texts in BROKEN.items() for t in texts])
 def test_broken_files_are_refused(tmp_path, suffix, text):
     path = file_with(tmp_path / f"c.{suffix}", text)
     with pytest.raises(CurveError):

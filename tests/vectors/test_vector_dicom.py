@@ -50,7 +50,7 @@ def test_one_that_returns_is_closed_and_an_interpolated_one_is_a_spline_with_a_w
     assert "px from straight lines" in told
 
 
-@pytest.mark.parametrize(("given", "other", "number", "told"), [
+@pytest.mark.parametrize("given, other, number, told", [
     ([graphic(), graphic(LINE + 5), graphic(LINE[:1], "POINT")], "POINT of 1", 2, "2 curves 2"),
     ([graphic(LINE[:2], "CIRCLE"), graphic(LINE + 5)], "CIRCLE of 2", 1, "1 curve 1"),
 ])  # fmt: skip
@@ -69,7 +69,7 @@ def test_of_several_graphics_a_line_is_chosen_and_named(tmp_path, given, other, 
 
 
 @pytest.mark.parametrize(
-    ("given", "words"),
+    "given, words",
     [
         ([], "no drawing"), ([graphic(units="DISPLAY")], "DISPLAY units"),
         ([graphic(LINE[:2], "CIRCLE")], "CIRCLE of 2 points"),

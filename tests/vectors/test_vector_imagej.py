@@ -89,7 +89,7 @@ def test_an_origin_where_the_file_tells_it_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    "given, told",
     [
         ({"kind": "RECT"}, "RECT"), ({"kind": "OVAL"}, "OVAL"), ({"kind": "POINT"}, "POINT"),
         ({"kind": "ANGLE"}, "ANGLE"), ({"kind": "LINE"}, "LINE"),
@@ -145,7 +145,7 @@ def test_coordinates_of_a_table_count_from_where_is_said(tmp_path, text):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    "text, told",
     [
         ("X,Y,Value\n1,2,7\n2,2,7\n", "every pixel of an area"),
         ("X,Y\n1\n", "has 1 cells"), ("X,Y\n1,b\n2,3\n", "Give a number"),
