@@ -110,9 +110,8 @@ def pointing_to_page(*files: Path | None, **options: Any) -> Iterator[None]:
     except (CurveError, MarkerError, CheckFailed, SettingError) as error:
         from vfplan.registration.checks import TO_RECTIFY
 
-        leaving_out = REFUSED_WITH.get(error.code, ())
         general = "vfplan review IMAGE"
-        page = page_command(*files, **options, leaving_out=leaving_out)
+        page = page_command(*files, **options, leaving_out=REFUSED_WITH.get(error.code, ()))
         if general in error.message:
             # The sentence with the command comes last, without a full stop that would be copied.
             sentences = re.split(r"(?<=\.) ", error.message)

@@ -80,7 +80,6 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
         {"label": label, "u_px": place[0], "v_px": place[1], "residual_m": residual}
         for label, place, residual in zip(pairs.labels, places, flat.residuals_m, strict=True)
     ]
-    spacing = f"{flat.pixel_spacing_mm:g}"
     next_step = plan_flat_command(output, pairs, markers2, output=file_beside(output, "plan"))
     return CommandResult(
         {"output": str(output), "markers_output": str(markers_path),
@@ -89,7 +88,7 @@ def vfplan_rectify(image, markers, markers2, output, **arguments) -> CommandResu
          "width_px": flat.width_px, "height_px": flat.height_px, "markers": rows},
         f"{len(rows)} markers fit a homography to {millimetres(flat.residual_rms_m)} rms; a marker "
         f"is off by {millimetres(flat.error_m)}\n{flat.width_px} x {flat.height_px} px of "
-        f"{spacing} mm\n{wrote(output)} and {quoted(markers_path)}",
+        f"{flat.pixel_spacing_mm:g} mm\n{wrote(output)} and {quoted(markers_path)}",
         findings=findings, verdict="made flat", next_step=next_step,
     )  # fmt: skip
 
@@ -181,8 +180,7 @@ def read_tool_poses(path: Path, units: str, row_major: bool) -> np.ndarray:
     if not set(named) <= set(table.columns):
         # Without these names a pose is 7 bare numbers, or 16 of a matrix.
         columns = table.columns
-        is_bare = columns[0] == "column 1"
-        if len(columns) != 16 and not (is_bare and len(columns) == 7):
+        if len(columns) != 16 and not (columns[0] == "column 1" and len(columns) == 7):
             message = (
                 f"has {count(len(columns), 'column')}: {', '.join(columns)[:70]}. Give "
                 f"{','.join(named)}, or 16 numbers of a matrix"

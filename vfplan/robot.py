@@ -110,11 +110,10 @@ def read_robot(choice: FilePath | None) -> Robot | None:
             f"is no robot file: {error}. Correct its TOML", where=choice, code="robot-not-toml"
         ) from None
     check_robot(values, where=str(choice))
-    fields = {
+    return Robot(**{
         name: tuple(value) if isinstance(value, list) else value
         for name, value in values.items() if name not in ("format", "version")
-    }  # fmt: skip
-    return Robot(**fields)
+    })  # fmt: skip
 
 
 def check_robot(values: dict[str, Any], *, where: str) -> None:

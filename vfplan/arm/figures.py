@@ -31,9 +31,8 @@ def draw_in_space(rehearsal: Rehearsal) -> Figure:
         while body:
             chain.append(arm.data.xpos[body].copy())
             body = int(arm.model.body_parentid[body])
-        line = np.array(chain)[::-1]
         look = {"alpha": 0.25} if k else {"alpha": 0.85, "label": f"{arm.name}, at the start"}
-        axes.plot(*line.T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
+        axes.plot(*np.array(chain)[::-1].T, "-o", color="#555555", lw=2.2, ms=3.5, **look)
     cloud = rehearsal.fixture.points[:: len(rehearsal.fixture.points) // MAX_DRAWN + 1]
     axes.plot(*cloud.T, ".", color=CLOUD, ms=1.5, label="fixture")
     axes.plot(*motion.tip[:: len(motion.tip) // MAX_DRAWN + 1].T, color=TIP, lw=1.0, label="tip")

@@ -86,8 +86,8 @@ class Peer:
         names = ("contact_radius", "band", "point_radius", "outer_radius", "gain")
         numbers = {name: getattr(settings, name) for name in names}
         numbers["stiffness"] = settings.stiffness[0]
-        tables = {"path": ("x,y,z", flat_hips)}
-        tables["points"] = "x,y,z", flattened(points, settings.ignore_axis)
+        flat_points = flattened(points, settings.ignore_axis)
+        tables = {"path": ("x,y,z", flat_hips), "points": ("x,y,z", flat_points)}
         if mesh is not None:
             tables |= {"corners": ("x,y,z", mesh[0]), "triangles": ("a,b,c", mesh[1])}
         with tempfile.TemporaryDirectory(prefix="vfplan-peer-") as name:

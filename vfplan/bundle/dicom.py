@@ -185,7 +185,6 @@ def segmentation(fixture: Fixture, study: FilePath | None) -> bytes:
     points = points_in_study(fixture, fixture.points, source, digest)
     axes, origin = slice_axes(source)
     row_mm, column_mm = map(float, source.PixelSpacing)
-    orientation = source.ImageOrientationPatient
     step = float(source.get("SpacingBetweenSlices") or source.get("SliceThickness") or row_mm)
     normal = np.cross(axes[:, 0], axes[:, 1])
     axes = np.column_stack((axes, 1e-3 * step * normal / np.linalg.norm(normal)))
@@ -217,7 +216,7 @@ def segmentation(fixture: Fixture, study: FilePath | None) -> bytes:
     )  # fmt: skip
     pixel = item(PixelSpacing=[row_mm, column_mm], SliceThickness=step, SpacingBetweenSlices=step)
     shared = item(
-        PlaneOrientationSequence=[item(ImageOrientationPatient=orientation)],
+        PlaneOrientationSequence=[item(ImageOrientationPatient=source.ImageOrientationPatient)],
         PixelMeasuresSequence=[pixel],
         SegmentIdentificationSequence=[item(ReferencedSegmentNumber=1)],
     )

@@ -83,10 +83,8 @@ def describe(sealed: Sealed) -> Report:
     if sealed.signed_at:
         moment = datetime.fromtimestamp(sealed.signed_at, UTC)
         data["signed_utc"] = moment.strftime("%Y-%m-%dT%H:%M:%SZ")
-    for name in ("case", "robot_serial", "despite_findings"):
-        if getattr(sealed, name):
-            data[name] = getattr(sealed, name)
-    return data
+    given = {name: getattr(sealed, name) for name in ("case", "robot_serial", "despite_findings")}
+    return data | {name: value for name, value in given.items() if value}
 
 
 # --- Bytes --------------------------------------------------------------------------------------
@@ -479,7 +477,6 @@ def sign(
     with opened_source(source) as stream:
         sealed = unsealed(stream)
         fixture = from_content(sealed.read()[0])
-        payload = sealed.payload
     if fixture.case is not None and case not in ("", fixture.case):
         raise CheckFailed(
             f"The bundle is for case {fixture.case!r}, not for {case!r}. Leave --case out to sign "
@@ -492,7 +489,7 @@ def sign(
     if not despite_findings:
         check_is_approved(fixture, str(source))
     parts = sealed_file(
-        payload, key, case=case, robot_serial=robot_serial, signed_at=signed_at,
+        sealed.payload, key, case=case, robot_serial=robot_serial, signed_at=signed_at,
         despite_findings=bool(fixture.open_findings) or fixture.reviewed is None,
     )  # fmt: skip
     write_whole(Path(target), parts, overwrite=overwrite)

@@ -180,10 +180,9 @@ def describe(path: FilePath, *, work: bool = False) -> Report:
         described["reviewed"] = of_review
     if work and "/rendering/stiffness" in content:
         described["tick_work"] = tick_work(content)
-    for row in table():
-        if row.path in content:
-            described[row.path] = summary(content[row.path], row)
-    return described
+    return described | {
+        row.path: summary(content[row.path], row) for row in table() if row.path in content
+    }
 
 
 def tick_work(content: Content) -> Report:

@@ -186,12 +186,11 @@ class Trials:
     @cached_property
     def _across(self) -> Array:
         """(N, 3) unit vectors across the curve, in its plane."""
-        along = np.gradient(self.fixture.points, axis=0)
         normal = self.fixture.ignore_axis
         if normal is None:
             centred = self.fixture.points - self.fixture.points.mean(axis=0)
             normal = np.linalg.svd(centred, full_matrices=len(centred) < 3)[2][2]
-        across = np.cross(along, normal)
+        across = np.cross(np.gradient(self.fixture.points, axis=0), normal)
         return across / np.maximum(row_lengths(across), 1e-300)[:, None]
 
     def _engine(self, points: Array, stiffness: Array) -> ProxyEngine:

@@ -102,10 +102,9 @@ def navigated() -> Fixture:
 
 def pixels() -> Fixture:
     """A curve on a slice, not registered yet."""
-    base = curve()
     points = np.array([[300.0 + 3 * i, 400.0, 0.0] for i in range(10)])
     image = SourceImage(871, 786, None)
-    return replace(base, frame="image", points=points, rendering=None, image=image)
+    return replace(curve(), frame="image", points=points, rendering=None, image=image)
 
 
 def patient() -> Fixture:
@@ -269,8 +268,7 @@ def items_of(content: Content) -> Items:
         elif row.kind == "attribute":
             items[row.parent].attributes[row.name.encode()] = stored(content[row.path], row.type)
         else:
-            datatype, dataspace, data = stored(content[row.path], row.type)
-            item = Item(datatype=datatype, dataspace=dataspace, data=data)
+            item = Item({}, {}, *stored(content[row.path], row.type))
             for name, text in unit_and_frame(row, content).items():
                 item.attributes[name.encode()] = stored(text, "text")
             add(items, row.path, item)

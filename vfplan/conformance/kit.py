@@ -100,7 +100,6 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
     hip = path_of(fixture)
     engine.reset(hip[0])
     trace = engine.run(hip)
-    states = trace.held if isinstance(engine, Guide) else trace.state
     return {
         "bundle": f"valid/{bundle.name}",
         "rule": rule,
@@ -108,7 +107,7 @@ def render(bundle: Path, rule: str) -> dict[str, object]:
         "hip": hip.tolist(),
         "proxy": trace.proxy.tolist(),
         "force": trace.force.tolist(),
-        "state": [int(state) for state in states],
+        "state": (trace.held if isinstance(engine, Guide) else trace.state).astype(int).tolist(),
     }
 
 

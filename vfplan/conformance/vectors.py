@@ -10,7 +10,6 @@ import hashlib
 import struct
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -205,7 +204,7 @@ def answered_after_the_review() -> bytes:
 # --- Changes of items ---------------------------------------------------------------------------
 
 
-def with_fields(name: str, path: str, **fields: Any) -> bytes:
+def with_fields(name: str, path: str, fields: dict[str, Any]) -> bytes:
     """The bundle of a fixture with other fields of one item."""
     changed_items = items(name)
     changed_items[path] = replace(changed_items[path], **fields)
@@ -214,7 +213,7 @@ def with_fields(name: str, path: str, **fields: Any) -> bytes:
 
 def with_message(name: str, path: str, kind: int, body: bytes) -> bytes:
     """The bundle of a fixture with one more message in the header of an item."""
-    return with_fields(name, path, more=[(kind, body)])
+    return with_fields(name, path, {"more": [(kind, body)]})
 
 
 def with_attribute(name: str, path: str, key: str, value: str | tuple | None) -> bytes:
@@ -326,23 +325,23 @@ VECTORS: Rows = (
     ("L3", "comment_message", "A header holds a message of another kind, a comment.",
      with_message, "minimal", "/points", 0x0D, b"hidden\0"),
     ("L3", "shared_message", "A datatype's message is shared.",
-     partial(with_fields, flags=2), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"flags": 2}),
     ("L3", "group_info_twice", "A group has two messages of group info.",
      with_message, "minimal", "/provenance", MessageType.GROUP_INFO, b"\0\0"),
     ("L3", "bytes_behind_a_message", "A message has bytes behind its fields.",
-     partial(with_fields, dataspace=space_of((6, 3)) + bytes(8)), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"dataspace": space_of((6, 3)) + bytes(8)}),
     ("L3", "fill_value_of_a_group", "A group has a fill value, as if it were a dataset.",
      with_message, "minimal", "/provenance", MessageType.FILL, b"\x03\x06"),
     ("L4", "filtered_dataset", "A dataset passes through a filter.",
      with_message, "minimal", "/points", 0x0B, struct.pack("<BBHHH", 2, 1, 3, 0, 0)),
     ("L4", "compact_dataset", "A dataset is stored compact, in its header.",
-     partial(with_fields, layout=b"\x03\x00"), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"layout": b"\x03\x00"}),
     ("L4", "growing_dataset", "A dataset may grow: its maximal shape is another one.",
-     partial(with_fields, dataspace=GROWING), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"dataspace": GROWING}),
     ("L4", "unwritten_dataset", "A dataset was never written: it has no address.",
-     partial(with_fields, data_at=fixtures.UNDEFINED, data=bytes(80)), "curve", "/sigma"),
+     with_fields, "curve", "/sigma", {"data_at": fixtures.UNDEFINED, "data": bytes(80)}),
     ("L4", "fill_value", "A fill value is not zero.",
-     partial(with_fields, fill=struct.pack("<BBId", 3, 0x26, 8, 1.0)), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"fill": struct.pack("<BBId", 3, 0x26, 8, 1.0)}),
     ("L5", "soft_link", "A link is soft.",
      with_link, "registered", "/registration/tre", fixtures.soft_link(b"tre", b"/sigma")),
     ("L5", "two_links_to_one_object", "Two links lead to one object.",
@@ -366,16 +365,16 @@ VECTORS: Rows = (
     ("L7", "text_padded_with_blanks", "A text is padded with blanks.",
      with_attribute, *SOFTWARE, (fixtures.text_type(5, padding=2), SCALAR, b"kit 1")),
     ("L7", "datatype_of_version_3", "A datatype's message has version 3.",
-     partial(with_fields, datatype=b"\x31" + F8[1:]), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"datatype": b"\x31" + F8[1:]}),
     ("L7", "big_endian", "Numbers are big-endian.",
-     partial(with_fields, datatype=F8[:1] + b"\x21" + F8[2:]), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"datatype": F8[:1] + b"\x21" + F8[2:]}),
     ("L7", "attribute_array", "An attribute is an array.",
      with_attribute, "cloud", "/rendering", "band_m",
      (F8, space_of((1,)), fixtures.floats([1e-5]))),
     ("L8", "data_in_the_seal", "Data lie in the seal.",
-     lambda: with_fields("minimal", "/points", data_at=len(payload_of("minimal")))),
+     lambda: with_fields("minimal", "/points", {"data_at": len(payload_of("minimal"))})),
     ("L8", "two_datasets_in_one_place", "Two datasets lie in one place.",
-     partial(with_fields, data_at="/curve/bridged", data=bytes(10)), "curve", "/curve/edited"),
+     with_fields, "curve", "/curve/edited", {"data_at": "/curve/bridged", "data": bytes(10)}),
     ("L9", "bytes_behind_the_last_object", "Bytes behind the last object are not zero.",
      with_more_bytes, b"DOE^JANE"),
     ("L9", "name_in_an_empty_message", "An empty message holds a name.",
@@ -390,9 +389,9 @@ VECTORS: Rows = (
     ("C1", "group_for_a_dataset", "A group stands where a dataset belongs.",
      with_item, "curve", "/curve/edited", Item()),
     ("C1", "integers_for_floats", "A table has another type.",
-     partial(with_fields, datatype=I4, data=bytes(72)), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"datatype": I4, "data": bytes(72)}),
     ("C1", "points_of_two_columns", "A table has another shape.",
-     partial(with_fields, dataspace=space_of((6, 2)), data=bytes(96)), "minimal", "/points"),
+     with_fields, "minimal", "/points", {"dataspace": space_of((6, 2)), "data": bytes(96)}),
     ("C2", "no_unit", "A table has no unit.", with_attribute, "minimal", "/points", "unit", None),
     ("C2", "points_in_mm", "A table has the unit mm where the page says m.",
      with_attribute, "minimal", "/points", "unit", "mm"),

@@ -667,13 +667,12 @@ def open_number_table(
             f"has {len(columns)} columns. Leave at most {MAX_COLUMNS}",
             where=where, code="too-many-columns", numbers={"columns": len(columns)},
         )  # fmt: skip
-    header_lines = line
     columns = without_blank_end(columns, 1)
     if header_optional:
         with suppress(ValueError):
             parse_decimal(columns[0].replace(",", "."))
             columns = [f"column {i + 1}" for i in range(len(columns))]
-            header_lines = line - 1
+            line -= 1
     for column in wanted:
         count = columns.count(column)
         if count == 0:
@@ -682,7 +681,7 @@ def open_number_table(
         if count > 1:
             text = f"column {column!r} occurs {count} times. Leave one"
             raise kind(text, where=place, code="column-doubled")
-    return NumberTable(open_stream, where, kind, tuple(columns), separator, header_lines)
+    return NumberTable(open_stream, where, kind, tuple(columns), separator, line)
 
 
 def is_remark(line: bytes) -> bool:
@@ -722,10 +721,9 @@ def parse_block(
                     marks |= in_body
                     return values[:, indices]
     # Parse line by line: slower, passes over blank lines, and names the first bad line.
-    lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=line)
     rows = [
         parse_line(table, row, number, marks, indices)
-        for number, row in lines
+        for number, row in enumerate(body.decode("utf-8", "replace").split("\n"), start=line)
         if row.strip() and not REMARK.match(row)
     ]
     return np.array(rows, dtype=np.float64).reshape(len(rows), len(indices))

@@ -139,8 +139,7 @@ def read_bag(place: str, *options: Any) -> Iterator[Any]:
             position, is_rounded = np.full(3, np.nan), False
             try:
                 if is_chosen(sender, any_frame):
-                    value, name = _value_at(message, field), field.rpartition(".")[2]
-                    position, is_rounded = tip_position(value, ros, name)
+                    position, is_rounded = tip_position(_value_at(message, field), ros, field)
             except (SessionError, SettingError) as error:
                 failures.setdefault(sender, error)
             places.extend(position)
@@ -244,10 +243,10 @@ def _messages(bag: Part, topic: str) -> Iterator[tuple[Sender, int, int, Any]]:
             yield Sender(channel.number, channel.type, *frames), nanoseconds, recorded, message
 
 
-def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bool]:
+def tip_position(value: Any, ros: RosOptions, field: str = "") -> tuple[Array, bool]:
     """(3,) position of the tip from a point, a pose, a transform or a 4 x 4 matrix.
 
-    With it whether its quaternion was needed and taken at length 1; `name` is the field's.
+    With it whether its quaternion was needed and taken at length 1; `field` is where it stood.
 
     Raises SessionError: 16 numbers that are no transform, a quaternion that is not of unit length
         and is needed, or something that holds no position
@@ -271,7 +270,7 @@ def tip_position(value: Any, ros: RosOptions, name: str = "") -> tuple[Array, bo
         position = _coordinates(value.translation, "translation")
         turn = getattr(value, "rotation", None)
     else:
-        position = _coordinates(value, name)
+        position = _coordinates(value, field.rpartition(".")[2])
     if ros.tool_tip is None:
         return position, False
     if turn is None:
@@ -333,7 +332,7 @@ def _choose_field(message: Any, ros: RosOptions) -> str:
             if ros.field is None and hasattr(value, "pose"):
                 name = f"{name}.pose"
                 value = value.pose
-            tip_position(value, without_tip, name.rpartition(".")[2])
+            tip_position(value, without_tip, name)
             return name
         except SessionError as error:
             if name and error.code != "field-missing":

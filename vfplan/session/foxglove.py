@@ -86,13 +86,12 @@ class FoxgloveChannels:
             return
         self._period = period
         frame, radius_m = self._fixture.frame, self._fixture.contact_radius
-        places = {"vfplan_tool": tick["hip"], "vfplan_proxy": tick["proxy"]}
         transforms = [
             fg.FrameTransform(
                 timestamp=stamp, parent_frame_id=frame, child_frame_id=name,
                 translation=vector(place), rotation=fg.Quaternion(w=1.0),
             )
-            for name, place in places.items()
+            for name, place in {"vfplan_tool": tick["hip"], "vfplan_proxy": tick["proxy"]}.items()
         ]  # fmt: skip
         moved = fg.FrameTransforms(transforms=transforms)
         self._add("/vfplan/transforms", moved.encode(), stamp_ns)
@@ -126,12 +125,11 @@ class FoxgloveChannels:
         return fg.SceneEntity(timestamp=stamp, frame_id=self._fixture.frame, id="fixture", **bodies)
 
     def _cloud(self, stamp: fg.Timestamp) -> fg.PointCloud:
-        points = self._fixture.points.astype("<f4")
         kind, make = fg.PackedElementFieldNumericType.Float32, fg.PackedElementField
         fields = [make(name=name, offset=4 * k, type=kind) for k, name in enumerate("xyz")]
         return fg.PointCloud(
             timestamp=stamp, frame_id=self._fixture.frame, pose=pose(),
-            point_stride=12, fields=fields, data=points.tobytes(),
+            point_stride=12, fields=fields, data=self._fixture.points.astype("<f4").tobytes(),
         )  # fmt: skip
 
 

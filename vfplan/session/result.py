@@ -147,8 +147,7 @@ def stored_ticks(stream: BinaryIO) -> Iterator[Any]:
 
             datasets = plain_datasets(file, TABLE)
             rows = {name: columns for name, (columns, _, _) in TABLE.items()}
-            length = check_arrays(datasets, rows)
-            for start in range(0, length, BLOCK):
+            for start in range(0, check_arrays(datasets, rows), BLOCK):
                 yield tuple(dataset[start : start + BLOCK] for dataset in datasets.values())
     except SessionError as error:
         # What also reads sessions raises it.
