@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -116,14 +116,11 @@ class ChangingFixture:
     def _apply_changes(self, time: float, tick: int) -> None:
         """Apply the poses that have arrived by a tick at `time` [s], and its events."""
         poses = self._poses
-        while poses is not None and self._poses_applied < len(poses.time):
-            i = self._poses_applied
-            if poses.arrived[i] > time:
-                break
-            give_pose(self._frame, poses, i, time)
+        arrived = () if poses is None else poses.arrived[self._poses_applied :]
+        for _ in takewhile(lambda at: at <= time, arrived):
+            give_pose(self._frame, poses, self._poses_applied, time)
             self._poses_applied += 1
-        while self._events_applied < len(self._events):
-            i = self._events_applied
+        for i in range(self._events_applied, len(self._events)):
             event, exchange = self._events[i], self._exchanges[i]
             if event.tick > tick:
                 break
