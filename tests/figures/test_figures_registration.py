@@ -61,8 +61,7 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
     registration = registered()
     made = figure(registration, CLOCKWISE)
     factor = stated_factor(made, "95 % band")
-    [band] = made.axes[0].patches
-    right, left = np.split(band.get_xy()[:-1], 2)
+    right, left = np.split(made.axes[0].patches[0].get_xy()[:-1], 2)
     assert len(left) == 801  # closed: the last piece too
     widths = np.linalg.norm(left[::-1] - right, axis=1)[:-1] / 2
     bound = registration.tre95_curve_m(CLOCKWISE.points) / registration.scale

@@ -227,8 +227,7 @@ def check_engine(browser):
 def check_zoom(browser, pressed):
     """A choice shows one episode, the wheel and the keys change the stretch, 0 shows all again."""
     picture = "force.toDataURL()"
-    options = browser.run("zoomed.options.length")
-    assert options == 1 + len(pressed.metrics["episodes"])
+    assert browser.run("zoomed.options.length") == 1 + len(pressed.metrics["episodes"])
     seen = []
     for choice in ("whole", 0, 1):
         browser.run(f"zoomed.value = '{choice}', zoomed.dispatchEvent(new Event('change'))")
@@ -243,7 +242,7 @@ def check_zoom(browser, pressed):
 
 def press(browser, element, key):
     browser.run(f"{element}.focus()")
-    browser.run(f"{element}.dispatchEvent(new KeyboardEvent('keydown', {{key: '{key}'}}))")
+    browser.key(key)
 
 
 NAMELESS = """Array.from(document.querySelectorAll('button, input, select, canvas')).filter(
@@ -263,5 +262,3 @@ def check_hands_and_eyes(browser):
     for width in (390, 700):
         browser.size(width, 800)
         assert browser.run("document.documentElement.scrollWidth") == width
-    browser.do("Emulation.clearDeviceMetricsOverride")
-    browser.do("Emulation.setEmulatedMedia", features=[])

@@ -83,7 +83,7 @@ def draw_registration(
             coloured = axes.scatter(*points[::every].T, c=tre_mm, cmap="viridis", s=3, lw=0)
             width_in = figure.get_size_inches()[0]
             bar = figure.add_axes((1 - 0.92 / width_in, 0.3, 0.18 / width_in, 0.5))
-            figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
+            figure.colorbar(coloured, cax=bar, label="predicted TRE [mm rms]")
             bar.grid(False)
         else:
             draw_band(axes, curve, points, registration.tre95_curve_m(places) / m_per_px)

@@ -62,7 +62,6 @@ def scene(replayed: Replay) -> Figure:
     axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
     basis = plane_basis(axis)
     cloud, hip, proxy = (MM * places @ basis for places in (fixture.points, ticks.hip, ticks.proxy))
-    names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
         cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
@@ -102,7 +101,8 @@ def scene(replayed: Replay) -> Figure:
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     touching = proxy[ticks.penetration > CONTACT_M]
     axes.plot(*touching.T, ".", ms=3, color=PROXY, label="proxy, in contact", zorder=4)
-    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
+    names = zip("xyz", axis_names(basis), strict=False)
+    axes.set(aspect="equal", **{f"{letter}label": f"{name} [mm]" for letter, name in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 
@@ -110,10 +110,11 @@ def scene(replayed: Replay) -> Figure:
 def tube_outline(line: Array, radius: float, is_capped: bool) -> Array:
     """(N, 2) around the tube of a radius along a line (M, 2); a cap is half a circle."""
     # In complex numbers: those times `turn` go clockwise, from the left of the line to its right.
-    middle, left = line @ [1, 1j], radius * normals(line, closed=False) @ [1, 1j]
+    line, left = line @ [1, 1j], radius * normals(line, closed=False) @ [1, 1j]
     turn = np.exp(-1j * np.linspace(0, np.pi, 33 if is_capped else 2))
-    ends = middle[-1] + left[-1] * turn, middle[0] - left[0] * turn
-    around = np.concatenate([middle + left, ends[0], (middle - left)[::-1], ends[1]])
+    around = np.concatenate(
+        [line + left, line[-1] + left[-1] * turn, (line - left)[::-1], line[0] - left[0] * turn]
+    )
     return np.column_stack([around.real, around.imag])
 
 
@@ -211,8 +212,7 @@ def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] =
             axes.add_collection(LineCollection(lines, colors=colour, lw=1.4, label=word))
     tip = pixels_on(plane, replayed.ticks.hip)
     axes.plot(*tip.T, color=TIP, lw=0.8, path_effects=HALO, label="path of the tool tip", zorder=2)
-    drawn = fixture.strokes
-    name_ends(axes, [replace(one, points=pixels_on(plane, one.points)) for one in drawn])
+    name_ends(axes, [replace(s, points=pixels_on(plane, s.points)) for s in fixture.strokes])
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     draw_scale(axes, MM * np.linalg.norm(plane[:, 0]))
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=6)

@@ -82,8 +82,8 @@ def draw_overlay(
         draw_account(axes, extraction.account)
         if markers is not None:
             # Crosses without labels: most slices have the labels on them already.
-            places = markers.source[:, :2]
-            axes.plot(*places.T, "+", ms=10, mew=1.5, color=TUBE, label="marker", zorder=6)
+            places = markers.source.T[:2]
+            axes.plot(*places, "+", ms=10, mew=1.5, color=TUBE, label="marker", zorder=6)
         for number, finding in enumerate(findings, 1):
             if finding.place_px is not None:
                 write_beside(axes, image, finding.place_px, finding_name(number), FORCE)
@@ -163,8 +163,8 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float) -> None:
         is_free = cKDTree(points).query(beside)[0] > 0.9 * distance
         outline = np.where(is_free[:, None], beside, np.nan)
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
-        outline = outline[np.asarray(stroke.bridged, bool)]
-        if len(outline):
+        if stroke.bridged.any():
+            outline = outline[stroke.bridged]
             axes.plot(*outline.T, ".", color=BRIDGED, ms=2, label="bridged", zorder=4)
     # Arrows beside the line, to the right of who goes along it.
     shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)

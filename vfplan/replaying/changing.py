@@ -68,9 +68,9 @@ class ChangingFixture:
         if poses is not None:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
-            self._found |= dict.fromkeys(names, 0)
             self._first_pose = poses.pose[np.argmax(accepted_poses(poses))]
             jumps = jumps_of(poses, self._frame)
+            self._found |= dict.fromkeys(names, 0)
             self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
             if len(jumps):
                 self._found["pose_jump_first_s"] = float(jumps[0])

@@ -40,7 +40,7 @@ PEAKS = "penetration_max_m", "overlap_max_m", "force_max_n", "force_step_max_n",
 
 def row_norms(vectors: Array) -> Array:
     """(n,) Euclidean lengths of (n, 3) vectors."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.sqrt(dots(vectors, vectors))
 
 
 def dots(a: Array, b: Array) -> Array:
@@ -194,10 +194,9 @@ class Number(NamedTuple):
 
     def suiting(self, *values: float | None) -> Number:
         """The number in m where its values have outgrown its µm: a wrong unit is seen by that."""
-        largest = max((abs(value) for value in values if value is not None), default=0.0)
-        return (
-            self._replace(unit="m", decimals=3) if MM * largest > 1 and self.unit == "µm" else self
-        )
+        if self.unit == "µm" and any(MM * abs(value or 0.0) > 1 for value in values):
+            return self._replace(unit="m", decimals=3)
+        return self
 
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none. Energies have three digits."""
@@ -305,9 +304,8 @@ class Episodes:
         self._finish_latest()
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
-            described = {"index": -minus_number}
-            described |= {n: v for n, v in episode.items() if n not in UNREPORTED and v is not None}
-            described["passive"] = self._is_passive(episode)
+            told = {n: v for n, v in episode.items() if n not in UNREPORTED and v is not None}
+            described = {"index": -minus_number, **told, "passive": self._is_passive(episode)}
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
             if ruler is not None:

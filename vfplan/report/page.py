@@ -293,11 +293,8 @@ def scripts(data: Report, script: str) -> str:
 def document(title: str, body: str, *, live: bool = False) -> str:
     """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
     policy = POLICY + LIVE_POLICY if live else POLICY
-    icon = "<link rel=icon href=data:,>" if live else ""
     style = palette_css() + part("style.css")
-    return part("document.html").format(
-        policy=policy, title=title, icon=icon, style=style, body=body
-    )
+    return part("document.html").format(policy=policy, title=title, style=style, body=body)
 
 
 def planned(replayed: Replay, planned_slice: PlannedImage | None) -> Plan | None:
@@ -399,9 +396,9 @@ def summary(metrics: Report) -> str:
     # How far beyond the line comes first.
     for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
         values = [column.get(number.key) for column in columns]
-        if not number.label or values == [None] * len(values):
+        if not number.label or {*values} == {None}:
             continue
-        label, number = escape(number.label.format(drawn=drawn)), number.suiting(*values)
+        label, number = number.label.format(drawn=drawn), number.suiting(*values)
         rows.append([label, *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
@@ -413,7 +410,7 @@ def in_words(text: str, metrics: Report) -> str:
     """A text about limits in which each number of the summary has its words there for its name."""
     drawn, _ = beyond(metrics, 0.0)
     # A limit's overlap begins at the margin.
-    if metrics["scene"]["point_radius_m"] and not metrics.get("exchanges"):
+    if metrics["scene"]["point_radius_m"] and "margin" not in drawn:
         drawn += " with the margin"
     words = {number.key: number.label.format(drawn=drawn) for number in NUMBERS if number.label}
     return re.sub(r"(?:session\.)?(\w+_\w+)", lambda name: words.get(name[1], name[0]), text)
@@ -462,9 +459,9 @@ def episodes(metrics: Report) -> str:
         passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
-    text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
     if more := episode_count(metrics) - len(listed):
         text += f"<p>and {more} more</p>"
+    text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
     return text
 
 
