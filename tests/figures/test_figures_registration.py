@@ -61,9 +61,9 @@ def test_the_band_is_the_bound_times_the_stated_factor(figure):
     registration = registered()
     made = figure(registration, CLOCKWISE)
     factor = stated_factor(made, "95 % band")
-    quads = [path.vertices[:4] for path in made.axes[0].collections[0].get_paths()]
-    assert len(quads) == 800  # closed: the last piece too
-    widths = [np.linalg.norm(quad[1] - quad[0]) / 2 for quad in quads]
+    right, left = np.split(made.axes[0].patches[0].get_xy()[:-1], 2)
+    assert len(left) == 801  # closed: the last piece too
+    widths = np.linalg.norm(left[::-1] - right, axis=1)[:-1] / 2
     bound = registration.tre95_curve_m(CLOCKWISE.points) / registration.scale
     assert_allclose(widths, bound * factor, rtol=1e-6)
 

@@ -109,6 +109,7 @@ def test_depth_is_carried_back_to_the_slice(pressed):
     wall = SimpleNamespace(kind="wall", lines=[uv + 10])
     axes = pictures.slice_depth(moved, image, [wall]).axes[0]
     assert_allclose(axes.collections[-1].get_segments(), wall.lines)
+    assert [text.get_text() for text in axes.texts] == ["start", "end"]
     drawn = np.vstack([axes.lines[0].get_xydata(), axes.collections[0].get_offsets()])
     assert_allclose(np.sort(drawn, axis=0), uv, atol=1e-9)
     with refuses(InputError, "no-image-registration"):

@@ -300,7 +300,8 @@ def test_memory_does_not_grow_with_the_session():
 
 
 # Keys of parts of a report, which docs/replay.md explains by their words.
-ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999"}
+ELSEWHERE = {"band_m", "contact_episodes", "entrenched_ticks", "lateral_max_m", "p999",
+             "speed_max_m_s"}  # fmt: skip
 MOVING = {"fixture_energy_j", "pose_age_max_s", "frame_lag_max_m"}
 
 

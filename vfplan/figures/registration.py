@@ -83,7 +83,7 @@ def draw_registration(
             coloured = axes.scatter(*points[::every].T, c=tre_mm, cmap="viridis", s=3, lw=0)
             width_in = figure.get_size_inches()[0]
             bar = figure.add_axes((1 - 0.92 / width_in, 0.3, 0.18 / width_in, 0.5))
-            figure.colorbar(coloured, cax=bar).set_label("predicted TRE [mm rms]")
+            figure.colorbar(coloured, cax=bar, label="predicted TRE [mm rms]")
             bar.grid(False)
         else:
             draw_band(axes, curve, points, registration.tre95_curve_m(places) / m_per_px)
@@ -104,17 +104,15 @@ def draw_band(axes: Any, curve: Fixture, points: Array, half_px: Array) -> None:
     points: (M, 2) the curve's points on the slice [px]
     half_px: (M,) half the width of the band at each point
     """
-    from matplotlib.collections import PolyCollection
-
     factor = exaggeration(half_px[:, None], 0.02 * axes.get_xlim()[1])
     drawn = curve.curve or Curve(np.zeros(len(points), np.int32), np.array([False]))
+    sized = np.column_stack([points, factor * half_px])
     for number, closed in enumerate(drawn.closed):
-        rows = ring_of(np.flatnonzero(drawn.stroke == number)[:, None], closed)[:, 0].astype(int)
-        line = points[rows]
-        out = normals(line, closed=False) * (factor * half_px[rows, None])
-        quads = np.stack([line - out, line + out], axis=1)
-        quads = np.concatenate([quads[:-1], quads[1:, ::-1]], axis=1)
-        axes.add_collection(PolyCollection(quads, facecolor=ERROR, alpha=0.45, lw=0))
+        ring = ring_of(sized[drawn.stroke == number], closed)
+        line = ring[:, :2]
+        out = ring[:, 2:] * normals(line, closed=False)
+        border = np.vstack([line - out, (line + out)[::-1]])
+        axes.fill(*border.T, color=ERROR, alpha=0.45, lw=0)
         axes.plot(*line.T, color=CLOUD, lw=2.0)
     axes.plot([], [], lw=6, alpha=0.45, color=ERROR, label=f"95 % band, drawn {factor:g}x")
 

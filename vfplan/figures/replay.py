@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from matplotlib.figure import Figure
 
 from vfplan.display import MAX_DRAWN, MM, count
 from vfplan.errors import InputError
+from vfplan.figures.slice import name_ends
 from vfplan.figures.style import HALO, draw_scale, pixels_on, subplots
 from vfplan.geometry.lines import Array, normals
 from vfplan.images.read import PlannedImage, plane_of_slice
@@ -60,10 +62,8 @@ def scene(replayed: Replay) -> Figure:
     axis, radius = fixture.ignore_axis, MM * fixture.contact_radius
     basis = plane_basis(axis)
     cloud, hip, proxy = (MM * places @ basis for places in (fixture.points, ticks.hip, ticks.proxy))
-    names = zip(("xlabel", "ylabel", "zlabel"), axis_names(basis), strict=False)
     if axis is None:
         figure, axes = subplots(7.0, 6.0, subplot_kw={"projection": "3d"})
-        dots = {"ms": 1.0, "alpha": 0.4}
         cloud = cloud[:: max(1, len(cloud) // MAX_DRAWN)]
     else:
         tube_mm = 0.0 if fixture.guidance is None else MM * fixture.guidance.radius
@@ -80,7 +80,6 @@ def scene(replayed: Replay) -> Figure:
         if outside > 0:
             words = f"{100 * outside:.2g} % of the tip's path lies outside this picture"
             axes.set_title(words, loc="right", y=0, fontsize="small")
-        dots = {"ms": 1.5}
         if fixture.guidance is not None:
             tube = [
                 tube_outline(MM * line @ basis, tube_mm, fixture.guidance.ends == "stop")
@@ -91,32 +90,32 @@ def scene(replayed: Replay) -> Figure:
         if fixture.region is not None:
             # Of the balls about all points only the border of them together is seen.
             wall_mm = 2 * (radius + MM * fixture.point_radius)
-            balls = {"units": "xy", "offsets": MM * fixture.region.points @ basis, "zorder": 1.6}
-            balls["transOffset"] = axes.transData
+            balls = {"units": "xy", "offsets": MM * fixture.region.points @ basis, "zorder": 1.6,
+                     "transOffset": axes.transData}  # fmt: skip
             for look in ({"ec": WALL, "lw": 2.4}, {"fc": "white", "lw": 0}):
                 axes.add_collection(EllipseCollection(wall_mm, wall_mm, 0, **balls, **look))
             axes.plot([], [], color=WALL, lw=1.2, label="wall")
     words = f"line or points ({len(fixture.points)})"
-    axes.plot(*cloud.T, ".", color=CLOUD, label=words, zorder=2, **dots)
-    axes.plot(*hip.T, ".", ms=1.8, color=TIP, label="tool tip", zorder=3)
+    axes.plot(*cloud.T, ".", ms=1.5, color=CLOUD, label=words, zorder=2)
+    axes.plot(*hip.T, lw=1.8, color=TIP, label="path of the tool tip", zorder=3)
     axes.plot(*proxy.T, lw=0.9, color=PROXY, label="proxy", zorder=4)
     touching = proxy[ticks.penetration > CONTACT_M]
     axes.plot(*touching.T, ".", ms=3, color=PROXY, label="proxy, in contact", zorder=4)
-    axes.set(aspect="equal", **{name: f"{word} [mm]" for name, word in names})
+    names = zip("xyz", axis_names(basis), strict=False)
+    axes.set(aspect="equal", **{f"{letter}label": f"{name} [mm]" for letter, name in names})
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=2.5)
     return figure
 
 
 def tube_outline(line: Array, radius: float, is_capped: bool) -> Array:
     """(N, 2) around the tube of a radius along a line (M, 2); a cap is half a circle."""
-    across = radius * normals(line, closed=False)
-    if not is_capped:
-        return np.vstack([line + across, (line - across)[::-1]])
-    half_turn = np.linspace(0, np.pi, 33)[:, None]
-    # From the left of the line around its end to the right.
-    ahead = across @ [[0, -1], [1, 0]]
-    first, last = (np.cos(half_turn) * across[k] + np.sin(half_turn) * ahead[k] for k in (0, -1))
-    return np.vstack([line + across, line[-1] + last, (line - across)[::-1], line[0] - first])
+    # In complex numbers: those times `turn` go clockwise, from the left of the line to its right.
+    line, left = line @ [1, 1j], radius * normals(line, closed=False) @ [1, 1j]
+    turn = np.exp(-1j * np.linspace(0, np.pi, 33 if is_capped else 2))
+    around = np.concatenate(
+        [line + left, line[-1] + left[-1] * turn, (line - left)[::-1], line[0] - left[0] * turn]
+    )
+    return np.column_stack([around.real, around.imag])
 
 
 def plane_basis(axis: Array | None) -> Array:
@@ -187,19 +186,19 @@ def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] =
     outlines: of wall and tube, as `vfplan.review.rendered.outlines_of` gives them
     Raises InputError: it is unknown how it lies
     """
-    plane = plane_of_slice(replayed.fixture, image)
+    fixture = replayed.fixture
+    plane = plane_of_slice(fixture, image)
     if plane is None:
         message = "The fixture holds no registration from an image's pixels. Leave --image out."
         raise InputError(message, code="no-image-registration")
     depth = depth_along(replayed)
-    places = pixels_on(plane, replayed.fixture.points)
+    places = pixels_on(plane, fixture.points)
     height, width = image.rgb.shape[:2]
     figure, axes = subplots(7.0, max(3.0, 7.0 * height / width - 0.4))
     grey = np.asarray(image.rgb, float).mean(axis=2)
     axes.imshow(grey, cmap="gray", vmax=1.25 * max(1.0, grey.max()), interpolation="nearest")
     pressed = depth > 0
-    look = {"ms": 1.2, "color": CLOUD, "label": "line, not pressed"}
-    axes.plot(*places[~pressed].T, ".", **look)
+    axes.plot(*places[~pressed].T, ".", ms=1.2, color=CLOUD, label="line, not pressed")
     dots = axes.scatter(
         *places[pressed].T, c=MM * depth[pressed], s=14, cmap="viridis", vmin=0, zorder=3
     )
@@ -213,6 +212,7 @@ def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] =
             axes.add_collection(LineCollection(lines, colors=colour, lw=1.4, label=word))
     tip = pixels_on(plane, replayed.ticks.hip)
     axes.plot(*tip.T, color=TIP, lw=0.8, path_effects=HALO, label="path of the tool tip", zorder=2)
+    name_ends(axes, [replace(s, points=pixels_on(plane, s.points)) for s in fixture.strokes])
     axes.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     draw_scale(axes, MM * np.linalg.norm(plane[:, 0]))
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=4, fontsize="small", markerscale=6)

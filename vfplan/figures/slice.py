@@ -72,17 +72,18 @@ def draw_overlay(
     markers where given. A length in mm and the patient's sides stand where the image tells them.
     """
     with drawing_on(image, path) as (axes, scale):
-        for number, stroke in enumerate(extraction.strokes, 1):
-            name = f" {number}" if len(extraction.strokes) > 1 else ""
-            if extraction.method == "mask":
-                axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
-            else:
-                draw_stroke(axes, stroke, scale, name)
+        if extraction.method == "mask":
+            (stroke,) = extraction.strokes
+            axes.plot(*stroke.points.T, ".", ms=1, color=CLOUD, label="pixels of the mask")
+        else:
+            for stroke in extraction.strokes:
+                draw_stroke(axes, stroke, scale)
+            name_ends(axes, extraction.strokes)
         draw_account(axes, extraction.account)
         if markers is not None:
             # Crosses without labels: most slices have the labels on them already.
-            places = markers.source[:, :2]
-            axes.plot(*places.T, "+", ms=10, mew=1.5, color=TUBE, label="marker", zorder=6)
+            places = markers.source.T[:2]
+            axes.plot(*places, "+", ms=10, mew=1.5, color=TUBE, label="marker", zorder=6)
         for number, finding in enumerate(findings, 1):
             if finding.place_px is not None:
                 write_beside(axes, image, finding.place_px, finding_name(number), FORCE)
@@ -127,8 +128,9 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     size = image.width_px, image.height_px
     scale = np.clip(image.width_px, WIDTH_PX, MAX_WIDTH_PX) / image.width_px
     middle = MARGIN_IN / 2 / (image.height_px * scale / DPI + MARGIN_IN)
-    legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "fontsize": "small"}
-    legend |= {"columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5, "frameon": False}
+    legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "fontsize": "small",
+              "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5,
+              "frameon": False}  # fmt: skip
     with on_slice(path, size, scale / DPI, MARGIN_IN, **legend) as (_, axes):
         axes.imshow(as_uint8(image.rgb), interpolation="nearest")
         yield axes, scale
@@ -144,14 +146,14 @@ def draw_sides(axes: Any, image: PlannedImage) -> None:
     along_u, along_v = image.T_patient_image[:3, :2].T
     directions = ((0.98, 0.5, along_u), (0.02, 0.5, -along_u), (0.5, 0.03, along_v),
                   (0.5, 0.97, -along_v))  # fmt: skip
-    look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE}
-    look |= {"transform": axes.transAxes, "path_effects": HALO, "zorder": 8}
+    look = {"ha": "center", "va": "center", "weight": "bold", "color": FORCE,
+            "transform": axes.transAxes, "path_effects": HALO, "zorder": 8}  # fmt: skip
     for x, y, direction in directions:
         axes.text(x, y, side_of_patient(direction), **look)
 
 
-def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
-    """An outline along the ink, the direction, and both ends by name."""
+def draw_stroke(axes: Any, stroke: Stroke, scale: float) -> None:
+    """An outline along the ink, and the direction."""
     points = stroke.points
     # A curve that was given as points has no ink, and no width.
     distance = (stroke.width or 0.0) / 2 + OUTLINE_GAP_PX / scale
@@ -161,8 +163,8 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
         is_free = cKDTree(points).query(beside)[0] > 0.9 * distance
         outline = np.where(is_free[:, None], beside, np.nan)
         axes.plot(*outline.T, color=CLOUD, lw=1.0, path_effects=HALO, label="curve", zorder=3)
-        outline = outline[np.asarray(stroke.bridged, bool)]
-        if len(outline):
+        if stroke.bridged.any():
+            outline = outline[stroke.bridged]
             axes.plot(*outline.T, ".", color=BRIDGED, ms=2, label="bridged", zorder=4)
     # Arrows beside the line, to the right of who goes along it.
     shown = np.linspace(0, len(points) - 1, ARROWS + 2)[1:-1].astype(int)
@@ -172,11 +174,17 @@ def draw_stroke(axes: Any, stroke: Stroke, scale: float, name: str) -> None:
     for place, way in zip(starts[shown], along[shown], strict=True):
         axes.annotate("", place + way, place, arrowprops=look, zorder=5)
     axes.plot([], [], ls="none", marker=">", color=CLOUD, label="direction")
-    look = {"textcoords": "offset points", "fontsize": "small", "color": FORCE, "weight": "bold"}
-    look |= {"path_effects": HALO, "zorder": 6}
-    axes.annotate(f"start{name}", points[0], xytext=(9, 9), **look)
-    if not stroke.closed:
-        axes.annotate(f"end{name}", points[-1], xytext=(9, -14), **look)
+
+
+def name_ends(axes: Any, strokes: Sequence[Stroke]) -> None:
+    """Where each line, in pixels, starts and ends; of several with their numbers."""
+    look = {"textcoords": "offset points", "fontsize": "small", "color": FORCE, "weight": "bold",
+            "path_effects": HALO, "zorder": 6}  # fmt: skip
+    for number, stroke in enumerate(strokes, 1):
+        name = f" {number}" if len(strokes) > 1 else ""
+        axes.annotate(f"start{name}", stroke.points[0], xytext=(9, 9), **look)
+        if not stroke.closed:
+            axes.annotate(f"end{name}", stroke.points[-1], xytext=(9, -14), **look)
 
 
 def draw_account(axes: Any, account: tuple[AccountEntry, ...]) -> None:

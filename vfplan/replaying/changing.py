@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any
 
 import numpy as np
@@ -68,9 +68,9 @@ class ChangingFixture:
         if poses is not None:
             names = ("missing_pose_ticks", "stale_contact_ticks", "fixture_energy_j",
                      "pose_age_max_s", "frame_lag_max_m")  # fmt: skip
-            self._found |= dict.fromkeys(names, 0)
             self._first_pose = poses.pose[np.argmax(accepted_poses(poses))]
             jumps = jumps_of(poses, self._frame)
+            self._found |= dict.fromkeys(names, 0)
             self._found |= {"poses_rounded": poses.rounded, "pose_jumps": len(jumps)}
             if len(jumps):
                 self._found["pose_jump_first_s"] = float(jumps[0])
@@ -116,14 +116,11 @@ class ChangingFixture:
     def _apply_changes(self, time: float, tick: int) -> None:
         """Apply the poses that have arrived by a tick at `time` [s], and its events."""
         poses = self._poses
-        while poses is not None and self._poses_applied < len(poses.time):
-            i = self._poses_applied
-            if poses.arrived[i] > time:
-                break
-            give_pose(self._frame, poses, i, time)
+        arrived = () if poses is None else poses.arrived[self._poses_applied :]
+        for _ in takewhile(lambda at: at <= time, arrived):
+            give_pose(self._frame, poses, self._poses_applied, time)
             self._poses_applied += 1
-        while self._events_applied < len(self._events):
-            i = self._events_applied
+        for i in range(self._events_applied, len(self._events)):
             event, exchange = self._events[i], self._exchanges[i]
             if event.tick > tick:
                 break

@@ -261,8 +261,7 @@ def open_words(report: Report) -> str:
     session = report["session"]
     recorded = session.get("recorded", session)
     codes = {finding["code"] for finding in report["findings"]}
-    left_out = report["samples_left_out"]
-    within = report.get("within_episodes", 0)
+    left_out, within = report["samples_left_out"], report.get("within_episodes")
     stale, missing = report.get("stale_ticks", 0), report.get("missing_pose_ticks", 0)
     jumps, lag_m = report.get("pose_jumps", 0), report.get("frame_lag_max_m", 0.0)
     words = (
@@ -372,8 +371,8 @@ def bound_text(check: Report) -> str:
 def limits_n(metrics: Report) -> list[float]:
     """The limits on the largest force [N] that a picture of the forces has room for."""
     checks = [check for check in metrics.get("checks", []) if check["name"] == "force_max_n"]
-    limits = [check.get("at_most", np.inf) for check in checks]
-    return [limit for limit in limits if limit <= ROOM_FOR_LIMITS * metrics["force_max_n"]]
+    highest = ROOM_FOR_LIMITS * metrics["force_max_n"]
+    return [c["at_most"] for c in checks if c.get("at_most", np.inf) <= highest]
 
 
 def check_text(check: Report) -> str:

@@ -107,9 +107,7 @@ class Guided:
         micros = np.full(len(hips), 1e6 * (time.perf_counter() - began) / max(1, len(hips)))
         if self.region is None:
             size = row_norms(guide.force)
-            normal = np.divide(
-                guide.force, size[:, None], out=np.zeros_like(guide.force), where=size[:, None] > 0
-            )
+            normal = guide.force / np.where(size > 0, size, 1.0)[:, None]
             state = np.where(size > 0, 1, np.where(guide.held, 0, -1)).astype(np.int8)
             trace, force = Trace(guide.proxy, normal, guide.force, state, guide.status), guide.force
         else:

@@ -97,8 +97,6 @@ class LossyLink:
         """Positions as they were `delay_ticks` samples and up to `jitter_s` before each tick."""
         delay = self._link.delay_ticks or 0
         jitter = self._link.jitter_s
-        if not delay and jitter is None:
-            return hip
         times = np.concatenate((self._past_time, time))
         hips = np.concatenate((self._past_hip, hip))
         source = np.maximum(len(self._past_time) + np.arange(len(time)) - delay, 0)
@@ -189,10 +187,18 @@ def approach_sessions(
     return sessions
 
 
+# What a lossy link did, by the names in a replay's report.
+LINK_WORDS = {
+    "drop": "each packet lost with probability {:g}", "lost": "{} lost",
+    "lost_longest": "up to {} in a row", "jitter_s": "up to {:g} s late",
+    "delay_ticks": "{} ticks late", "quantum_m": "rounded to {:g} µm", "seed": "seed {}",
+}  # fmt: skip
+
+
 def link_text(link: Report) -> str:
-    """What a lossy link did, by the names in a replay's report."""
-    names = (*Link.__dataclass_fields__, "lost", "lost_longest")
-    return ", ".join(f"{name} {value:g}" for name, value in link.items() if name in names)
+    """What a lossy link did, of a replay's report."""
+    numbers = link | {"quantum_m": 1e6 * link.get("quantum_m", 0.0)}
+    return ", ".join(words.format(numbers[n]) for n, words in LINK_WORDS.items() if n in link)
 
 
 def apart_text(apart: Report) -> str:

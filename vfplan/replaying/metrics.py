@@ -40,7 +40,7 @@ PEAKS = "penetration_max_m", "overlap_max_m", "force_max_n", "force_step_max_n",
 
 def row_norms(vectors: Array) -> Array:
     """(n,) Euclidean lengths of (n, 3) vectors."""
-    return np.sqrt(np.einsum("ij,ij->i", vectors, vectors))
+    return np.sqrt(dots(vectors, vectors))
 
 
 def dots(a: Array, b: Array) -> Array:
@@ -194,10 +194,9 @@ class Number(NamedTuple):
 
     def suiting(self, *values: float | None) -> Number:
         """The number in m where its values have outgrown its µm: a wrong unit is seen by that."""
-        largest = max((abs(value) for value in values if value is not None), default=0.0)
-        return (
-            self._replace(unit="m", decimals=3) if MM * largest > 1 and self.unit == "µm" else self
-        )
+        if self.unit == "µm" and any(MM * abs(value or 0.0) > 1 for value in values):
+            return self._replace(unit="m", decimals=3)
+        return self
 
     def text(self, value: float | None) -> str:
         """The value without its unit; nothing if there is none. Energies have three digits."""
@@ -219,26 +218,27 @@ NUMBERS = (
     Number("start_s", "s", 3, column="start"),
     Number("end_s", "s", 3, column="end"),
     Number("dwell_s", "s", 3, column="contact"),
-    Number("penetration_max_m", "mm", 3, "penetration (tip to proxy), largest", "penetration"),
-    Number("penetration_rms_m", "mm", 3, "penetration, RMS over the session"),
-    Number("overlap_max_m", "mm", 3, "beyond {drawn}, largest", "beyond"),
-    Number("force_max_n", "N", 3, "force, largest", "force"),
-    Number("force_rms_n", "N", 3, "force, RMS over the session"),
-    Number("force_step_max_n", "N", 3, "change of force in one tick, largest"),
-    Number("clearance_min_m", "µm", 2, "clearance between proxy and wall, least"),
+    Number("penetration_max_m", "mm", 3, "largest penetration (tip to proxy)", "penetration"),
+    Number("penetration_rms_m", "mm", 3, "RMS penetration over the session"),
+    Number("overlap_max_m", "mm", 3, "farthest beyond {drawn}", "beyond"),
+    Number("force_max_n", "N", 3, "largest force", "force"),
+    Number("force_rms_n", "N", 3, "RMS force over the session"),
+    Number("force_step_max_n", "N", 3, "largest change of force in one tick"),
+    Number("speed_max_m_s", "m/s", 3, "largest speed of the tool tip"),
+    Number("clearance_min_m", "µm", 2, "least clearance between proxy and wall"),
     Number("band_m", "µm", 2, "band: the clearance may go down to minus this"),
     Number("energy_j", "mJ", 3, "energy given to the hand", "energy"),
-    Number("energy_hold_j", "mJ", 3, "of it from holding each force for a tick"),
+    Number("energy_hold_j", "mJ", 3, "energy from holding each force for a tick"),
     Number("friction", "", 3, "apparent friction"),
-    Number("slide_m", "mm", 3),
-    Number("lag_rms_m", "µm", 2, "lag of the proxy while sliding, RMS"),
-    Number("lateral_max_m", "mm", 3, "from the guide's line, largest"),
+    Number("lag_rms_m", "µm", 2, "RMS lag of the proxy while sliding"),
+    Number("lateral_max_m", "mm", 3, "farthest from the guide's line"),
     Number("fixture_energy_j", "mJ", 3),
     Number("pose_age_max_s", "ms", 1),
     Number("entrenched_ticks", "", 0, "ticks with the proxy inside the wall"),
     Number("too_fast_ticks", "", 0, "ticks too short for the proxy's way"),
     Number("p999", "µs", 2, "time a tick, in 999 of 1000 at most"),
     Number("speed_at_touch_m_s", "mm/s", 1, column="speed at touch"),
+    Number("s_m", "mm", 1, column="along the line"),
 )
 
 # The last words of a number's key and its unit in the report, the longest first.
@@ -304,9 +304,8 @@ class Episodes:
         self._finish_latest()
         listed = []
         for _, minus_number, episode in sorted(self._deepest, key=lambda entry: -entry[1]):
-            described = {"index": -minus_number}
-            described |= {n: v for n, v in episode.items() if n not in UNREPORTED and v is not None}
-            described["passive"] = self._is_passive(episode)
+            told = {n: v for n, v in episode.items() if n not in UNREPORTED and v is not None}
+            described = {"index": -minus_number, **told, "passive": self._is_passive(episode)}
             if episode["press_path"] > 0:
                 described["friction"] = episode["drag_work"] / episode["press_path"]
             if ruler is not None:

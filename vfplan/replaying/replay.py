@@ -88,8 +88,6 @@ class ThinnedTicks:
 
 def thinned(block: TickBlock, stride: int) -> TickBlock:
     """Of every `stride` ticks in a row the one with the deepest penetration (the first)."""
-    if stride == 1:
-        return block
     n = len(block)
     depth = np.full(-(-n // stride) * stride, -1.0)
     depth[:n] = block.penetration
@@ -346,8 +344,6 @@ def replay(
     if link is not None and link.report().keys() == {"seed"}:
         link = None
     with naming_place(path):
-        is_body = fixture.mesh is not None and poses is None and events is None
-        corners = fixture.points[fixture.mesh] if is_body else None
         drawn = fixture
         # Rules "robust" and "paper" render the same points: of a mesh, samples of its triangles.
         fixture = as_rendered(fixture, rules[0])
@@ -381,7 +377,8 @@ def replay(
 
     # A tool that was not led out of the body in which it began is rendered the inner side.
     ends = (start[0], blocks[0].proxy[-1])
-    if is_body and all(share_around(place, corners) > ENCLOSED for place in ends):
+    is_body = drawn.mesh is not None and changing is None
+    if is_body and all(share_around(place, drawn) > ENCLOSED for place in ends):
         common["start_depth_m"] = float(runs[0].engine.distance(start)[0])
 
     # What all reports hold: the session, the link and the time that it all took.
@@ -422,7 +419,7 @@ def replay(
             key, least = "enclosed_episodes", ENCLOSED
             if open_edges(touched.mesh):
                 key, least = "within_episodes", WITHIN
-            share = share_around(np.array(place["proxy_m"]), touched.points[touched.mesh])
+            share = share_around(np.array(place["proxy_m"]), touched)
             numbers[key] = numbers.get(key, 0) + int(share > least)
         parameters = run.engine.parameters
         metrics = {
@@ -475,13 +472,13 @@ def scene_report(fixture: Fixture, parameters: ProxyParameters) -> Report:
     return scene
 
 
-def share_around(place: Array, corners: Array) -> float:
-    """The share of all directions in which triangles (K, 3, 3), all turned alike, enclose a place.
+def share_around(place: Array, body: Fixture) -> float:
+    """The share of all directions in which the triangles of a mesh, turned alike, enclose a place.
 
     It is 1 inside a closed mesh and 0 outside it.
     """
     # The solid angle of each triangle (A. van Oosterom and J. Strackee, 1983).
-    a, b, c = np.moveaxis(corners - place, 1, 0)
+    a, b, c = np.moveaxis(body.points[body.mesh] - place, 1, 0)
     x, y, z = row_norms(a), row_norms(b), row_norms(c)
     below = x * y * z + dots(a, b) * z + dots(b, c) * x + dots(c, a) * y
     angle = 2 * np.arctan2(dots(a, np.cross(b, c)), below).sum()

@@ -219,7 +219,7 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
         kind = "beyond"
     # A limit that holds hides no warning.
     told = [f"{f['severity']}: {f['code']}" for f in metrics["findings"] if f["severity"] != "info"]
-    words = escape("; ".join([verdict_sentence(metrics), *told]))
+    words = escape("; ".join([in_words(verdict_sentence(metrics), metrics), *told]))
     line = f'<p class="verdict {kind}">{verdict.replace("-", " ").upper()}: {words}</p>'
     body = [f"<header><h1>{title}</h1>{line}</header>", identity(replayed)]
     if "link" in metrics:
@@ -230,6 +230,8 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
     plan = planned(replayed, planned_slice)
     if planned_slice is not None and replayed.fixture.curve is not None:
         on_slice = slice_depth(replayed, planned_slice, plan.outlines)
+        # Around the slice the page is seen, light or dark.
+        on_slice.set_facecolor("none")
         body.append(section("On the slice", picture(on_slice, "penetration on the slice", "slice")))
     words = "line, wall or tube, paths of tip and proxy, and where they were in contact"
     body += [
@@ -262,9 +264,9 @@ def page(replayed: Replay, *, image: Path | None = None, command: str = "") -> s
 
 def scrubber(replayed: Replay) -> str:
     """The scene and the plots that move through time."""
-    ticks = f"of {replayed.metrics['ticks']} ticks"
+    ticks = f"all {replayed.metrics['ticks']} ticks"
     if replayed.stride > 1:
-        ticks = f"of the ticks kept, of each {replayed.stride} in a row the deepest"
+        ticks = f"the ticks kept, of each {replayed.stride} in a row the deepest"
     return part("scrubber.html").replace("{scene}", part("scene.html")).replace("{ticks}", ticks)
 
 
@@ -291,15 +293,8 @@ def scripts(data: Report, script: str) -> str:
 def document(title: str, body: str, *, live: bool = False) -> str:
     """A whole page: title and body are HTML text; `live`: it may listen to where it came from."""
     policy = POLICY + LIVE_POLICY if live else POLICY
-    icon = "<link rel=icon href=data:,>" if live else ""
     style = palette_css() + part("style.css")
-    return (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title>{icon}<style>{style}</style></head>"
-        f"<body><main>\n{body}</main></body></html>\n"
-    )
+    return part("document.html").format(policy=policy, title=title, style=style, body=body)
 
 
 def planned(replayed: Replay, planned_slice: PlannedImage | None) -> Plan | None:
@@ -387,10 +382,11 @@ def summary(metrics: Report) -> str:
     if "paper" in metrics:
         rules = {"robust": metrics, "paper": metrics["paper"]}
     columns = [
-        {**rule["scene"], **rule, **rule["step_us"], "contact_episodes": episode_count(rule)}
+        {**metrics["session"], **rule["scene"], **rule, **rule["step_us"]}
         for rule in rules.values()
     ]
     for column in columns:
+        column["contact_episodes"] = episode_count(column)
         drawn, column["overlap_max_m"] = beyond(metrics, column.get("overlap_max_m", 0.0))
     head = ["", *(f"rule {name}" for name in rules), "unit"]
     if guides_alone(metrics):
@@ -400,14 +396,24 @@ def summary(metrics: Report) -> str:
     # How far beyond the line comes first.
     for number in sorted(NUMBERS, key=lambda number: number.key != "overlap_max_m"):
         values = [column.get(number.key) for column in columns]
-        if not number.label or values == [None] * len(values):
+        if not number.label or {*values} == {None}:
             continue
-        label, number = escape(number.label.format(drawn=drawn)), number.suiting(*values)
+        label, number = number.label.format(drawn=drawn), number.suiting(*values)
         rows.append([label, *map(number.text, values), number.unit])
     text = table(head, rows, "numbers")
     if len(rules) == 2:
         text += f"<p>Side by side, {apart_text(metrics['apart'])}.</p>"
     return text
+
+
+def in_words(text: str, metrics: Report) -> str:
+    """A text about limits in which each number of the summary has its words there for its name."""
+    drawn, _ = beyond(metrics, 0.0)
+    # A limit's overlap begins at the margin.
+    if metrics["scene"]["point_radius_m"] and "margin" not in drawn:
+        drawn += " with the margin"
+    words = {number.key: number.label.format(drawn=drawn) for number in NUMBERS if number.label}
+    return re.sub(r"(?:session\.)?(\w+_\w+)", lambda name: words.get(name[1], name[0]), text)
 
 
 def checks(metrics: Report) -> str:
@@ -416,7 +422,7 @@ def checks(metrics: Report) -> str:
     for check in metrics.get("checks", []):
         word = "pass" if check["pass"] else "fail"
         rows.append([f'<b class="{word}">{word.upper()}</b>', escape(check_text(check))])
-    return table(["verdict", "limit"], rows, "group") if rows else ""
+    return in_words(table(["verdict", "limit"], rows, "group"), metrics) if rows else ""
 
 
 def findings(metrics: Report) -> str:
@@ -436,12 +442,10 @@ def episodes(metrics: Report) -> str:
     listed = metrics["episodes"]
     if not listed:
         return "<p>No contact.</p>"
-    has_curve = "deepest_along" in listed[0]
-    # A guide alone has no overlap.
-    has_none = {"overlap_max_m"} - metrics.keys()
+    # A guide alone has no overlap, and a cloud no line.
+    has_none = {"overlap_max_m", "s_m"} - metrics.keys() - listed[0].get("deepest_along", {}).keys()
     numbers = [number for number in NUMBERS if number.column and number.key not in has_none]
-    head = ["episode", *(f"{number.column} [{number.unit}]" for number in numbers)]
-    head += ["along the line [mm]", "passive"] if has_curve else ["passive"]
+    head = ["episode", *(f"{number.column} [{number.unit}]" for number in numbers), "passive"]
     rows = []
     for row, episode in enumerate(listed):
         time, name = episode["deepest"]["t_s"], episode["index"] + 1
@@ -449,16 +453,15 @@ def episodes(metrics: Report) -> str:
             f'<button class="go" data-time="{time!r}" data-episode="{row}" '
             f'aria-label="show episode {name}">{name}</button>'
         )
-        told = episode | {"overlap_max_m": beyond(metrics, episode["overlap_max_m"])[1]}
+        told = episode | episode.get("deepest_along", {})
+        _, told["overlap_max_m"] = beyond(metrics, episode["overlap_max_m"])
         cells = [number.text(told.get(number.key)) for number in numbers]
-        if has_curve:
-            cells.append(f"{1e3 * episode['deepest_along']['s_m']:.1f}")
         passive = "yes" if episode["passive"] else '<b class="warning">no</b>'
         rows.append([button, *cells, passive])
     text = table(head, rows, "numbers")
-    text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
     if more := episode_count(metrics) - len(listed):
         text += f"<p>and {more} more</p>"
+    text += "<p>Passive: holding each force for a tick explains the energy that the hand got.</p>"
     return text
 
 

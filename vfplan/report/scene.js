@@ -51,7 +51,7 @@ function makeScene(data) {
         const p = flat(row(list, k));
         for (let i = 0; i < 2; i++) { low[i] = Math.min(low[i], p[i]); high[i] = Math.max(high[i], p[i]); }
       }
-    const margin = Math.max(2.4 * (data.wall ? data.wall.radius : data.radius), data.tube ? 2.4 * data.tube.radius : 0);
+    const margin = Math.max(4.4 * (data.wall ? data.wall.radius : data.radius), data.tube ? 2.4 * data.tube.radius : 0);
     camera = { x: (low[0] + high[0]) / 2, y: (low[1] + high[1]) / 2,
                zoom: Math.min(width / (high[0] - low[0] + margin), height / (high[1] - low[1] + margin)) };
   }
