@@ -206,7 +206,7 @@ def slice_depth(replayed: Replay, image: PlannedImage, outlines: Sequence[Any] =
         figure.colorbar(
             dots, ax=axes, label="line, pressed: largest penetration there [mm]", shrink=0.8
         )
-    for kind, (word, colour) in {"wall": ("wall", WALL), "guide": ("tube", TUBE)}.items():
+    for kind, word, colour in (("wall", "wall", WALL), ("guide", "tube", TUBE)):
         lines = [line for outline in outlines if outline.kind == kind for line in outline.lines]
         if lines:
             axes.add_collection(LineCollection(lines, colors=colour, lw=1.4, label=word))
