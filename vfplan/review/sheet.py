@@ -201,6 +201,8 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
     for number, finding in sorted(enumerate(shown, 1), key=lambda row: not row[1].is_open):
         kind, style = ("wants an answer", STRONG) if finding.is_open else (finding.severity, BODY)
         head, words = f"{finding_name(number)}  {kind}: {finding.code}", finding.text
+        if finding.place_px is not None:
+            head += f", at ({coordinates(finding.place_px)})"
         if ink := picture.ink_at(plan, finding):
             head += f", other ink {ink}"
         if finding.answered_by is not None:
