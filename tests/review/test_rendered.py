@@ -52,9 +52,7 @@ def pieces(fixture, change):
 def aside(fixture):
     """The whole plan elsewhere in front of the robot: line, pieces and markers."""
     fixture = replace(fixture, points=fixture.points + ASIDE)
-    if fixture.pieces is not None:
-        vertices = fixture.pieces.vertices + ASIDE
-        fixture = pieces(fixture, replace(fixture.pieces, vertices=vertices))
+    fixture = CHANGES["pieces aside"](fixture) or fixture
     record = fixture.registration
     if record is None:
         return fixture
@@ -169,6 +167,7 @@ def test_the_picture_shows_the_outline_at_the_ends_too_and_the_legend_what_is_th
         assert (drawn.query((near + 0.5) * zoom - 0.5)[0] < 2).mean() > 0.8
     words = " ".join(box.words for box in sheet.boxes)
     assert ("arrow: the guide's pull" in words) == (name == "guide")
+    assert (" green tube, blue line" in words) == (outline.kind == "guide")
     not_used = "Wall: none; the wall's 5.00 mm and 1000 N/m are not used"
     assert (not_used in words) == (outline.kind == "guide")
 

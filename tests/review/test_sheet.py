@@ -58,9 +58,13 @@ BLANK = np.zeros((320, 380, 3), np.uint8)
 
 def drawn_part(sheet, box):
     """The pixels of a box on the sheet."""
-    top = round(box.y) + box.page * PAGE_HEIGHT
-    left = round(box.x)
-    return sheet.pixels[top : top + round(box.height), left : left + round(box.width)]
+    top = box.page * PAGE_HEIGHT + box.y
+    return sheet.pixels[top : top + box.height, box.x : box.x + box.width]
+
+
+def is_coloured(sheet, box, colour):
+    """(H, W) where a box of the sheet has nearly this colour."""
+    return np.abs(drawn_part(sheet, box).astype(int) - colour).sum(axis=2) < 60
 
 
 def words_of(sheet):
@@ -94,9 +98,11 @@ def checked(shown):
 
 
 def line_of(points, *, bridged=None):
-    flags = np.zeros(len(points), bool) if bridged is None else bridged
     points = np.asarray(points, float)
-    return Stroke(points, False, np.full(len(points), 0.1), flags, width=3.0)
+    return Stroke(points, False, np.full(len(points), 0.1), bridged, width=3.0)
+
+
+STRAIGHT, BEYOND = line_of(np.linspace((60, 160), (300, 160), 241)), np.arange(241) > 120
 
 
 # ---- a covered end ----
@@ -113,13 +119,11 @@ def test_covered_end_is_plain_to_see_in_its_inset(seed, covered):
 
     # Each pixel of the slice is a square of 8 x 8 equal pixels: nothing is drawn over it.
     u, v, width, height = inset.window
-    seen = drawn_part(sheet, inset)
-    squares = seen.reshape(height, ZOOM, width, ZOOM, 3)
-    rows, columns = np.mgrid[v : v + height, u : u + width]
-    is_there = (rows >= 0) & (rows < drawn.image.shape[0])
-    is_there &= (columns >= 0) & (columns < drawn.image.shape[1])
-    wanted = drawn.image[rows[is_there], columns[is_there]]
-    assert (squares.swapaxes(1, 2)[is_there] == wanted[:, None, None]).all()
+    squares = drawn_part(sheet, inset).reshape(height, ZOOM, width, ZOOM, 3).swapaxes(1, 2)
+    around = np.pad(drawn.image + 1.0, ((height, height), (width, width), (0, 0))) - 1
+    wanted = around[v + height :, u + width :][:height, :width]
+    is_there = wanted[:, :, 0] >= 0
+    assert (squares[is_there] == wanted[is_there][:, None, None]).all()
 
 
 def test_box_of_the_grey_around_it_shows_as_even_among_noise():
@@ -140,10 +144,9 @@ def test_nothing_covers_the_ends_on_the_picture_itself():
     plain = draw_sheet(drawn_ends.shown(drawn))
     picture = picture_of(plain)
     zoom = picture.width / drawn.image.shape[1]
-    size = round(picture.width), round(picture.height)
+    size = picture.width, picture.height
     bare = cv2.resize(drawn.image, size, interpolation=cv2.INTER_NEAREST)
-    seen = drawn_part(plain, picture)
-    changed = (seen != bare).any(axis=2)
+    changed = (drawn_part(plain, picture) != bare).any(axis=2)
     rows, columns = np.indices(changed.shape)
     for u, v in (drawn.line[[0, -1]] + 0.5) * zoom - 0.5:
         away = np.hypot(columns - u, rows - v)
@@ -206,7 +209,6 @@ def test_ink_and_covers_of_ends_stay_visible_and_no_captions_overlap_on_random_s
         on_wall += covered.any()
         away = np.hypot(*(centres.clip(*frame) - centres).T)
         assert (away >= AHEAD_RADIUS - 1).all(), box.words
-    print(f"{on_wall} of {len(captions)} captions lie on the wall")
     assert on_wall <= 2
 
 
@@ -273,15 +275,15 @@ def test_an_arrow_near_the_border_begins_at_its_marker():
 
 
 def test_both_outlines_show_at_one_distance_and_a_bar_is_as_long_as_it_says():
-    line = line_of(np.linspace((60, 160), (300, 160), 241), bridged=np.arange(241) > 120)
+    line = replace(STRAIGHT, bridged=BEYOND)
     wall = Outline("wall", (line.points - [0, -4.06], line.points - [0, 4.06]))
     sheet = checked(drawn_ends.shown_of(BLANK, line, outlines=(wall,)))
-    seen = drawn_part(sheet, picture_of(sheet)).astype(int)
+    picture = picture_of(sheet)
     for colour in (LINE_COLOUR, BRIDGE_COLOUR, WALL_COLOUR):
-        assert (np.abs(seen - colour).sum(axis=2) < 60).any(axis=0).sum() > 200
+        assert is_coloured(sheet, picture, colour).any(axis=0).sum() > 200
     [words] = [box for box in sheet.boxes if box.words == "50 px"]
     bar = sheet.pixels[round(words.y) + 15, : round(words.x), 0] < 99
-    assert abs(bar.sum() - 50 * seen.shape[1] / 380) < 1
+    assert abs(bar.sum() - 50 * picture.width / 380) < 1
 
 
 def test_names_with_one_beginning_differ_and_a_letter_without_font_is_told():
@@ -329,11 +331,15 @@ def test_open_line_has_both_ends_each_bridge_and_each_hidden_stretch_enlarged():
     bridged[200:290] = True  # 90 px are more than one inset shows
     hidden = AccountEntry(1, 160.0, 160.0, 12, 0.02, 12.0, "gap")
     ink = AccountEntry(2, 100.0, 90.0, 8, 0.01, 4.0, "ink")
-    line = line_of(points, bridged=bridged)
-    sheet = checked(drawn_ends.shown_of(BLANK, line, account=(hidden, ink)))
+    line, places = line_of(points, bridged=bridged), [(30.0, 165.0), (60.0, 160.0), (65.0, 160.0)]
+    findings = tuple(doubt("a-code", "extract", "So.", place_px=place) for place in places)
+    more = {"account": (hidden, ink), "findings": findings}
+    sheet = checked(drawn_ends.shown_of(BLANK, line, **more))
+    # An inset names all findings that it shows.
     assert [box.words for box in insets(sheet, "")] == [
-        *(f"{end} of the line{wider}" for end in ("Start", "End") for wider in ("", ", wider")),
-        "Bridge 1", *["Bridge 2"] * 3, "1: gap in the line, or line hidden",
+        "Start of the line #1", "Start of the line, wider", "End of the line",
+        "End of the line, wider", "Bridge 1", "Bridge 2", "Bridge 2", "Bridge 2",
+        "1: gap in the line, or line hidden", "Finding #2 #3",
     ]  # fmt: skip
     notes = {"orange: 9 px", *(f"orange: 89 px, part {k} of 3" for k in (1, 2, 3))}
     assert notes <= set(words_of(sheet))
@@ -341,16 +347,19 @@ def test_open_line_has_both_ends_each_bridge_and_each_hidden_stretch_enlarged():
     assert {u + k for u, _, width, _ in windows for k in range(width)} >= {*range(215, 315)}
 
 
-def test_line_without_ink_is_drawn_in_the_wider_view_alone():
-    points = np.column_stack([np.linspace(60, 300, 241), np.full(241, 160.0)])
-    vector = replace(line_of(points), sigma=None, width=None)
-    sheet = checked(drawn_ends.shown_of(BLANK, vector))
+@pytest.mark.parametrize("known", [{"sigma": None, "width": None}, {"edited": BEYOND}])
+def test_line_without_ink_is_drawn_in_the_wider_view_alone(known):
+    """And orange on the picture, where a hand placed it."""
+    sheet = checked(drawn_ends.shown_of(BLANK, replace(STRAIGHT, **known)))
     [close, wider] = insets(sheet, "End")
     assert not drawn_part(sheet, close).any()
     seen = drawn_part(sheet, wider).astype(int)
     is_blue = seen[..., 2] - seen[..., 0] > 60
     assert is_blue.any()
     assert not is_blue[:, INSET_PX // 2 + 8 :].any()  # it ends in the middle
+    is_orange = is_coloured(sheet, picture_of(sheet), BRIDGE_COLOUR).any()
+    is_told = "Orange: over a gap, or by hand" in words_of(sheet)
+    assert is_told == is_orange == ("edited" in known)
 
 
 @pytest.mark.parametrize("size", [(40, 40), (4096, 4096), (60, 3000), (2500, 50)])
@@ -369,10 +378,9 @@ def test_any_size_of_slice_fits(size):
     assert all(f"M{k} " in words for k in range(6))
     # The picture's legend names the band where it is drawn there; the last inset always has it.
     *_, last = insets(sheet, "")
-    purple = [(np.abs(drawn_part(sheet, box).astype(int) - BAND_COLOUR).sum(axis=2) < 60).any()
-              for box in (picture_of(sheet), last)]  # fmt: skip
+    purple = [is_coloured(sheet, box, BAND_COLOUR).any() for box in (picture_of(sheet), last)]
     assert purple == ["95 % band of markers and drawing, to scale" in words, True]
-    assert " purple: 95 %" in words
+    assert " purple 95 %" in words
 
 
 def test_a_hundred_findings_and_forty_markers_are_all_named():
@@ -450,10 +458,8 @@ def test_bundle_without_a_slice_has_three_views(name):
     sheet = checked(shown)
     is_listed = "#2  wants an answer: slice-not-shown" in words_of(sheet)
     assert is_listed == shown.is_slice_missing
-    views = [box for box in sheet.boxes if box.kind == "picture"]
-    assert len(views) == 3
-    for view in views:
-        assert (drawn_part(sheet, view) < 200).any()
+    views = [(drawn_part(sheet, box) < 200).any() for box in sheet.boxes if box.kind == "picture"]
+    assert views == [True] * 3
 
 
 def test_a_guide_without_end_along_its_axis_is_drawn_from_above_alone():
@@ -482,7 +488,7 @@ def test_bundle_is_drawn_on_its_slice_where_it_was_measured():
         normal = np.cross(record.T_robot_image[:, 0], record.T_robot_image[:, 1])
         left = target - record.T_robot_image @ [*place, 1] - moved
         assert np.linalg.norm(np.cross(left, normal)) < 1e-9 * np.linalg.norm(normal)
-    checked(shown)
+    assert {"start 1", "end 1", "line 2"} <= {*words_of(checked(shown))}
 
 
 def test_a_slice_of_what_was_drawn_on_none_is_refused():
@@ -514,6 +520,7 @@ def test_points_that_were_set_in_slicer_stand_beside_the_line(tmp_path):
     plain = Plan.of(replace(marked.fixture, provenance=provenance), "c", marked.image)
     with_ticks, without = checked(marked), checked(plain)
     assert [str(words_of(sheet)).count("set in") for sheet in (with_ticks, without)] == [1, 0]
+    assert "start" not in words_of(with_ticks)
     # Each tick stands close to its point, and nothing is drawn on the line.
     box = picture_of(with_ticks)
     changed = (drawn_part(with_ticks, box) != drawn_part(without, box)).any(axis=2)

@@ -314,13 +314,11 @@ def contours_of(mask: Pixels) -> list[NDArray[np.int32]]:
 def draw_bound(canvas: Pixels, points: Array, distance: Array, closed: bool) -> None:
     """Draw, in dashes, around what lies within (M,) distances of a line (M, 2) [px of the page]."""
     within = np.zeros(canvas.shape[:2], np.uint8)
-    if closed:
-        points, distance = np.vstack([points, points[:1]]), np.append(distance, distance[:1])
     for k in range(len(points)):
         draw_disc(within, points[k], distance[k], 255)
-        if k:
+        if k or closed:
             thickness = max(1, round(distance[k] + distance[k - 1]))
-            draw_line(within, points[k - 1 : k + 1], 255, thickness)
+            draw_line(within, points[[k - 1, k]], 255, thickness)
     size = np.array(within.shape[::-1])
     for contour in contours_of(within):
         outline = contour[:, 0]

@@ -32,19 +32,16 @@ from vfplan.review.rendered import Outline, onto_plane, outlines_of
 from vfplan.review.strokes import CLOSE_PX
 
 
-def ends_of(stroke: Stroke) -> Iterator[tuple[str, Array, Array | None]]:
-    """Both ends of a line, or the start of a closed one.
+def ends_of(stroke: Stroke) -> Iterator[tuple[str, Array, Array]]:
+    """Both ends of an open line.
 
     Each with its name, "start" or "end", its place (u, v) [px of the slice], and the unit vector in
-    which the line would go on; `None` for a closed line.
+    which the line would go on.
     """
-    points = stroke.points
-    if stroke.closed and stroke.is_ordered:
-        yield "start", points[0], None
-    elif stroke.is_ordered:
-        for name, line in (("start", points[::-1]), ("end", points)):
-            step = line[-1] - line[max(0, len(line) - 9)]
-            yield name, line[-1], step / max(float(np.hypot(*step)), 1e-9)
+    ways = stroke.points[::-1], stroke.points
+    for name, end, line in zip(("start", "end"), stroke.end_points, ways, strict=False):
+        step = end - line[max(0, len(line) - 9)]
+        yield name, end, step / max(float(np.hypot(*step)), 1e-9)
 
 
 # Side [px of the page] of a view: two stand side by side.
@@ -76,7 +73,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     # Each view cuts what is rendered in its middle.
     middle = (low + high) / 2
     outlines = []
-    axis = plan.fixture.ignore_axis if plan.kind else None
+    axis = plan.fixture.ignore_axis if plan.kind == "guide" else None
     for number, (letter, words, turn) in enumerate(SIDES):
         row, column = divmod(number, 2)
         x = MARGIN + column * (paper.CONTENT_WIDTH - VIEW_PX)
@@ -85,7 +82,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
         corner = middle - (right + down) / scale * (VIEW_PX / 2 - 0.5)
         plane = np.column_stack([right / scale, down / scale, corner])
         # A tube that is infinite along an axis has no outline where it is seen from the side.
-        is_endless = plan.kind == "guide" and axis is not None and abs(axis @ towards) < 0.5
+        is_endless = axis is not None and abs(axis @ towards) < 0.5
         sheet.text(x, view_y, words, STRONG)
         canvas = draw_points(plane, towards, plan.fixture)
         if not is_endless:
@@ -102,7 +99,7 @@ def draw_views(sheet: paper.Paper, plan: Plan, y: float) -> tuple[float, float, 
     rows = rendered_legend(outlines)
     if rows:
         free_y = draw_legend_rows(sheet, "In each view", rows, free_x, free_y, VIEW_PX)
-        if plan.kind == "guide" and axis is not None:
+        if axis is not None:
             words = "The tube has no end along its axis, so it is not drawn from the side."
             free_y = sheet.paragraph(free_x, free_y, words, VIEW_PX, BODY, GREY) + 10
     return free_x, free_y, y + 2 * VIEW_STEP
@@ -276,8 +273,7 @@ def draw_picture(
         for _, end, direction in ends_of(stroke):
             place = panel.place(end)
             paper.draw_disc(region, place, 2 * FREE_RADIUS, 255)
-            if direction is not None:
-                paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 1)
+            paper.draw_disc(keep, place + AHEAD_RADIUS * direction, AHEAD_RADIUS, 1)
     keep[cv2.dilate(region, np.ones((9, 9), np.uint8)) > 0] = 254
     enlargement = draw_markers(plan, panel, keep)
     draw_slicer_points(plan, panel, keep)
@@ -312,7 +308,7 @@ def draw_ink_outline(plan: Plan, panel: Panel) -> Pixels:
             paper.draw_disc(free, panel.place(end), FREE_RADIUS, 255)
         distance = panel.outline_distance(stroke)
         draw_along(region, panel, stroke, distance)
-        for run in runs(stroke.bridged, stroke.closed):
+        for run in runs(stroke.bridged | stroke.edited, stroke.closed):
             thickness = max(1, round(2 * distance)) + 12
             paper.draw_line(bridges, panel.place(stroke.points[run]), 255, thickness)
     contours, before = paper.contours_of(region), panel.canvas.copy()
@@ -428,18 +424,12 @@ def bridges_of(plan: Plan) -> Iterator[tuple[str, Array]]:
         yield f"bridge {number}", points
 
 
-def findings_at(plan: Plan, points: Array) -> list[str]:
-    """The names of the findings whose place is one of these points [px of the slice]."""
-    return [
-        name for name, finding in placed_findings(plan)
-        if distance_to(finding.place_px, points) <= CLOSE_PX
-    ]  # fmt: skip
-
-
 def placed_findings(plan: Plan) -> list[tuple[str, Finding]]:
     """The findings that have a place on the slice, each with its name."""
-    named = [(finding_name(number), one) for number, one in enumerate(plan.findings, 1)]
-    return [(name, one) for name, one in named if one.place_px is not None]
+    return [
+        (finding_name(number), finding)
+        for number, finding in enumerate(plan.findings, 1) if finding.place_px is not None
+    ]  # fmt: skip
 
 
 def draw_slicer_points(plan: Plan, panel: Panel, keep: Pixels) -> None:
@@ -496,16 +486,18 @@ def draw_captions(
         of_line = "" if len(plan.strokes) == 1 else f" {number}"
         for name, end, _ in ends_of(stroke):
             places.append((name + of_line, end[None], LINE_COLOUR))
+        if of_line and not len(stroke.end_points):
+            places.append((f"line{of_line}", stroke.points[:1], LINE_COLOUR))
     places += [(name, points, paper.WHITE) for name, points in bridges_of(plan)]
-    named = []
+    placed, named = placed_findings(plan), []
     for name, points, ground in places:
-        about = findings_at(plan, points)
+        about = [at for at, one in placed if distance_to(one.place_px, points) <= CLOSE_PX]
         named += about
         # Each plate with the number of a finding is black.
         words = " ".join([name, *about])
         tag(points[len(points) // 2], words, ground=BLACK if about else ground)
     numbers = set()
-    for name, finding in placed_findings(plan):
+    for name, finding in placed:
         number = ink_at(plan, finding)
         words = f"{name} ({number})" if number else name
         if name not in named and tag(finding.place_px, words, ground=BLACK):
@@ -535,8 +527,8 @@ def draw_legend(
         rows.insert(0, LegendRow("Ink: the line that was drawn", pen))
     if len(plan.slicer_points):
         rows.append(LegendRow("Blue ticks: points that were set in Slicer", LINE_COLOUR))
-    if any(stroke.bridged.any() for stroke in plan.strokes):
-        rows.append(LegendRow("Orange outline: carried over a gap", paper.BRIDGE_COLOUR))
+    if any((stroke.bridged | stroke.edited).any() for stroke in plan.strokes):
+        rows.append(LegendRow("Orange: over a gap, or by hand", paper.BRIDGE_COLOUR))
     if has_band:
         words = "Purple dashes: 95 % band of markers and drawing, to scale"
         rows.append(LegendRow(words, paper.BAND_COLOUR, DASHED))

@@ -124,11 +124,12 @@ def strokes_on_slice(fixture: Fixture, image: PlannedImage | None) -> tuple[Stro
     drawn = fixture.strokes
     if fixture.curve is None:
         drawn = (Stroke(fixture.points, False, fixture.sigma, is_ordered=False),)
-    strokes = []
-    for stroke in drawn:
-        sigma = None if stroke.sigma is None else stroke.sigma / size_of(plane)
-        strokes.append(replace(stroke, points=onto_plane(plane)(stroke.points), sigma=sigma))
-    return tuple(strokes)
+    return tuple(
+        replace(
+            stroke, points=onto_plane(plane)(stroke.points),
+            sigma=None if stroke.sigma is None else stroke.sigma / size_of(plane),
+        ) for stroke in drawn
+    )  # fmt: skip
 
 
 def sigma_of(fixture: Fixture) -> tuple[tuple[float, ...], ...] | None:
@@ -315,9 +316,11 @@ def described(fixture: Fixture) -> tuple[tuple[str, str], ...]:
     record = fixture.registration
     if record is not None:
         places = zip(record.labels, MM * record.target, strict=True)
-        markers = [f"{isolated(label)} {coordinates(place, 1, ' ')}" for label, place in places]
         # A line breaks between two markers, not within one.
-        markers = [marker.replace(" ", "\N{NO-BREAK SPACE}") for marker in markers]
+        markers = [
+            f"{isolated(label)} {coordinates(place, 1, ' ')}".replace(" ", "\N{NO-BREAK SPACE}")
+            for label, place in places
+        ]
         rows.append(("Markers in robot coordinates, x y z [mm]", "; ".join(markers)))
     return tuple(filter(None, rows))
 

@@ -61,8 +61,8 @@ LIST_GAP = 14
 GAP = "gap in the line, or line hidden"
 
 WHAT_TO_LOOK_FOR = (
-    "Does the line stop there, or does a box or a label hide the rest of it? If it goes on, "
-    "draw the rest with vfplan review."
+    "Does the line end there, or does a box or label hide the rest? Then draw it: vfplan review. "
+    "Striped: outside the slice."
 )
 
 
@@ -76,7 +76,7 @@ def verdict_of(plan: Plan) -> str:
         return f"{kind}Approved by {reviewed.by}, {reviewed.utc}"
     # No program can tell whether something covers an end.
     ends = sum(len(stroke.end_points) for stroke in plan.strokes)
-    places = {0: "the whole line", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
+    places = {0: "the whole drawing", 2: "both ends of the line"}.get(ends, f"all {ends} ends")
     places = "the three views" if plan.image is None else places
     then = f"answer {count(unanswered, 'finding')}" if unanswered else "approve"
     return f"{kind}Look at {places}, then {then}"
@@ -112,6 +112,8 @@ def geometry_in_words(plan: Plan) -> str:
             parts.append(f"{len(stroke.points)} pixels in no order")
             continue
         words = "closed, " if stroke.closed else "open, "
+        if len(plan.strokes) > 1:
+            words = f"Line {number + 1}: {words}"
         if plan.fixture.frame == "image":
             words += f"{stroke.length:.1f} px"
             if plan.spacing_mm is not None:
@@ -131,9 +133,11 @@ def geometry_in_words(plan: Plan) -> str:
 def pixel_in_words(plan: Plan) -> str:
     """The size of a pixel by the markers, and as it is given; empty without a slice."""
     parts = []
-    if plan.image is not None and plan.fixture.registration is not None:
+    if plan.image is None:
+        return ""
+    if plan.fixture.registration is not None:
         parts.append(f"{MM * plan.metres_per_px:.4g} mm as registered")
-    if plan.image is not None and plan.spacing_mm is not None:
+    if plan.spacing_mm is not None:
         sides = dict.fromkeys(f"{side:.4g}" for side in plan.spacing_mm)
         parts.append(f"{' x '.join(sides)} mm as given")
     return ", ".join(parts)
@@ -218,7 +222,7 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
         if rest:
             words.append(f"and {len(rest)} smaller, {sum(e.pixels for e in rest)} px together")
         rows = [[(line, BODY, 0)] for line in words or ["none"]]
-        lists.append(("Other ink in the pen's colour", rows))
+        lists.append(("Other ink", rows))
     if unnamed:
         lists.append(("Markers without room", [[(marker, BODY, 0)] for marker in unnamed]))
     if plan.kind:
@@ -228,12 +232,11 @@ def lists_of(plan: Plan, unnamed: Sequence[str]) -> list[tuple[str, list[Block]]
 
 
 def draw_lists(
-    sheet: Paper, plan: Plan, y: float, beside: tuple[float, float] | None = None,
-    unnamed: Sequence[str] = (),
-) -> None:  # fmt: skip
-    """Draw each list beside (x, y) the last row of insets if it fits there, else from `y` on."""
-    page, (corner_x, corner_y) = sheet.page, beside or (MARGIN, y)
-    end, y, corner_y = y, y - LIST_GAP, corner_y - LIST_GAP
+    sheet: Paper, plan: Plan, corner: tuple[float, float], y: float, unnamed: Sequence[str] = ()
+) -> None:
+    """Draw each list from (x, y) the corner on if it fits there above `y`, else from `y` on."""
+    page, end, (corner_x, corner_y) = sheet.page, y, np.subtract(corner, (0, LIST_GAP))
+    y -= LIST_GAP
 
     def lines_of(block: Block, x: float) -> list[tuple[str, paper.Style, float, float]]:
         """Each line with its style, its x, and its height with the gap above a heading."""
@@ -268,7 +271,7 @@ def draw_lists(
             y = draw(block, MARGIN, top, -1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class Inset:
     """A place that is enlarged: its caption, its middle (u, v), and how it is drawn.
 
@@ -318,15 +321,14 @@ def insets_of(plan: Plan) -> list[Inset]:
     insets, rgb = [], as_uint8(plan.image.rgb)
     for number, stroke in enumerate(plan.strokes, 1):
         name = "the line" if len(plan.strokes) == 1 else f"line {number}"
-        for which, end, direction in picture.ends_of(stroke):
-            if direction is None:
-                continue  # A closed line has no end.
+        ends = zip(picture.ends_of(stroke), stroke.edited[[0, -1]], strict=False)
+        for (which, end, direction), is_by_hand in ends:
             caption = f"{which.capitalize()} of {name}"
             is_even = is_even_ahead(rgb, stroke, end, direction)
             note = "one grey ahead: look twice" if is_even else ""
             insets.append(Inset(caption, end, note))
             # A line without ink hides nothing, and the line itself has to be visible.
-            has_line = stroke.sigma is None
+            has_line = is_by_hand or stroke.sigma is None
             note = "with the line drawn" if has_line else "contrast raised"
             insets.append(Inset(f"{caption}, wider", end, note, ZOOM // 2, True, has_line))
     # One inset a bridge, or several along a long one.
@@ -338,24 +340,29 @@ def insets_of(plan: Plan) -> list[Inset]:
             note = f"orange: {along[-1]:.0f} px"
             if parts > 1:
                 note += f", part {part + 1} of {parts}"
-            caption = " ".join([name.capitalize(), *picture.findings_at(plan, points)])
-            insets.append(Inset(caption, place, note, bridge=points))
+            insets.append(Inset(name.capitalize(), place, note, bridge=points))
     gaps = [entry for entry in plan.other_ink if entry.what != "ink"]
-    placed = picture.placed_findings(plan)
-    others = [(f"{entry.number}: {GAP}", entry.middle) for entry in gaps]
-    others += [(f"{name}: {finding.code}", finding.place_px) for name, finding in placed]
-    for caption, place in others:
-        # One that lies in an inset already is not enlarged again.
-        reach = [np.abs(inset.place - place).max() for inset in insets if inset.zoom == ZOOM]
-        if min(reach, default=np.inf) > SHOWN_PX // 3:
-            insets.append(Inset(caption, np.array(place), ""))
+    others = [(f"{entry.number}: {GAP}", "", entry.middle) for entry in gaps]
+    for name, finding in picture.placed_findings(plan):
+        others.append(("Finding", f" {name}", finding.place_px))
+    for caption, name, place in others:
+        # One that lies in an inset already is named there, and not enlarged again.
+        shown = [
+            inset for inset in insets
+            if inset.zoom == ZOOM and np.abs(inset.place - place).max() <= SHOWN_PX // 3
+        ]  # fmt: skip
+        if not shown:
+            shown = [Inset(caption, np.array(place), "")]
+            insets += shown
+        for inset in shown:
+            inset.caption += name
     if plan.metres_per_px is not None and (plan.tre95_m is not None or plan.outlines):
         # Where the registration's error may be largest, enlarged so that all of it fits in.
         points = np.concatenate([stroke.points for stroke in plan.strokes])
         bound_m, note = np.zeros(1), "what the robot renders"
         if plan.tre95_m is not None:
-            rendered = {"wall": "; red: wall", "guide": "; green: tube"}.get(plan.kind, "")
-            bound_m, note = plan.tre95_m, f"purple: 95 %{rendered}; blue: line"
+            rendered = {"wall": ", red wall", "guide": ", green tube"}.get(plan.kind, "")
+            bound_m, note = plan.tre95_m, f"purple 95 %{rendered}, blue line"
         worst = int(np.argmax(bound_m))
         half_px, zoom = bound_m[worst] / plan.metres_per_px, ZOOM
         lines = [line for outline in plan.outlines for line in outline.lines]
@@ -370,10 +377,10 @@ def insets_of(plan: Plan) -> list[Inset]:
 
 def draw_insets(
     sheet: Paper, insets: list[Inset], rgb: Pixels, plan: Plan, y: float
-) -> tuple[float, float]:
+) -> tuple[tuple[float, float], float]:
     """Draw rows of insets; a row that does not fit begins a new page.
 
-    Returns the top of the last row, and where the next thing below begins.
+    Returns the corner of what the last row leaves free, and where the next thing below begins.
     """
     last_row = y
     for number, inset in enumerate(insets):
@@ -391,7 +398,8 @@ def draw_insets(
             words = paper.shortened(words, INSET_STEP - 6, style)
             sheet.text(x, last_row + line * BODY.line_height, words, style)
         draw_inset(sheet, inset, rgb, plan, x, round(last_row + CAPTION_HEIGHT))
-    return last_row, y
+    in_last_row = len(insets) % INSETS_IN_A_ROW
+    return (MARGIN + in_last_row * INSET_STEP, last_row if in_last_row else y), y
 
 
 def draw_inset(sheet: Paper, inset: Inset, rgb: Pixels, plan: Plan, x: int, y: int) -> None:
@@ -444,8 +452,7 @@ def draw_band(enlarged: Pixels, inset: Inset, plan: Plan) -> None:
     for outline in plan.outlines:
         picture.draw_rendered(enlarged, outline, inset.within)
     for stroke, half_m in plan.bounds:
-        points = inset.within(stroke.points)
-        paper.draw_bound(enlarged, points, half_m * to_page, stroke.closed)
+        paper.draw_bound(enlarged, inset.within(stroke.points), half_m * to_page, stroke.closed)
     for stroke in plan.strokes:
         if stroke.is_ordered:
             points = inset.within(stroke.points)
@@ -473,11 +480,10 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
     """Draw the sheet of what is to be reviewed; its title says what to do, or what is given."""
     sheet = Paper()
     # The verdict, in white on black where it is more than a look, and what is reviewed.
-    x, width, gap, colour = MARGIN, paper.CONTENT_WIDTH, 4, BLACK
     is_more = plan.fixture.open_findings or plan.is_slice_missing
-    if is_more:
-        x, width, gap, colour = MARGIN + 16, paper.CONTENT_WIDTH - 32, 16, paper.WHITE
-    y = sheet.paragraph(x, float(MARGIN), title or verdict_of(plan), width, paper.TITLE, colour)
+    indent, colour = (16, paper.WHITE) if is_more else (0, BLACK)
+    x, width, words = MARGIN + indent, paper.CONTENT_WIDTH - 2 * indent, title or verdict_of(plan)
+    y = sheet.paragraph(x, float(MARGIN), words, width, paper.TITLE, colour)
     if is_more:
         bar = slice(MARGIN - 10, round(y) + 10)
         sheet.canvas[bar, MARGIN : paper.PAGE_WIDTH - MARGIN] = BLACK
@@ -486,20 +492,18 @@ def draw_sheet(plan: Plan, title: str = "") -> Sheet:
         words += f" Case {isolated(plan.fixture.case)}."
     if plan.side is not None:
         words += f" By the markers, the slice is seen from {plan.side}."
-    y = sheet.paragraph(MARGIN, y + gap, words, paper.CONTENT_WIDTH, BODY, GREY) + 14
+    y = sheet.paragraph(MARGIN, y + max(4, indent), words, paper.CONTENT_WIDTH, BODY, GREY) + 14
     if plan.image is None:
         free_x, free_y, y = picture.draw_views(sheet, plan, y)
         draw_facts(sheet, plan, free_x, free_y, paper.PAGE_WIDTH - MARGIN - free_x)
-        draw_lists(sheet, plan, y)
+        draw_lists(sheet, plan, (MARGIN, y), y)
     else:
         rgb = as_uint8(plan.image.rgb)
         bottom, column_y, unnamed = picture.draw_picture(sheet, plan, rgb, y)
         column_y = draw_facts(sheet, plan, picture.COLUMN_X, column_y + 4, picture.COLUMN_WIDTH)
         insets = insets_of(plan)
-        last_row, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
-        in_last_row = len(insets) % INSETS_IN_A_ROW
-        beside = (MARGIN + in_last_row * INSET_STEP, last_row) if in_last_row else None
-        draw_lists(sheet, plan, y, beside, unnamed)
+        corner, y = draw_insets(sheet, insets, rgb, plan, max(bottom, column_y) + 8)
+        draw_lists(sheet, plan, corner, y, unnamed)
     # The digest and the file's name on every page, and which page of how many it is.
     name = isolated(paper.shortened(plan.source.path.name, INSET_PX, BODY))
     for page in range(sheet.page + 1):
