@@ -69,15 +69,12 @@ def vfplan_import(cloud, output, ignore_axis, **arguments) -> CommandResult:
 
     # What was read, and whether anything can slip through it.
     size = ", ".join(f"{1e3 * side:.4g}" for side in high - low)
-    opening = opening_in_words(content)
-    if content["/leak@kind"] == "cloud" and data["points"] == 1:
-        opening = "a single point"
     certified = or_not(content["/leak@certified"], "certified")
     if content["/leak@kind"] == "mesh":
         certified = f"each triangle {certified}"
     text = (
         f"{data['points']} points, {triangles} triangles, {size} mm across in {fixture.frame}; "
-        f"{content['/leak@kind']}, {certified}: {opening}"
+        f"{content['/leak@kind']}, {certified}: {opening_in_words(content)}"
     )
     if rule is not None:
         text += f"; rule {rule}"

@@ -168,40 +168,39 @@ def sharp_corners(kinds, count=30, first=9000):
     return f"{asked} of {slices}"
 
 
+def with_values(room, name, values):
+    """A number of a room at each of these values, and then as it was."""
+    own = getattr(room, name)
+    for value in values:
+        setattr(room, name, value)
+        print(f"{name} {value:g}: ", end="", flush=True)
+        yield
+    setattr(room, name, own)
+
+
 def print_numbers():
     """Print what the stated measurements of numbers are with other values of them."""
-    own = tuned.CORNER_SIGMAS, strokes.ONTO_PATH_POINTS, strokes.HAND_SIGMAS, strokes.FADE_POINTS
-    for value in (1.0, 1.25, 1.5, 2.0):
-        tuned.CORNER_SIGMAS = value
+    for _ in with_values(tuned, "CORNER_SIGMAS", (1.0, 1.25, 1.5, 2.0)):
         every = [
             holds_at_corner(turn, gap)
             for turn in np.linspace(5, 100, 20)
             for gap in (6.0, 10.0, 14.0, 18.0, 24.0, 32.0, 40.0)
         ]
         made = [holds for holds in every if holds is not None]
-        print(f"CORNER_SIGMAS {value:g}: {sum(made)} of {len(made)} lifts keep their bound")
-    tuned.CORNER_SIGMAS = own[0]
-    for value in (0, 3, 6, 12, 24):
-        strokes.ONTO_PATH_POINTS = value
+        print(f"{sum(made)} of {len(made)} lifts keep their bound")
+    for _ in with_values(strokes, "ONTO_PATH_POINTS", (0, 3, 6, 12, 24)):
         turns = [result_of(kind, seed).turn_deg for kind in AT_AN_END for seed in range(30)]
-        print(f"ONTO_PATH_POINTS {value}: 95 % turn by at most {np.quantile(turns, 0.95):.0f} deg")
-    strokes.ONTO_PATH_POINTS = own[1]
-    print("with: plans | ends | curve | along | error | largest bound | usual bound")
-    for name, values, usual in (
-        ("HAND_SIGMAS", (1.5, 2, 3, 4, 6), own[2]), ("FADE_POINTS", (5, 10, 20, 40), own[3]),
-    ):  # fmt: skip
-        for value in values:
-            setattr(strokes, name, value)
-            results = [result_of(kind, seed) for kind in AT_AN_END for seed in range(40)]
-            print(f"{name} {value}: {row(results)}", flush=True)
-        setattr(strokes, name, usual)
-    for value in (45, 55, 65, 75, 85):
-        account.HOOK_DEG = value
+        print(f"95 % turn by at most {np.quantile(turns, 0.95):.0f} deg")
+    print(
+        "plans | ends | curve | along | error | largest bound | usual bound, as in the table, with"
+    )
+    for name, values in (("HAND_SIGMAS", (1.5, 3, 6, np.inf)), ("FADE_POINTS", (5, 20, 80))):
+        for _ in with_values(strokes, name, values):
+            print(row([result_of(kind, seed) for kind in KINDS for seed in range(20)]))
+    for _ in with_values(account, "HOOK_DEG", (45, 55, 65, 75, 85)):
         clear = sharp_corners(extraction_kinds.CLEAR, count=10)
         letters = sharp_corners(["letter at an end"])
-        print(
-            f"HOOK_DEG {value}: asked about are {clear} clear slices, {letters} letters at an end"
-        )
+        print(f"asked about are {clear} clear slices, {letters} letters at an end")
 
 
 def main(words):

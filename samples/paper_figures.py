@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vfplan.figures.replay import EPISODE, MM, plane_basis
 from vfplan.figures.style import new_figure, save_png, style
 
-# The colours of their roles, by the paper's words.
+# Our colours, under the names that the paper uses.
 from vfplan.palette import CLOUD, FORCE
 from vfplan.palette import ERROR as PROXY
 from vfplan.palette import TUBE as HIP

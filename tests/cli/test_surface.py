@@ -160,21 +160,30 @@ def test_drawn_dicom_slices_become_a_surface(tmp_path):
     folder = tmp_path / "series"
     folder.mkdir()
     pixel, shape = 0.4, (120, 160)
-    for k, z in enumerate(BENT.places(5)[4:12]):
-        line = (BENT.rings(z)[0] + [24, 24]) / pixel
-        ink = coverage(shape, line, 3, closed=True)
+
+    def draw(k, z, ink):
         picture = to_uint8(blend(flat(shape, 180), ink, (230, 20, 40)))
         made = capture(
             tmp_path, picture, PixelSpacing=[pixel, pixel],
             ImageOrientationPatient=[1, 0, 0, 0, 1, 0], ImagePositionPatient=[-24, -24, float(z)],
         )  # fmt: skip
         made.rename(folder / f"{UID}.{9 - k}.dcm")
+        return picture
+
+    for k, z in enumerate(BENT.places(5)[4:12]):
+        line = (BENT.rings(z)[0] + [24, 24]) / pixel
+        ink = coverage(shape, line, 3, closed=True)
+        picture = draw(k, z, ink)
     made = surface(folder, settings=SurfaceSettings(tolerance_m=3e-4))
     points = 1e3 * made.fixture.points
     inside = (points[:, 2] > -18) & (points[:, 2] < 17)
     away = BENT.distance(points[inside])
     assert np.sqrt((away**2).mean()) < 0.05
     assert np.abs(away).max() < 0.15
+    # What is asked about one slice is asked about the surface.
+    u, v = np.rint(line[0]).astype(int)
+    draw(k, z, np.where(np.hypot(*(np.indices(shape)[::-1] - [[[u]], [[v]]])) < 6, 0, ink))
+    assert any("file 1 of 8 by name: " in f.text for f in surface(folder).fixture.findings)
     capture(tmp_path, flat(shape, 90).astype(np.uint8)).rename(folder / f"{UID}.99.dcm")
     assert any("1 of 9 slices show no drawing" in f.text for f in surface(folder).fixture.findings)
     capture(tmp_path, picture).rename(folder / f"{UID}.98.dcm")

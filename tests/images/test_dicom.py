@@ -161,6 +161,8 @@ def test_what_is_said_beside_the_pixels_is_obeyed_or_told(tmp_path):
     with pytest.raises(ImageError, match="--pixel-spacing"):
         vfplan.read_image(path)
     assert vfplan.read_image(path, pixel_spacing_mm=(1.0, 2.0)).findings == ()
+    square = vfplan.read_image(path, pixel_spacing_mm=(1.0, 1.0))
+    assert [finding.code for finding in square.findings] == ["pixels-square"]
     grey = capture(tmp_path, PICTURE[..., 1].copy(), "MONOCHROME2")
     data = pydicom.dcmread(grey)
     data.add_new(0x60003000, "OW", bytes(150 * 220 // 8))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 
 import cv2
 import numpy as np
@@ -106,6 +107,18 @@ def drawn(canvas, rng, **margin):
     curve, width, _ = penned(rng, **margin)
     canvas.line(curve, width, RED)
     return curve, width
+
+
+def beside_a_line(add):
+    """The kind of slice with a drawn line, the one that is meant, and what `add` draws there."""
+
+    @wraps(add)
+    def kind(canvas, rng):
+        curve, width = drawn(canvas, rng)
+        add(canvas, rng, curve, width)
+        return curve
+
+    return kind
 
 
 def part(curve, start, stop):
@@ -257,13 +270,12 @@ def taper(canvas, rng):
     return curve
 
 
-def glyphs(canvas, rng):
+@beside_a_line
+def glyphs(canvas, rng, curve, width):
     """Slicer's control points: discs of the line's colour on it."""
-    curve, width = drawn(canvas, rng)
     for at in curve[:: len(curve) // int(rng.integers(5, 9))]:
         canvas.disc(at, width * rng.uniform(1.0, 1.6), RED)
     canvas.disc(curve[-1], width * 1.3, RED)
-    return curve
 
 
 def handles(canvas, rng):
@@ -276,8 +288,8 @@ def handles(canvas, rng):
     return curve, True
 
 
-def scale_bar(canvas, rng):
-    curve, _ = drawn(canvas, rng)
+@beside_a_line
+def scale_bar(canvas, rng, curve, width):
     length = rng.uniform(50, 100)
     at = away(curve, rng, (length, 40))
     bar = at + np.array([[-length / 2, 0], [length / 2, 0]])
@@ -285,12 +297,11 @@ def scale_bar(canvas, rng):
     for end in bar:
         canvas.line(end + np.array([[0, -5], [0, 5]]), 2.0, RED, cap="butt")
     canvas.text("5 cm", np.add(at, [-16, -8]), RED)
-    return curve
 
 
-def calliper(canvas, rng):
+@beside_a_line
+def calliper(canvas, rng, curve, width):
     """A measured distance: a slanting line with a cross at either end and its length in words."""
-    curve, _ = drawn(canvas, rng)
     length, angle = rng.uniform(40, 80), rng.uniform(0.2, 1.3)
     way = unit(angle)
     at = away(curve, rng, length * way + 12)
@@ -298,12 +309,11 @@ def calliper(canvas, rng):
     canvas.line(ends, 1.5, RED, cap="butt")
     for end in ends:
         cross(canvas, end, 6, 1.5, RED)
-    return curve
 
 
-def window_frame(canvas, rng):
+@beside_a_line
+def window_frame(canvas, rng, curve, width):
     """A rectangle beside or round the curve, as a viewport's border."""
-    curve, _ = drawn(canvas, rng)
     inset = rng.uniform(6, 14)
     centre = (np.array(SHAPE[::-1]) - 1) / 2
     corners = rectangle(centre, SHAPE[1] - 2 * inset, SHAPE[0] - 2 * inset)
@@ -311,24 +321,21 @@ def window_frame(canvas, rng):
         size = rng.uniform(30, 52, 2)
         corners = rectangle(away(curve, rng, size), *size)
     canvas.line(corners, 2.0, RED, True)
-    return curve
 
 
-def region(canvas, rng):
+@beside_a_line
+def region(canvas, rng, curve, width):
     """A filled patch of the pen's colour beside the curve."""
-    curve, _ = drawn(canvas, rng)
     turn = np.linspace(0, 2 * np.pi, 80, endpoint=False)
     radius = rng.uniform(12, 22) * (1 + 0.2 * np.sin(3 * turn))
     at = away(curve, rng, (50, 50))
     canvas.fill(at + radius[:, None] * unit(turn), RED)
-    return curve
 
 
-def dot_end(canvas, rng):
+@beside_a_line
+def dot_end(canvas, rng, curve, width):
     """A blob where the pen rested at one end."""
-    curve, width = drawn(canvas, rng)
     canvas.disc(curve[-1], width * rng.uniform(1.2, 2.2), RED)
-    return curve
 
 
 def arrow_head(canvas, rng):
@@ -356,20 +363,18 @@ def leader(canvas, rng):
     return curve
 
 
-def crosses(canvas, rng):
+@beside_a_line
+def crosses(canvas, rng, curve, width):
     """Marker crosses of the pen's colour with their labels."""
-    curve, _ = drawn(canvas, rng)
     for k in range(int(rng.integers(3, 7))):
         at = away(curve, rng, (28, 28), rng.uniform(12, 60))
         cross(canvas, at, 6, 1.5, RED)
         canvas.text(f"x{k}", np.add(at, [6, -5]), YELLOW, 0.4)
-    return curve
 
 
-def words(canvas, rng):
-    curve, _ = drawn(canvas, rng)
+@beside_a_line
+def words(canvas, rng, curve, width):
     canvas.text("L hip 3", away(curve, rng, (70, 14)) - [34, -6], RED)
-    return curve
 
 
 def _straightest(curve, low, high):
@@ -411,26 +416,24 @@ def touched_red_on_top(canvas, rng):
     return touched(canvas, rng, True)
 
 
-def crossed(canvas, rng):
+@beside_a_line
+def crossed(canvas, rng, curve, width):
     """Lines of other colours across the curve."""
-    curve, _ = drawn(canvas, rng)
     for where in (0.3, 0.65):
         k = int(where * len(curve))
         at, normal = curve[k], normal_of(curve)[k]
         lean = normal + rng.uniform(-0.5, 0.5) * np.array([-normal[1], normal[0]])
         colour = pick(rng, (*OTHERS, CYAN, GREEN))
         canvas.line(np.array([at - 40 * lean, at + 40 * lean]), rng.uniform(1.5, 4), colour)
-    return curve
 
 
-def bars(canvas, rng):
+@beside_a_line
+def bars(canvas, rng, curve, width):
     """A red curve beside a chart's orange bars."""
-    curve, _ = drawn(canvas, rng)
     at = np.add(away(curve, rng, (34, 60)), [0, 25])
     for k in range(3):
         height = rng.uniform(20, 50)
         canvas.box(np.add(at, [10 * k - 10, -height / 2]), 7, height, (255, 127, 14))
-    return curve
 
 
 # An answer other than the truth must be warned of, or refused.
@@ -487,13 +490,12 @@ def rectangle_with_a_line(canvas, rng):
     return corners, True
 
 
-def end_under_a_box(canvas, rng):
-    curve, _ = drawn(canvas, rng)
+@beside_a_line
+def end_under_a_box(canvas, rng, curve, width):
     hidden = tail(curve, rng.uniform(35, 90))
     low, high = hidden.min(0) - 6, hidden.max(0) + 6
     colour = pick(rng, (*OTHERS, CYAN, GREEN, BLUE))
     canvas.box((low + high) / 2, *(high - low), colour)
-    return curve
 
 
 def end_among_specks(canvas, rng):
@@ -543,12 +545,11 @@ def lone_bar(canvas, rng):
     return
 
 
-def hidden_stretch(canvas, rng):
+@beside_a_line
+def hidden_stretch(canvas, rng, curve, width):
     """Something broader than the longest bridged lies over the line."""
-    curve, _ = drawn(canvas, rng)
     at = curve[int(rng.uniform(0.4, 0.6) * len(curve))]
     canvas.disc(at, rng.uniform(14, 22), pick(rng, (*OTHERS, CYAN, GREEN)))
-    return curve
 
 
 def letter_turns_off(canvas, rng):
@@ -589,13 +590,12 @@ def veil_over_the_end(canvas, rng):
     return box_over_the_end(canvas, rng, opacity=rng.uniform(0.5, 0.8))
 
 
-def letter_at_the_end(canvas, rng):
+@beside_a_line
+def letter_at_the_end(canvas, rng, curve, width):
     """A letter in the pen's colour that the curve runs into."""
-    curve, width = drawn(canvas, rng)
     way = direction(curve)
     at = curve[-1] + (width / 2 + rng.uniform(3, 7)) * way
     canvas.text(pick(rng, "LATxK"), np.add(at, (-5, 6)), RED, rng.uniform(0.4, 0.6))
-    return curve
 
 
 def dot_beside(canvas, rng):

@@ -136,6 +136,8 @@ def engine_doubt(fixture: Fixture) -> tuple[str, str] | None:
 
 def opening_in_words(content: Content) -> str:
     """How far apart the parts of a certified curve or mesh, or of a bare cloud, are."""
+    if not content["/leak@largest_m"]:
+        return "a single point"
     size = millimetres(content["/leak@largest_m"])
     return {
         "curve": f"points at most {size} apart",

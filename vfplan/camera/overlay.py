@@ -21,7 +21,7 @@ import numpy as np
 
 from vfplan.camera import CODECS, LIMIT_MM
 from vfplan.camera.pose import Array, Camera, Picture, Pose, find_tags, locate, make_finder
-from vfplan.camera.sheet import SCALE_MM, Plan, Tags
+from vfplan.camera.sheet import SCALE_MM, Plan, TagCorners
 from vfplan.display import MM, Report
 from vfplan.errors import CheckFailed, InputError
 from vfplan.geometry.lines import in_space, normals, ring_of, runs
@@ -108,7 +108,7 @@ class Overlay:
     """
 
     plan: Plan
-    tags: Tags
+    tags: TagCorners
     camera: Camera
     is_printed: bool = True
     limit_mm: float = LIMIT_MM

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfplan.camera.sheet import BOARD, DICTIONARY, Array, Tags
+from vfplan.camera.sheet import BOARD, DICTIONARY, Array, TagCorners
 from vfplan.errors import CheckFailed, InputError
 from vfplan.io.files import read_text
 
@@ -187,14 +187,14 @@ def make_finder() -> Any:
     return cv2.aruco.ArucoDetector(DICTIONARY, parameters)
 
 
-def find_tags(finder: Any, grey: Picture) -> Tags:
+def find_tags(finder: Any, grey: Picture) -> TagCorners:
     """Number -> (4, 2) corners [px] of the tags in a grey picture."""
     corners, numbers, _ = finder.detectMarkers(grey)
     numbers = [] if numbers is None else numbers.ravel().tolist()
     return {n: quad[0].astype(float) for n, quad in zip(numbers, corners, strict=True)}
 
 
-def locate(found: Tags, tags: Tags, camera: Camera, *, is_printed: bool = True) -> Pose:
+def locate(found: TagCorners, tags: TagCorners, camera: Camera, *, is_printed: bool = True) -> Pose:
     """The pose by the tags that were found.
 
     Raises

@@ -68,7 +68,7 @@ PX_PER_M = 1e4
 THIN = 4
 
 # Number -> corners of a tag.
-Tags = dict[int, Array]
+TagCorners = dict[int, Array]
 
 # The colour of where the proxy stops, and of where it stays.
 COLOURS = {"wall": WALL, "guide": TUBE}
@@ -153,7 +153,7 @@ def whole_of(plan: Plan) -> tuple[float, float]:
     )  # fmt: skip
 
 
-def printed_tags(plan: Plan) -> Tags:
+def printed_tags(plan: Plan) -> TagCorners:
     """Number -> (4, 3) corners [m] of the sheet's tags, clockwise from the upper left."""
     width, height = whole_of(plan)
     side = TAG_MM / MM * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -167,7 +167,7 @@ def printed_tags(plan: Plan) -> Tags:
     return tags
 
 
-def touched_tags(path: Path, plan: Plan) -> Tags:
+def touched_tags(path: Path, plan: Plan) -> TagCorners:
     """The same of tags on an object, by the places of their corners in the fixture's frame.
 
     A marker file has a row for each corner, labelled as "17.0" to "17.3": the number of a tag of

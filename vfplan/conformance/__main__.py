@@ -21,7 +21,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-# What a reader printed, and the values that it read, by path.
+# Values by path: what a reader printed or read, or what the kit states.
 Values = dict[str, object]
 
 # Takes a file, gives its values by path, or `None` when it refuses the file.

@@ -300,7 +300,7 @@ def to_payload(items: Items) -> bytes:
 
 
 def padded(data: bytes) -> bytes:
-    """The bytes, up to a multiple of 8."""
+    """The bytes, filled with zeros to a multiple of 8."""
     return data + bytes(-len(data) % 8)
 
 

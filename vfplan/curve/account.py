@@ -104,8 +104,8 @@ class Leftover:
     """
 
     places: Pixels
-    middle: Pixels
-    nearest: Pixels
+    middle: NDArray[np.int64]
+    nearest: NDArray[np.int64]
     size: float
     edge_distance: float
     end_distance: float
@@ -463,6 +463,7 @@ def join_findings(
 
     There is none for a piece that a known finding on it speaks of.
     """
+    # Taken before the first finding: `known` may be the list that grows by them.
     known_places = np.reshape([f.place_px for f in known if f.place_px], (-1, 2)).astype(float)
     for piece in leftover:
         away, _ = _core.nearest(piece.places.astype(float), known_places)

@@ -274,7 +274,7 @@ def _too_little_error(line: Candidate, measured_px: int) -> CurveError:
 
 
 def middle_of(rows: NDArray) -> Any:
-    """The one in the middle of some rows."""
+    """Half-way along: an index of a run, a place of a path."""
     return rows[len(rows) // 2]
 
 

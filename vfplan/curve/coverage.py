@@ -19,6 +19,7 @@ from vfplan.curve import tuned
 from vfplan.errors import SettingError
 from vfplan.geometry.lines import Array, Flags, windows
 
+# (N, 2) columns and rows of pixels.
 Pixels = NDArray[np.int64]
 
 # Hues that are looked for in a picture where the named pen drew no curve.
@@ -178,7 +179,7 @@ class Ink:
     mask: Flags
 
     @property
-    def size(self) -> Pixels:
+    def size(self) -> NDArray[np.int64]:
         """Columns and rows."""
         return np.array(self.mask.shape[::-1])
 

@@ -41,7 +41,7 @@ def ring_of(points: NDArray, closed: bool) -> Array:
 
 def in_space(flat: NDArray) -> Array:
     """(K, 3) places (K, 2) in the plane z = 0."""
-    return np.pad(flat, ((0, 0), (0, 1)))
+    return np.pad(np.asarray(flat, float), ((0, 0), (0, 1)))
 
 
 def homogeneous(places: Array) -> Array:

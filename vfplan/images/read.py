@@ -61,6 +61,10 @@ OVERLAY = (
     "The DICOM file has overlay planes, which are not read. If the curve is drawn there, save the "
     "slice as a colour picture with the overlay in it."
 )
+SQUARE = (
+    "The DICOM file says that its pixels are not square (PixelAspectRatio), and their size says "
+    "that they are. If they are not, give --pixel-spacing ALONG_U,ALONG_V."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,14 +190,17 @@ def read_image(
             rgb, spacing_mm, place, instance, remarks, grey_range = read_dicom(
                 data, where, frame, imager_spacing, max_pixels
             )
-            if "pixel-aspect" in remarks and not (pixel_spacing_mm or spacing_mm):
+            size_mm = pixel_spacing_mm or spacing_mm
+            if "pixel-aspect" in remarks and not size_mm:
                 raise ImageError(
                     "has pixels that are not square (PixelAspectRatio), of no known size. Give "
                     "--pixel-spacing ALONG_U,ALONG_V.",
                     code="pixel-aspect",
                 )
         if "overlay-left-out" in remarks:
-            findings = (note("overlay-left-out", "extract", OVERLAY),)
+            findings += (note("overlay-left-out", "extract", OVERLAY),)
+        if "pixel-aspect" in remarks and size_mm[0] == size_mm[1]:
+            findings += (doubt("pixels-square", "extract", SQUARE),)
     elif is_volume(data):
         _, place, grey_range, grey = volume_slice(data, where, frame)
         check_size(grey.shape[1], grey.shape[0], max_pixels)

@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan.errors import CheckFailed
 from vfplan.findings import Finding, Findings, doubt, note
 from vfplan.geometry.lines import Array, Flags, Indices, rms_length, row_lengths
-from vfplan.markers.find_marks import CLEAR_MISFIT, MAX_SIDE_PX, MIN_CONTRAST, REACH_PX, find_mark
+from vfplan.markers.find_marks import (
+    CLEAR_MISFIT,
+    MARK_REACH_PX,
+    MAX_SIDE_PX,
+    MIN_CONTRAST,
+    find_mark,
+)
 
 Pixels = NDArray[np.uint8]
 
@@ -75,7 +81,7 @@ def nearest_pairs(places_px: Array, marks_px: Array) -> tuple[Indices, Array]:
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(places_px))
     is_mutual = distance.argmin(axis=0)[nearest] == rows
-    matched = np.flatnonzero((distance[rows, nearest] <= REACH_PX) & is_mutual)
+    matched = np.flatnonzero((distance[rows, nearest] <= MARK_REACH_PX) & is_mutual)
     return matched, marks_px[nearest[matched]]
 
 
@@ -156,7 +162,7 @@ def compare_with_marks(
     # A label that touches a mark moves its centre of area, but not that of the shape fitted to it.
     for k in np.flatnonzero(stands_apart(offset)) if len(matched) >= 3 else ():
         place = tuple(places[matched[k]].tolist())
-        mark = find_mark(rgb, labels[matched[k]], place, REACH_PX)
+        mark = find_mark(rgb, labels[matched[k]], place, MARK_REACH_PX)
         if mark is not None and mark.moved_px < np.hypot(*offset[k]):
             offset[k] = np.subtract(place, mark.position_px)
     shift = offset.mean(axis=0)
@@ -178,7 +184,7 @@ def offset_findings(
     """
     for i in np.setdiff1d(np.arange(len(places)), matched):
         text = (
-            f"No mark is drawn within {REACH_PX:.0f} px of marker {labels[i]}; the "
+            f"No mark is drawn within {MARK_REACH_PX:.0f} px of marker {labels[i]}; the "
             "others have one. Correct its position, or leave it out."
         )
         place = tuple(places[i].tolist())

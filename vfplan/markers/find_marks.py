@@ -25,7 +25,7 @@ Place = tuple[float, float]
 
 # Largest distance [px] between a position and its mark. So far off is a careless click; further off
 # is another mark.
-REACH_PX = 8.0
+MARK_REACH_PX = 8.0
 
 # Longer side [px] of the largest mark. What is larger is a drawing.
 MAX_SIDE_PX = 48
@@ -119,10 +119,10 @@ def find_markers(
     """
     markers = []
     for label, (u, v) in zip(labels, np.asarray(positions_px, float), strict=True):
-        marker = find_mark(rgb, label, (float(u), float(v)), REACH_PX)
+        marker = find_mark(rgb, label, (float(u), float(v)), MARK_REACH_PX)
         if marker is None:
             raise MarkerError(
-                f"no cross or dot within {REACH_PX:g} px of marker {label!r} at ({u:z.1f}, "
+                f"no cross or dot within {MARK_REACH_PX:g} px of marker {label!r} at ({u:z.1f}, "
                 f"{v:z.1f}) px. Correct its position, or leave --find-markers out",
                 code="no-mark-near", numbers={"label": label, "u_px": float(u), "v_px": float(v)},
             )  # fmt: skip

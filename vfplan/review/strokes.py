@@ -76,7 +76,9 @@ STEP_OF_BONES_PX = 1.5
 # Deviation [px] of a point that a hand placed where there is no ink: a hand is good to a pixel.
 HAND_SIGMA_PX = 1.0
 
-# Deviations of a hand from which on an end of ink is no longer sure to be the one that was meant.
+# Deviations of a hand from which on an end of ink is no longer sure to be the one that was
+# meant. With it all, and without it 98.4 % of 320 ends lie within their bound
+# (`docs/make_drawn_bound.py numbers`).
 HAND_SIGMAS = 3.0
 
 # Points along a line over which the deviation of a place fades to a hundredth.

@@ -310,7 +310,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
     from vfplan.planning.settings import ExtractSettings
 
     files = [path for path in sorted(folder.iterdir()) if path.is_file()]
-    rings = []
+    rings, remarks = [], []
     digest = hashlib.sha256()
     slices_without_drawing = 0
     for number, path in enumerate(files, start=1):
@@ -330,6 +330,7 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
                 where=where, code="slice-without-place",
             )  # fmt: skip
         digest.update(bytes.fromhex(extracted.image.sha256))
+        remarks += [f"{where}: {finding.text}" for finding in extracted.findings if finding.is_open]
         for stroke in extracted.extraction.strokes:
             if not stroke.closed:
                 raise CurveError(
@@ -342,10 +343,10 @@ def read_drawn_slices(folder: Path, colour: str) -> Contours:
             f"none of {len(files)} slices shows a drawing. Name the pen's colour with --colour.",
             code="structure-empty", numbers={"slices": len(files)},
         )  # fmt: skip
-    remark = (
-        f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
-        "forgotten."
-    )
-    remarks = (remark,) if slices_without_drawing else ()
+    if slices_without_drawing:
+        remarks.append(
+            f"{slices_without_drawing} of {len(files)} slices show no drawing. Check that none was "
+            "forgotten."
+        )
     inputs = {"slices": digest.hexdigest()}
-    return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=remarks)
+    return Contours(tuple(rings), (Structure(1),), 1, inputs, remarks=tuple(remarks))

@@ -265,10 +265,11 @@ def grey_slice(file: BinaryIO, number: int | None) -> Iterator[Any]:
 
 
 def read_volume(file: BinaryIO, *, has_labels: bool = True) -> LabelVolume:
-    """The volume in a file, whichever of the two kinds it is; raises as its reader does."""
+    """The volume in a file, NRRD or NIfTI; raises as its reader does."""
     raise_limits_for(file)
     data = file.read()
-    return (read_nrrd if data.startswith(NRRD) else read_nifti)(data, has_labels=has_labels)
+    read = read_nrrd if data.startswith(NRRD) else read_nifti
+    return read(data, has_labels=has_labels)
 
 
 def read_nrrd(data: bytes, *, has_labels: bool = True) -> LabelVolume:
@@ -387,7 +388,7 @@ def nrrd_segments(header: dict[str, Any], layer_count: int) -> dict[Structure, t
     return places
 
 
-def read_nifti(data: bytes, *, has_labels: bool) -> LabelVolume:
+def read_nifti(data: bytes, *, has_labels: bool = True) -> LabelVolume:
     """A label map in a `.nii` or `.nii.gz` file; without labels a volume of greys.
 
     Raises

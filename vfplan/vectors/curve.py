@@ -171,11 +171,13 @@ def read_presentation_curve(data: bytes, number: int | None, where: str) -> Vect
     """
     with memory_file(data) as file:
         job = "vfplan.vectors.curve:read_line"
-        how, (points,) = run_in_sandbox(job, where, number, file=file, where=where, kind=CurveError)
+        drawn, (points,) = run_in_sandbox(
+            job, where, number, file=file, where=where, kind=CurveError
+        )
     points, closed = without_repeated_end(points)
     curve = VectorDrawing(
-        distinct_points(points, closed), closed, how["joined"],
-        warnings=tuple(how["warnings"]), drawn_on=how["drawn_on"],
+        distinct_points(points, closed), closed, drawn["joined"],
+        warnings=tuple(drawn["warnings"]), drawn_on=drawn["drawn_on"],
     )  # fmt: skip
     if curve.joined == "straight":
         return curve
