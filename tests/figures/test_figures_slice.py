@@ -65,7 +65,7 @@ def test_candidates_have_the_numbers_that_stroke_takes(drawn):
     lines = tuple(np.add(WAY, [0, 30 * k]) for k in range(7))
     axes = drawn(sagittal(), lines=lines, forked=(2,))
     legend = [text.get_text() for text in axes.figure.legends[0].get_texts()]
-    assert legend[:3] == ["--stroke 1", "2: only the review page takes it", "--stroke 3"]
+    assert legend[:3] == ["--stroke 1", "2: page only", "--stroke 3"]
     numbers = {t.get_text(): tuple(t.xy) for t in axes.texts if t.get_text().isdigit()}
     assert numbers == {str(k): tuple(line[0]) for k, line in enumerate(lines, 1)}
 

@@ -100,7 +100,7 @@ def draw_refusal(image: PlannedImage, error: CurveError, path: Path) -> None:
             # The number of a line that was chosen and refused would be refused again.
             is_chosen = error.code != "several-candidates"
             if number in error.forked or (is_chosen and away_px[number - 1] < 2 * OUTLINE_GAP_PX):
-                words = f"{number}: only the review page takes it"
+                words = f"{number}: page only"
             if error.code == "line-dotted":
                 words = "the dotted line"
             axes.plot(*line.T, color=colour, lw=1.2, label=words)
@@ -129,7 +129,7 @@ def drawing_on(image: PlannedImage, path: Path) -> Iterator[tuple[Any, float]]:
     scale = np.clip(image.width_px, WIDTH_PX, MAX_WIDTH_PX) / image.width_px
     middle = MARGIN_IN / 2 / (image.height_px * scale / DPI + MARGIN_IN)
     legend = {"loc": "center", "bbox_to_anchor": (0.5, middle), "fontsize": "small",
-              "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5,
+              "columnspacing": 1.0, "handlelength": 1.4, "handletextpad": 0.5, "ncols": 6,
               "frameon": False}  # fmt: skip
     with on_slice(path, size, scale / DPI, MARGIN_IN, **legend) as (_, axes):
         axes.imshow(as_uint8(image.rgb), interpolation="nearest")
