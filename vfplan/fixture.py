@@ -23,8 +23,8 @@ from vfplan.settings import recorded
 
 Frame = Literal["image", "robot_base", "patient_lps"]
 
-# Numbers of strokes, or of points.
-Indices = NDArray[np.int32]
+# Numbers of strokes, or of points, as a bundle stores them.
+StoredIndices = NDArray[np.int32]
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class Pieces:
 
     vertices: Array
     bulges: Array
-    stroke: Indices
+    stroke: StoredIndices
     closed: Flags
     error: float = 0.0
 
@@ -365,7 +365,7 @@ class Curve:
         (N,) bool, points that were drawn or moved by hand; `None` when all were measured.
     """
 
-    stroke: Indices
+    stroke: StoredIndices
     closed: Flags
     bridged: Flags | None = None
     pieces: Pieces | None = None
@@ -461,7 +461,7 @@ class Fixture:
     rendering: Rendering | None = None
     registration: RegistrationRecord | None = None
     stability: StabilityVerdict | None = None
-    mesh: Indices | None = None
+    mesh: StoredIndices | None = None
     guidance: Guidance | None = None
     findings: Findings = ()
     reviewed: Review | None = None
@@ -471,8 +471,8 @@ class Fixture:
     @property
     def labels_left_out(self) -> list[str]:
         """The labels of the markers that the registration does not rest on."""
-        labels = str(self.provenance.settings.get("markers_left_out", "")).split(",")
-        return [label.replace("%2C", ",").replace("%25", "%") for label in labels]
+        text = str(self.provenance.settings.get("markers_left_out", ""))
+        return [label.replace("%2C", ",").replace("%25", "%") for label in text.split(",") if label]
 
     @staticmethod
     def labels_as_text(labels: Iterable[str]) -> str:

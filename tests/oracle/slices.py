@@ -87,16 +87,15 @@ def parsed(text):
 def worse(frozen, new):
     """What is worse than in 2dd7600, a line for each; `new` may be a part of the table."""
     for key, row in new.items():
-        was_silent = frozen[key].outcome == "silent" or row.kind in MAY_BE_SILENT
-        was_silent |= key in MAY_BE_SILENT_SLICES
-        if row.outcome == "silent" and not was_silent:
+        may_be = row.kind in MAY_BE_SILENT or key in MAY_BE_SILENT_SLICES
+        if row.outcome == "silent" and frozen[key].outcome != "silent" and not may_be:
             yield f"{row.kind} {row.seed}: silently wrong, {row.why}; {_was(frozen[key])}"
     clear = [key for key in new if key[0] in KINDS]
     before, now = ([key for key in clear if _is_right(rows[key])] for rows in (frozen, new))
-    now_told = [key for key in before if key in NOW_TOLD and key not in now]
-    if len(now) + len(now_told) < len(before) - int(FEWER_RIGHT * len(clear)):
+    lost = set(before) - set(now)
+    if len(now) + len(NOW_TOLD & lost) < len(before) - int(FEWER_RIGHT * len(clear)):
         yield f"{len(now)} of {len(clear)} clear slices right, {len(before)} before"
-        yield from [_changed(frozen[key], new[key]) for key in before if key not in now]
+        yield from [_changed(frozen[key], new[key]) for key in sorted(lost)]
     warned = [k for k in clear if new[k].outcome == "falsely warned" and k[0] not in ASKED_ABOUT]
     if len(warned) > np.ceil(MAX_WARNED * len(clear)):
         yield f"{len(warned)} of {len(clear)} clear slices warned of"

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from vfplan import _core
 from vfplan.engine import PAPER_BAND
 from vfplan.errors import SceneError, SettingError, VfplanError
-from vfplan.fixture import Indices, Pieces
+from vfplan.fixture import Pieces, StoredIndices
 
 Vector = NDArray[np.float64]
 
@@ -165,7 +165,7 @@ def check_points(points: ArrayLike) -> Vector:
     return cloud
 
 
-def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, Indices]:
+def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, StoredIndices]:
     """Points (N, 3) [m] and triangles (K, 3), rows of points, as the engine takes them.
 
     Raises `SceneError` for shapes that do not fit, and for rows that are not there.
@@ -185,7 +185,7 @@ def check_triangles(points: ArrayLike, triangles: ArrayLike) -> tuple[Vector, In
     return points, np.ascontiguousarray(rows, dtype=np.int32)
 
 
-def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, Indices, NDArray[np.uint8]]:
+def check_pieces(pieces: Pieces) -> tuple[Vector, Vector, StoredIndices, NDArray[np.uint8]]:
     """Vertices (V, 3) [m], bulges (V,), strokes (V,) and closed (S,) as the engine takes them.
 
     Raises

@@ -535,7 +535,7 @@ def with_left_out(planned: Fixture, fit: Fit) -> Fixture:
         return planned
     record, sigma, left_out = planned.registration, sigma_of(planned), others.pairs()
     residuals_m = row_lengths(fit.registration.apply(left_out.source) - left_out.target)
-    labels = filter(None, (*planned.labels_left_out, *left_out.labels))
+    labels = *planned.labels_left_out, *left_out.labels
     settings = {"markers_left_out": Fixture.labels_as_text(labels)}
     if sigma is not None:
         # A deviation that nobody gave counts nowhere.

@@ -39,6 +39,7 @@ from vfplan.geometry.lines import (
     BEYOND,
     Array,
     Flags,
+    Indices,
     arc_lengths,
     distance_to,
     evenly,
@@ -51,9 +52,6 @@ from vfplan.geometry.lines import (
     windows,
 )
 from vfplan.registration.models import rms
-
-# Points of a stroke, by their numbers.
-Indices = NDArray[np.int64]
 
 # Points along a line whose median is what is usual there; longer than a branch's mouth.
 NEARBY_POINTS = 41

@@ -16,7 +16,7 @@ from vfplan import scenes
 from vfplan.display import Report
 from vfplan.engine.parameters import Vector, check_axis
 from vfplan.engine.proxy import as_rendered, exact_shape
-from vfplan.fixture import Fixture, Indices, Pieces
+from vfplan.fixture import Fixture, Pieces, StoredIndices
 from vfplan.geometry.lines import flattened, row_lengths
 
 # R = r_c of the scenes [m], as in the paper's experiments.
@@ -31,7 +31,7 @@ HAND_SHARE = 0.2
 X, Y, Z = np.eye(3)
 
 # What rule "exact" renders, where that is known: lines and arcs, or triangles.
-ExactShape = Pieces | Indices | None
+ExactShape = Pieces | StoredIndices | None
 
 
 @dataclass(frozen=True, eq=False)
