@@ -199,12 +199,12 @@ class Number(NamedTuple):
         return self
 
     def text(self, value: float | None) -> str:
-        """The value without its unit; nothing if there is none. Energies have three digits."""
+        """The value without its unit; nothing if there is none. From 1 mJ energies have 3 digits."""
         if value is None:
             return ""
         shown = FACTORS.get(self.unit, 1) * value
-        if self.unit == "mJ":
-            return three_digits(round(shown, self.decimals))
+        if self.unit == "mJ" and abs(shown) >= 1:
+            return three_digits(shown)
         return f"{shown:z.{self.decimals}f}"
 
 

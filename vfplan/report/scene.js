@@ -103,7 +103,7 @@ function makeScene(data) {
     pen.fillStyle = colour(name); pen.strokeStyle = colour("ground"); pen.lineWidth = 1.5;
     pen.beginPath(); pen.arc(x, y, radius, 0, 2 * Math.PI); pen.fill(); pen.stroke();
   }
-  // The frame's axes at the bottom on the left, a length at the bottom on the right.
+  // The frame's axes at the bottom on the left, a length and a force at the bottom on the right.
   function rulers() {
     const origin = [34, height - 30];
     pen.fillStyle = pen.strokeStyle = colour("ink"); pen.lineWidth = 1.5; pen.textAlign = "center";
@@ -113,9 +113,14 @@ function makeScene(data) {
       pen.beginPath(); pen.moveTo(...origin); pen.lineTo(origin[0] + 24 * p[0], origin[1] - 24 * p[1]); pen.stroke();
       pen.fillText(name, origin[0] + 34 * p[0], origin[1] + 4 - 34 * p[1]);
     });
-    const mm = roundBelow(Math.min(120, width / 4) / camera.zoom), px = mm * camera.zoom;
-    pen.fillRect(width - 14 - px, height - 16, px, 3);
-    pen.fillText(shownRound(mm) + " mm", width - 14 - px / 2, height - 22); pen.textAlign = "left";
+    const mm = roundBelow(Math.min(120, width / 4) / camera.zoom);
+    bar(mm * camera.zoom, 16, shownRound(mm) + " mm");
+    pen.fillStyle = colour("force"); bar(ARROW_PX, 44, shownRound(newtons) + " N");
+    pen.textAlign = "left";
+  }
+  function bar(px, up, text) {
+    pen.fillRect(width - 14 - px, height - up, px, 3);
+    pen.fillText(text, width - 14 - px / 2, height - up - 6);
   }
   function outside(v) {
     const [x, y] = toScreen(v);
@@ -123,7 +128,6 @@ function makeScene(data) {
   }
   function draw() {
     ({ pen, width, height } = fitted(view));
-    document.getElementById("newtons").textContent = shownRound(newtons);
     if (!chosen && (fittedTo !== width + " " + height || (tick && outside(tick.hip)))) whole();
     if (tick && follow.checked) {
       const p = flat(tick.proxy);
