@@ -8,8 +8,8 @@ from conftest import ROOT
 
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
-    ("vfplan", "cli"): (30_795, 336_106, 167),
-    ("tests",): (26_476, 337_039, 215),
+    ("vfplan", "cli"): (30_795, 336_097, 167),
+    ("tests",): (26_476, 337_038, 215),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,
