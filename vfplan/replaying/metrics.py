@@ -199,7 +199,7 @@ class Number(NamedTuple):
         return self
 
     def text(self, value: float | None) -> str:
-        """The value without its unit; nothing if there is none. Energies from 1 mJ have 3 digits."""
+        """The value without its unit; nothing if there is none. From 1 mJ it has three digits."""
         if value is None:
             return ""
         shown = FACTORS.get(self.unit, 1) * value
