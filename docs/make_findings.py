@@ -39,7 +39,7 @@ HEAD = """# Findings and errors
 
 <!-- Made by docs/make_findings.py from the sources and docs/findings.toml. Do not edit. -->
 
-Reference. Everything that vfplan doubts or refuses has a code. The meaning of a code never
+Everything that vfplan doubts or refuses has a code. The meaning of a code never
 changes, but its sentence may. `--json` reports code, sentence and numbers. The sign `…` stands for
 a value of your data.
 

@@ -19,8 +19,6 @@ PAGE = Path(__file__).resolve().parent / "formats.md"
 HEAD = """# Formats
 
 <!-- Made by docs/make_formats.py. Do not edit. -->
-
-Reference.
 """
 WORDS = {
     "read": "What vfplan takes from a file, or ignores.",

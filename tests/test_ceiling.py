@@ -9,7 +9,7 @@ from conftest import ROOT
 # Code lines (no blanks, comments or docstrings), AST nodes and files. They only fall.
 CEILINGS = {
     ("vfplan", "cli"): (30_795, 336_097, 167),
-    ("tests",): (26_476, 337_038, 215),
+    ("tests",): (26_475, 337_029, 215),
 }
 NO_CODE = {
     tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT,

@@ -37,16 +37,19 @@ def judge(drawn, **options):
     except CurveError as error:
         return Verdict("falsely refused" if drawn.clear else "refused", str(error))
     # That the line leaves the picture is true of the slice, and that a gap is bridged is true of
-    # every lift. Neither tells a fault of the curve.
-    told = "; ".join(f.text for f in found.findings if f.code not in ("leaves-picture", "bridge"))
+    # every lift. Neither tells a fault of the curve. On a clear slice a lift near an end is a true
+    # one too, about which vfplan has to ask.
+    true_of_slice = {"leaves-picture", "bridge"}
+    if drawn.clear:
+        true_of_slice.add("bridge-near-end")
+    told = "; ".join(f.text for f in found.findings if f.code not in true_of_slice)
     wrong, rms, ends = _wrong(found, drawn)
     if wrong:
         listed = _listed(found, drawn)
         outcome = "warned" if told or listed else "silent"
         return Verdict(outcome, f"{wrong}; {told or listed}", rms, ends)
-    if told and drawn.clear:
-        return Verdict("falsely warned", told, rms, ends, _z(found, drawn))
-    return Verdict("warned" if told else "right", told, rms, ends, _z(found, drawn))
+    warned = "falsely warned" if drawn.clear else "warned"
+    return Verdict(warned if told else "right", told, rms, ends, _z(found, drawn))
 
 
 def _listed(found, drawn):
@@ -94,8 +97,6 @@ def _z(found, drawn):
     values = []
     for stroke in found.strokes:
         error = normal_errors(stroke.points_px, drawn.truth, drawn.closed)
-        inner = ~stroke.bridged
-        if not stroke.closed:
-            inner &= to_ends(stroke.points_px) > END_PX
+        inner = ~stroke.bridged & (stroke.closed | (to_ends(stroke.points_px) > END_PX))
         values.append((error / stroke.sigma_px)[inner])
     return np.concatenate(values)

@@ -187,7 +187,7 @@ def test_limits_hold_or_do_not():
     for bound, told in ((1e-3, "is 0 mm, "), (-1e-3, "is 0 mm, "), (0.0, "is -6.9e-13 mm, ")):
         assert told in check_text(rounding | {"at_least": bound})
     assert Number("clearance_min_m", "µm", 2).text(-6.9e-16) == "0.00"
-    assert Number("energy_j", "mJ", 3).text(0.0156) == "15.6"
+    assert [Number("", "mJ", 3).text(j) for j in (0.0156, -1e-6)] == ["15.6", "-0.001"]
     for value, unit in ((None, "µm"), (-9e-4, "µm"), (606.8, "m"), (-2e-3, "m")):
         assert Number("clearance_min_m", "µm", 2).suiting(0.0, value).unit == unit
     with refuses(SettingError, "no-such-number") as refused:
